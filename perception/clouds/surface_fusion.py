@@ -1,22 +1,27 @@
 """Mesh of a surface from depth frames of many places: a truncated signed distance field [Curless 1996] by Open3D."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy import ndimage
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from models.meshes import open3d_loader
 from models.meshes.nearest_surface import NearestSurface
-from perception.clouds.scan import Scan, without_flying_pixels
+from perception.clouds.scan import Scan, SensorModel, without_flying_pixels
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import DepthImage
 from sim.interfaces.spatial import Array, checked, checked_pose, finite_number, inverse, readonly
 
 VOXEL = 0.006  # [m] of the field; 8 mm is less accurate at edges, 4 mm no better
 _TRUNCATION = 0.02  # [m] two deviations of a stereo frame at 1.4 m; 30 mm rounds edges off (95 %: 5.6 for 3.0 mm)
+_SURE = (
+    0.55  # [-] largest standard deviation of a depth over the truncation: worse ones hollow out what others measured
+)
+_EDGE = 3  # [px] beside a jump of the depth that are left out: a stereo matcher smears it
 _ISLAND = 0.05  # vertices of a connected part, over those of the largest, below which it belongs to something else
 _MOST_VOXELS = 400  # along each side, 2 GB
 
@@ -33,12 +38,14 @@ class SurfaceMesh:
 class SurfaceFusion:
     """Distance field in a cube around an object, to which depth frames are added one by one."""
 
-    def __init__(self, box_T: ArrayLike, voxel: float = VOXEL) -> None:
+    def __init__(self, box_T: ArrayLike, voxel: float = VOXEL, sensor: SensorModel | None = None) -> None:
         """Set up an empty field.
 
         Args:
             box_T: (2, 3) [m] lowest and highest corner of what is wanted, in the object's frame T.
             voxel: [m] resolution.
+            sensor: Accuracy of the depth camera; None: `SensorModel()`. Pixels too inaccurate for the field are left
+                out: with a stereo camera those farther than some 1.7 m.
 
         Raises:
             MissingLibraryError: Open3D is not installed.
@@ -59,6 +66,7 @@ class SurfaceFusion:
         self._volume = self._integration.UniformTSDFVolume(
             count * voxel, count, _TRUNCATION, self._integration.TSDFVolumeColorType.NoColor, origin
         )
+        self._sensor = sensor or SensorModel()
         self.frames = 0
 
     def add(self, image: DepthImage, X_TC: Array) -> None:
@@ -67,7 +75,10 @@ class SurfaceFusion:
         X_TC, K = checked_pose(X_TC, "X_TC"), image.K
         height, width = image.depth.shape
         scan = Scan.from_depth(image)
-        depth = np.where(without_flying_pixels(scan), np.nan_to_num(image.depth), 0.0)
+        edge = ndimage.binary_dilation(~without_flying_pixels(scan), iterations=_EDGE)
+        depth = np.where(edge, 0.0, np.nan_to_num(image.depth))
+        sigma = replace(self._sensor, focal=float(image.K[0, 0])).sigma(depth)
+        depth[sigma > _SURE * _TRUNCATION] = 0.0
         points_T = scan.points @ X_TC[:3, :3].T + X_TC[:3, 3]
         depth[~np.all((points_T > self._box[0]) & (points_T < self._box[1]), axis=-1)] = 0.0
         frame = o3d.geometry.RGBDImage.create_from_color_and_depth(

@@ -244,9 +244,8 @@ def test_levels_cover_what_can_be_seen_and_keep_clear(name, within):
     seen_j, alone_j, visible_j = (judge.seen(each, view.half_view, view.far) for each in (X_WC, once, allowed))
     assert seen_j.sum() >= 0.95 * (seen_j | visible_j).sum()
     pairs = ((seen, seen_j), (alone, alone_j), (seen | visible, seen_j | visible_j))
-    within(
-        "shares of the surface", [ours.mean() - theirs.mean() for ours, theirs in pairs], 0.02
-    )  # random samples: 2.7 sigma
+    # Each has samples of its own: a share scatters by 0.7 % (4000) and 1 % (2000).
+    within("shares of the surface", [ours.mean() - theirs.mean() for ours, theirs in pairs], 0.02)
     covered = seen.sum() / (seen | visible).sum(), seen_j.sum() / (seen_j | visible_j).sum()
     within("coverage", covered[0] - covered[1], 0.01)
     assert keep.short(each.at(s)[0] for each in orbits[1:] for s in np.arange(0.0, each.s[-1], 0.1)) is None

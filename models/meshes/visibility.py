@@ -21,7 +21,10 @@ class View:
 
 
 class SurfaceSamples:
-    """Samples of a mesh's surface, uniform over its area, that tell which cameras see them."""
+    """Samples of a mesh's surface, uniform over its area, that tell which cameras see them.
+
+    `points` (N, 3) [m] and outward unit `normals` (N, 3) are in the mesh's frame.
+    """
 
     def __init__(self, vertices: Array, triangles: np.ndarray) -> None:
         corner = vertices[triangles]
@@ -30,21 +33,21 @@ class SurfaceSamples:
         rng = np.random.default_rng(0)
         which = rng.choice(len(area), _PIECES, p=area / area.sum())
         weight = rng.dirichlet(np.ones(3), _PIECES)
-        self._points = np.einsum("ni,nij->nj", weight, corner[which])
-        self._normals = normal[which] / (2.0 * area[which, None])
+        self.points = np.einsum("ni,nij->nj", weight, corner[which])
+        self.normals = normal[which] / (2.0 * area[which, None])
         self._scene = RayScene(vertices, triangles)
 
     def seen(self, X_TC: Array, view: View) -> np.ndarray:
         """Samples (N,) that at least one of the cameras at `X_TC` (n, 4, 4) in the mesh's frame sees."""
-        seen = np.zeros(len(self._points), dtype=bool)
+        seen = np.zeros(len(self.points), dtype=bool)
         for X in X_TC:
             left = np.flatnonzero(~seen)
-            p_C = transform_points(inverse(X), self._points[left])
-            away = self._points[left] - X[:3, 3]
+            p_C = transform_points(inverse(X), self.points[left])
+            away = self.points[left] - X[:3, 3]
             distance = np.linalg.norm(away, axis=1)
             with np.errstate(divide="ignore", invalid="ignore"):
                 inside = np.all(np.abs(p_C[:, :2] / p_C[:, 2:]) < view.half_view, axis=1)
-            facing = -np.einsum("ni,ni->n", away, self._normals[left]) > _TURNED * distance
+            facing = -np.einsum("ni,ni->n", away, self.normals[left]) > _TURNED * distance
             asked = np.flatnonzero(inside & (p_C[:, 2] > 0.0) & (distance < view.far) & facing)
             if len(asked):
                 starts = np.broadcast_to(X[:3, 3], (len(asked), 3))

@@ -24,7 +24,7 @@ class StudyOptions:
     workers: int = 0
     """Number of processes; 0: one for each core, 1: this one. Results do not depend on it."""
     out: Path | None = None
-    """Folder for results.jsonl, metrics.json and report.html, by default runs/<study>; a study that was interrupted is
+    """Folder for rows, metrics.json and report.html, by default runs/<study>; a study that was interrupted is
     resumed there."""
     anew: bool = False
     """Delete the runs in that folder."""

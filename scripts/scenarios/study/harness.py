@@ -18,10 +18,11 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table as RichTable
 
 from scenarios.study.loaded_code import loaded_files
+from scenarios.study.local_processes import NO_LIMITS, run_all
 from scenarios.study.options import PoolOptions
-from scenarios.study.pool import run_all
 from scenarios.study.row_log import KEY, METRICS, PAGE, TIMING, RowLog
 from scenarios.study.row_table import Row
+from scenarios.study.worker import Limits, TimeLimitError, within_time
 from sim.interfaces.errors import ConfigurationError, UuvError
 from sim.runs.provenance import provenance
 from sim.runs.run_folder import RUNS
@@ -153,7 +154,7 @@ class Study(Generic[Case]):
     failed: Callable[[Case, str], Mapping[str, Any]] | None = None  # row of a case that failed; None: the study ends
     line: Callable[[Row], str] = lambda _: ""  # printed when a row is there; empty: nothing
 
-    def carry_out(self, name: str, options: PoolOptions, title: str) -> int:
+    def carry_out(self, name: str, options: PoolOptions, title: str, limits: Limits = NO_LIMITS) -> int:
         """Runs the cases that are missing in the study's folder, then prints and writes the results of all.
 
         The folder gets rows/ with the rows as Parquet, study.json with what they depend on, metrics.json and
@@ -163,6 +164,7 @@ class Study(Generic[Case]):
             name: Name of the study, and of its folder in runs/.
             options: Options of the command.
             title: Title of the report.
+            limits: Time and memory of each run.
 
         Returns:
             The exit code.
@@ -180,7 +182,9 @@ class Study(Generic[Case]):
             if len(left) < len(keyed):
                 console.print(f"{len(keyed) - len(left)} of {len(keyed)} runs are there already", highlight=False)
             log.made_with(made_by["options"])
-            self._fill(log, left, workers, console)
+            if (not options.workers and len(left) <= 1) or not left:
+                workers = 1
+            self._fill(log, left, self._results(list(left.values()), workers, limits), console)
             rows = [log.rows[key_of(case)] for case in self.cases]
             pace = _pace(rows, len(left), workers, time.perf_counter() - began)
             summary = self.summarise([_without_log(row) for row in rows])
@@ -191,7 +195,9 @@ class Study(Generic[Case]):
             console.print(f"written to {folder}/", highlight=False)
         return 0 if summary.accepted else NOT_ACCEPTED
 
-    def _fill(self, log: RowLog, left: Mapping[str, Case], workers: int, console: Console) -> None:
+    def _fill(
+        self, log: RowLog, left: Mapping[str, Case], results: Iterator[tuple[Case, "_Done"]], console: Console
+    ) -> None:
         """Runs the cases in `left`, by key, and adds their rows to the log."""
         progress = Progress(
             TextColumn("{task.description}"),
@@ -206,7 +212,7 @@ class Study(Generic[Case]):
             log.depends_on(loaded_files())
         with progress:
             bar = progress.add_task("runs", total=len(left))
-            for case, done in self._results(list(left.values()), workers):
+            for case, done in results:
                 row = done.row
                 if row is None and self.failed is not None:
                     row = as_json(self.failed(case, done.error))
@@ -218,11 +224,12 @@ class Study(Generic[Case]):
                 if said := self.line(row):
                     console.print(said, highlight=False, markup=False)
 
-    def _results(self, cases: Sequence[Case], workers: int) -> Iterator[tuple[Case, _Done]]:
-        """Each case with its result; a single worker is this process."""
-        if workers == 1:
-            return ((case, _timed(self.run_one, case)) for case in cases)
-        return run_all(cases, min(workers, max(1, len(cases))), partial(_timed, self.run_one), _died)
+    def _results(self, cases: Sequence[Case], workers: int, limits: Limits) -> Iterator[tuple[Case, _Done]]:
+        """Each case with its result; a single worker is this process, unless a limit needs one of its own."""
+        run = partial(_timed, self.run_one, limits.time_s)
+        if workers == 1 and not limits.need_a_worker:
+            return ((case, run(case)) for case in cases)
+        return run_all(cases, workers, run, _died, limits)
 
 
 def key_of(case: Any) -> str:
@@ -236,12 +243,17 @@ def as_json(value: Any) -> Any:
     return _finite(json.loads(json.dumps(_plain(value))))
 
 
-def _timed(run_one: Callable[[Case], Mapping[str, Any]], case: Case) -> _Done:
+def _timed(run_one: Callable[[Case], Mapping[str, Any]], limit_s: float | None, case: Case) -> _Done:
     wall, cpu = time.perf_counter(), time.process_time()
     try:
-        row, error = as_json(run_one(case)), ""
+        with within_time(limit_s):
+            row, error = as_json(run_one(case)), ""
     except UuvError as failure:
         row, error = None, str(failure)
+    except TimeLimitError:
+        row, error = None, f"not done within {limit_s:g} s"
+    except MemoryError:
+        row, error = None, "out of memory"
     return _Done(row, error, time.perf_counter() - wall, time.process_time() - cpu, loaded_files())
 
 

@@ -16,10 +16,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pool_tasks import DEADLY, deadly, ignores, refusing, squared, told_dead
-from scenarios.study import Row, Study, StudyOptions, Summary, Table, harness, pool, read_rows
+from pool_tasks import DEADLY, deadly, dying, hungry, ignores, refusing, sleeping, squared, told_dead
+from scenarios.study import Row, Study, StudyOptions, Summary, Table, harness, local_processes, read_rows
 from scenarios.study.loaded_code import digests, loaded_files
 from scenarios.study.row_log import RowLog
+from scenarios.study.worker import Limits
 from sim.interfaces.errors import ConfigurationError, UuvError
 
 TIMED = {"wall_s": 1.0, "cpu_s": 1.0}
@@ -265,7 +266,7 @@ def test_settings_are_kept_beside_the_rows(tmp_path):
 
 
 def test_a_run_that_kills_its_process_is_told_and_the_others_are_done():
-    rows = [row for _, row in pool.run_all(range(5), 2, deadly, told_dead)]
+    rows = [row for _, row in local_processes.run_all(range(5), 2, deadly, told_dead)]
     assert sorted(row["run"] for row in rows) == list(range(5))
     assert [row["run"] for row in rows if "value" not in row] == [2]
 
@@ -276,22 +277,44 @@ def test_no_run_is_lost_where_a_pool_breaks_between_two_of_them(monkeypatch):
 
         given = 0
 
+        def shutdown(self, *what: Any, **how: Any) -> None:
+            super().shutdown()
+
         def submit(self, *what: Any, **how: Any) -> Any:
             self.given += 1
             if self.given == 2:
                 raise BrokenProcessPool
             return super().submit(*what, **how)
 
-    monkeypatch.setattr(pool, "_pool", Breaking)
-    rows = [row for _, row in pool.run_all(range(4), 2, squared, told_dead)]
+    monkeypatch.setattr(local_processes, "_pool", lambda workers, _: Breaking(workers))
+    rows = [row for _, row in local_processes.run_all(range(4), 2, squared, told_dead)]
     assert sorted(row["run"] for row in rows) == list(range(4))
     assert all("value" in row for row in rows)
+
+
+def test_a_run_beyond_its_limits_is_told_and_the_others_are_done():
+    cases, failed = (0.0, 600.0), lambda case, reason: {"run": case, "reason": reason}
+    study = Study(cases=cases, run_one=sleeping, summarise=summed, failed=failed)
+    study.carry_out("x", StudyOptions(out=Path("out"), workers=2), "A study", Limits(time_s=1.0))
+    assert {row["run"]: row.get("reason") for row in rows_of()} == {0.0: None, 600.0: "not done within 1 s"}
+    study = Study(cases=(1, 4000), run_one=hungry, summarise=summed, failed=failed)
+    study.carry_out("x", StudyOptions(out=Path("out"), workers=1, anew=True), "A study", Limits(memory_mb=2000))
+    assert {row["run"]: row.get("reason") for row in rows_of()} == {1: None, 4000: "out of memory"}
+
+
+def test_a_run_is_done_again_as_often_as_it_may(tmp_path):
+    for retries in (0, 2):
+        tasks = [str(tmp_path / f"{retries}")]
+        assert list(local_processes.run_all(tasks, 1, dying, len, Limits(retries=retries))) == [
+            (tasks[0], len(tasks[0]))
+        ]
+        assert len(Path(tasks[0]).read_text()) == retries + 1
 
 
 def test_workers_ignore_the_signals_that_the_study_ignores():
     before = signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:
-        found = dict(pool.run_all([signal.SIGINT, signal.SIGTERM], 1, ignores, told_dead))
+        found = dict(local_processes.run_all([signal.SIGINT, signal.SIGTERM], 1, ignores, told_dead))
     finally:
         signal.signal(signal.SIGINT, before)
     assert found == {signal.SIGINT: True, signal.SIGTERM: False}
@@ -300,7 +323,7 @@ def test_workers_ignore_the_signals_that_the_study_ignores():
 WATCHED = """
 import sys
 sys.path.insert(0, "scripts")
-from scenarios.study.pool import run_all
+from scenarios.study.local_processes import run_all
 from pool_tasks import told_dead, waiting
 if __name__ == "__main__":
     for _ in run_all([sys.argv[1] + "/0", sys.argv[1] + "/1"], 2, waiting, told_dead): pass

@@ -189,12 +189,10 @@ def _leaf(value: Any) -> str:
 
 
 def _decoded(table: pa.Table) -> list[Row]:
-    columns = {
-        name: [None if each is None else json.loads(each) for each in table[name].to_pylist()]
-        if kind is None
-        else table[name].to_pylist()
-        for name, kind in _kinds_of(table.schema).items()
-    }
+    columns: dict[str, list[Any]] = {name: table[name].to_pylist() for name in table.schema.names}
+    for name, kind in _kinds_of(table.schema).items():
+        if kind is None:
+            columns[name] = [None if each is None else json.loads(each) for each in columns[name]]
     layouts = columns.pop(LAYOUT)
     rows = [{name: values[i] for name, values in columns.items()} for i in range(table.num_rows)]
     return [_nested(json.loads(layout), "", row) for layout, row in zip(layouts, rows, strict=True)]

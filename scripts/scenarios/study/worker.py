@@ -51,7 +51,8 @@ def begin(parent: int, limits: Limits) -> None:
     if limits.memory_mb is not None:
         import resource  # not on Windows
 
-        resource.setrlimit(resource.RLIMIT_DATA, (limits.memory_mb * 2**20,) * 2)
+        most = limits.memory_mb * 2**20
+        resource.setrlimit(resource.RLIMIT_DATA, (most, most))
 
 
 def end_with(parent: int) -> None:

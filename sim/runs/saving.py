@@ -8,14 +8,19 @@ from typing import Any
 from sim.interfaces.errors import ConfigurationError
 
 
-def write_whole(file: str | Path, content: str | bytes) -> None:
+def write_whole(file: str | Path, content: str | bytes, *, part_in: Path | None = None) -> None:
     """Write `content`, text in UTF-8, to `file` atomically: a reader sees the old file or the new one, never a part.
+
+    Args:
+        file: File to write.
+        content: Its whole content.
+        part_in: Folder of the temporary file, on the same file system; None: that of `file`.
 
     Raises:
         ConfigurationError: The file cannot be written (no such folder, no right, no space).
     """
     path = Path(file)
-    part = path.with_name(f".{path.name}.{os.getpid()}")
+    part = (part_in or path.parent) / f".{path.name}.{os.getpid()}"
     try:
         try:
             with part.open("wb") as stream:

@@ -30,7 +30,7 @@ from scenarios.pushing import run as push
 from scenarios.pushing import sphere
 from scenarios.runner import Run, run
 from scenarios.scenario import Scenario
-from scenarios.study.pool import run_all
+from scenarios.study.local_processes import run_all
 from scenarios.tasks.surface_work import SurfaceWorkTask
 from sim.evaluation.metrics import Assessment
 from sim.interfaces.messages import WorkState

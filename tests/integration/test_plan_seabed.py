@@ -1,11 +1,10 @@
 """Seabed work as a user has it: files in, a path out, and bad files in one line."""
 
-import json
-
 import numpy as np
 import pytest
 
 from models.site.seabed import seabed
+from scenarios.study import read_rows
 
 
 @pytest.fixture
@@ -43,7 +42,7 @@ def test_bad_files_end_in_one_line(script, files):
 def test_study_of_terrains(script, tmp_path):
     done = script("studies.seabed", "--runs", 2, "--workers", 1, "--beam", 2, "--out", tmp_path)
     assert done.returncode == 0, done.stderr
-    runs = [json.loads(line) for line in (tmp_path / "results.jsonl").read_text("utf-8").splitlines()]
+    runs = read_rows(tmp_path)
     assert [run["kind"] for run in runs] == ["flat", "ripples"]
     for each in runs:
         assert each["refused"] or each["hull_to_true_ground_m"] > 0.25

@@ -8,6 +8,8 @@ from pathlib import Path
 import jsonschema
 import pytest
 
+from scenarios.study import read_rows
+
 SOFT = ("--ranges.stiffness", "1e4", "2e4")  # keeps the physics at its longest step
 
 
@@ -17,8 +19,10 @@ def study(root: Path, out: Path, *options: str) -> subprocess.CompletedProcess[s
 
 
 def rows(out: Path) -> dict[int, dict]:
-    lines = map(json.loads, (out / "results.jsonl").read_text(encoding="utf-8").splitlines())
-    return {row["run"]: {key: value for key, value in row.items() if key not in ("timing", "case_id")} for row in lines}
+    return {
+        row["run"]: {key: value for key, value in row.items() if key not in ("timing", "case_id")}
+        for row in read_rows(out)
+    }
 
 
 @pytest.mark.long

@@ -3,11 +3,13 @@
 import json
 from pathlib import Path
 
+from scenarios.study import read_rows
+
 
 def test_one_scene_of_each_sensor(script, tmp_path: Path):
     run = script("studies.identification", "--objects", "manifold", "--runs", 1, "--out", tmp_path)
     assert run.returncode == 0, run.stderr
-    rows = [json.loads(line) for line in (tmp_path / "results.jsonl").read_text().splitlines()]
+    rows = read_rows(tmp_path)
     assert [row["sensor"] for row in rows] == ["stereo", "white", "sonar"]
     figures = json.loads((tmp_path / "metrics.json").read_text())["figures"]
     for row in rows:

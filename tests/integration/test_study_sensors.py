@@ -1,13 +1,15 @@
 """The study of sensors: what it writes, and the order that physics puts calibrations in."""
 
-import json
 from pathlib import Path
+
+from scenarios.study import read_rows
 
 
 def test_one_scene(script, tmp_path: Path):
     run = script("studies.sensors", "--runs", 1, "--workers", 1, "--out", tmp_path)
     assert run.returncode == 0, run.stderr
-    rows = json.loads((tmp_path / "results.jsonl").read_text())["sensors"]
+    (row,) = read_rows(tmp_path)
+    rows = row["sensors"]
     wrong = rows["port, calibrated in air"]
     assert wrong["depth_error_m"] > 0.2 * wrong["range_m"]
     assert not wrong["accepted"]

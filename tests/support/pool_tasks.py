@@ -43,3 +43,19 @@ def waiting(file: str) -> None:
     part.write_text(str(os.getpid()))
     part.replace(file)
     time.sleep(120.0)
+
+
+def sleeping(seconds: float) -> dict[str, Any]:
+    time.sleep(seconds)
+    return {"run": seconds, "value": 0.0}
+
+
+def hungry(megabytes: int) -> dict[str, Any]:
+    return {"run": megabytes, "value": float(np.ones((megabytes, 2**17))[-1, -1])}
+
+
+def dying(file: str) -> None:
+    """Adds a letter to `file`, and kills its process."""
+    with Path(file).open("a") as log:
+        log.write("x")
+    os.kill(os.getpid(), signal.SIGKILL)

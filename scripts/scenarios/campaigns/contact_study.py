@@ -177,7 +177,7 @@ def _ticks(time: float) -> float:
 
 
 def one_run(task: RunTask, bounds: StudyBounds | None = None) -> dict[str, Any]:
-    """Draws, simulates and classifies one run; returns its row for results.jsonl.
+    """Draws, simulates and classifies one run; returns its row of the study.
 
     Errors of the run are caught and classified.
 

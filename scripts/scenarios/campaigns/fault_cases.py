@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from scenarios.assembly import Assembly
-from scenarios.study.pool import end_with_study
+from scenarios.study.worker import end_with
 from scenarios.tasks.surface_work import first_force
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import WorkState
@@ -181,13 +181,13 @@ class ForkingObserver:
 
     def _fork(self, moment: Moment, cases: list[str]) -> None:
         for case in cases:
-            reading, writing = os.pipe()
+            (reading, writing), parent = os.pipe(), os.getpid()
             with warnings.catch_warnings():  # about threads; they are idle, and remain so in the child
                 warnings.simplefilter("ignore", DeprecationWarning)
                 child = os.fork()
             if child == 0:
                 os.close(reading)
-                end_with_study()
+                end_with(parent)
                 self._onsets[case].begin(float(moment.truth.time))
                 self._child, self._pipe = TraceRecorder(case, moment), writing
                 return

@@ -1,6 +1,7 @@
 """Studies: many cases of one experiment in worker processes, resumed after an interruption, summed up and reported."""
 
-from scenarios.study.harness import Row, Study, Summary, Table
-from scenarios.study.options import StudyOptions
+from scenarios.study.harness import Study, Summary, Table
+from scenarios.study.options import HarnessOptions, StudyOptions
+from scenarios.study.row_table import Row, read_rows
 
-__all__ = ["Row", "Study", "StudyOptions", "Summary", "Table"]
+__all__ = ["HarnessOptions", "Row", "Study", "StudyOptions", "Summary", "Table", "read_rows"]

@@ -6,11 +6,10 @@ import os
 import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass, fields, is_dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Generic, Self, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 import numpy as np
 from rich.console import Console
@@ -18,118 +17,23 @@ from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Table as RichTable
 
-from scenarios.study.loaded_code import digests, loaded_files
+from scenarios.study.loaded_code import loaded_files
+from scenarios.study.local_processes import NO_LIMITS, run_all
 from scenarios.study.options import PoolOptions
-from scenarios.study.pool import run_all
+from scenarios.study.row_log import KEY, METRICS, PAGE, TIMING, RowLog
+from scenarios.study.row_table import Row
+from scenarios.study.worker import Limits, TimeLimitError, within_time
 from sim.interfaces.errors import ConfigurationError, UuvError
-from sim.runs.provenance import provenance, versions
-from sim.runs.run_folder import RUNS, alone_in
+from sim.runs.provenance import provenance
+from sim.runs.run_folder import RUNS
 from sim.runs.saving import write_json, write_whole
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-Row = dict[str, Any]  # result of one case, of JSON types
-
 Case = TypeVar("Case")
 NOT_ACCEPTED = 1  # exit code
 DIED = "its process died"
-KEY, TIMING = "case_id", "timing"  # entries that the log adds to a row
-METRICS, PAGE = "metrics.json", "report.html"  # files made from the rows of a log
-_NAMED = 4  # changed files that a message names
-
-
-class RowLog:
-    """results.jsonl of a study, beside study.json: versions and digests of the files that the rows depend on."""
-
-    def __init__(self, folder: Path, *, anew: bool = False) -> None:
-        """Opens the log in `folder`.
-
-        For one process at a time: see `open`.
-
-        Args:
-            folder: Existing folder.
-            anew: Delete old rows.
-
-        Raises:
-            ConfigurationError: The rows were made by other code, or the folder holds other files.
-        """
-        self.folder = folder
-        self._file, self._about = folder / "results.jsonl", folder / "study.json"
-        foreign = [path.name for path in folder.iterdir() if path.is_file() and not path.name.startswith(".")]
-        if foreign and not self._about.exists():
-            raise ConfigurationError(
-                f"{folder} is in use by something else than a study ({', '.join(sorted(foreign))})"
-            )
-        if anew:
-            for name in (self._file.name, METRICS, PAGE):
-                (folder / name).unlink(missing_ok=True)
-        self._code: dict[str, str] = {}
-        if self._file.exists() and self._file.stat().st_size:
-            about = json.loads(self._about.read_text(encoding="utf-8"))
-            self._code = about.get("code", {})
-            if changed := self._changed(about):
-                more = f" and {len(changed) - _NAMED} more" if len(changed) > _NAMED else ""
-                raise ConfigurationError(
-                    f"{folder} holds runs of other code (changed: {', '.join(changed[:_NAMED])}{more}); --anew throws "
-                    "them away, or take another --out"
-                )
-        else:
-            self._write_about()
-        self.rows: dict[str, Row] = {row[KEY]: row for row in _whole_lines(self._file)}
-
-    @classmethod
-    @contextmanager
-    def open(cls, folder: Path, *, anew: bool = False) -> Iterator[Self]:
-        """Context manager: the log in `folder`, created if necessary, locked for this process.
-
-        Args:
-            folder: Folder of the study.
-            anew: Delete old rows.
-
-        Raises:
-            ConfigurationError: As `RowLog` does, or another process works in the folder.
-        """
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise ConfigurationError(f"--out {folder}: cannot be made a folder ({error.strerror})") from error
-        with alone_in(folder):
-            yield cls(folder, anew=anew)
-
-    def depends_on(self, files: Iterable[str]) -> None:
-        """Adds files, named as by `loaded_files`, to those that the rows depend on."""
-        if new := set(files) - self._code.keys():
-            self._code |= digests(new)
-            self._write_about()
-
-    def add(self, key: str, row: Row, timing: Mapping[str, float | None]) -> None:
-        """Appends a row; it is on the disk when this returns.
-
-        Args:
-            key: Identifies the case.
-            row: Its result, of JSON types.
-            timing: Wall and processor time [s].
-
-        Raises:
-            ConfigurationError: The file cannot be written.
-        """
-        self.rows[key] = {**row, KEY: key, TIMING: timing}
-        try:
-            with self._file.open("a", encoding="utf-8") as file:
-                file.write(json.dumps(self.rows[key], allow_nan=False) + "\n")
-                file.flush()
-                os.fsync(file.fileno())
-        except OSError as error:
-            raise ConfigurationError(f"{self._file}: cannot be written ({error.strerror})") from error
-
-    def _write_about(self) -> None:
-        write_json(self._about, {"versions": versions(), "code": self._code})
-
-    def _changed(self, about: dict[str, Any]) -> list[str]:
-        now = digests(self._code)
-        files = [file for file, digest in self._code.items() if now[file] != digest]
-        return files if about.get("versions") == versions() else [*files, "versions of packages"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -250,15 +154,17 @@ class Study(Generic[Case]):
     failed: Callable[[Case, str], Mapping[str, Any]] | None = None  # row of a case that failed; None: the study ends
     line: Callable[[Row], str] = lambda _: ""  # printed when a row is there; empty: nothing
 
-    def carry_out(self, name: str, options: PoolOptions, title: str) -> int:
+    def carry_out(self, name: str, options: PoolOptions, title: str, limits: Limits = NO_LIMITS) -> int:
         """Runs the cases that are missing in the study's folder, then prints and writes the results of all.
 
-        The folder gets results.jsonl with the rows, study.json with what they depend on, metrics.json and report.html.
+        The folder gets rows/ with the rows as Parquet, study.json with what they depend on, metrics.json and
+        report.html.
 
         Args:
             name: Name of the study, and of its folder in runs/.
             options: Options of the command.
             title: Title of the report.
+            limits: Time and memory of each run.
 
         Returns:
             The exit code.
@@ -270,16 +176,18 @@ class Study(Generic[Case]):
         folder = options.out or RUNS / name
         workers = options.workers or os.cpu_count() or 1
         keyed = {key_of(case): case for case in self.cases}
-        began = time.perf_counter()
+        began, made_by = time.perf_counter(), provenance(name, options)
         with RowLog.open(folder, anew=options.anew) as log:
             left = {key: case for key, case in keyed.items() if key not in log.rows}
             if len(left) < len(keyed):
                 console.print(f"{len(keyed) - len(left)} of {len(keyed)} runs are there already", highlight=False)
-            self._fill(log, left, workers, console)
+            log.made_with(made_by["options"])
+            if (not options.workers and len(left) <= 1) or not left:
+                workers = 1
+            self._fill(log, left, self._results(list(left.values()), workers, limits), console)
             rows = [log.rows[key_of(case)] for case in self.cases]
             pace = _pace(rows, len(left), workers, time.perf_counter() - began)
             summary = self.summarise([_without_log(row) for row in rows])
-            made_by = provenance(name, options)
             write_json(folder / METRICS, as_json({**summary.metrics, **summary.verdict, "provenance": made_by}))
             summary.print_to(console)
             console.print(pace, highlight=False)
@@ -287,7 +195,9 @@ class Study(Generic[Case]):
             console.print(f"written to {folder}/", highlight=False)
         return 0 if summary.accepted else NOT_ACCEPTED
 
-    def _fill(self, log: RowLog, left: Mapping[str, Case], workers: int, console: Console) -> None:
+    def _fill(
+        self, log: RowLog, left: Mapping[str, Case], results: Iterator[tuple[Case, "_Done"]], console: Console
+    ) -> None:
         """Runs the cases in `left`, by key, and adds their rows to the log."""
         progress = Progress(
             TextColumn("{task.description}"),
@@ -302,7 +212,7 @@ class Study(Generic[Case]):
             log.depends_on(loaded_files())
         with progress:
             bar = progress.add_task("runs", total=len(left))
-            for case, done in self._results(list(left.values()), workers):
+            for case, done in results:
                 row = done.row
                 if row is None and self.failed is not None:
                     row = as_json(self.failed(case, done.error))
@@ -314,11 +224,12 @@ class Study(Generic[Case]):
                 if said := self.line(row):
                     console.print(said, highlight=False, markup=False)
 
-    def _results(self, cases: Sequence[Case], workers: int) -> Iterator[tuple[Case, _Done]]:
-        """Each case with its result; a single worker is this process."""
-        if workers == 1:
-            return ((case, _timed(self.run_one, case)) for case in cases)
-        return run_all(cases, min(workers, max(1, len(cases))), partial(_timed, self.run_one), _died)
+    def _results(self, cases: Sequence[Case], workers: int, limits: Limits) -> Iterator[tuple[Case, _Done]]:
+        """Each case with its result; a single worker is this process, unless a limit needs one of its own."""
+        run = partial(_timed, self.run_one, limits.time_s)
+        if workers == 1 and not limits.need_a_worker:
+            return ((case, run(case)) for case in cases)
+        return run_all(cases, workers, run, _died, limits)
 
 
 def key_of(case: Any) -> str:
@@ -332,12 +243,17 @@ def as_json(value: Any) -> Any:
     return _finite(json.loads(json.dumps(_plain(value))))
 
 
-def _timed(run_one: Callable[[Case], Mapping[str, Any]], case: Case) -> _Done:
+def _timed(run_one: Callable[[Case], Mapping[str, Any]], limit_s: float | None, case: Case) -> _Done:
     wall, cpu = time.perf_counter(), time.process_time()
     try:
-        row, error = as_json(run_one(case)), ""
+        with within_time(limit_s):
+            row, error = as_json(run_one(case)), ""
     except UuvError as failure:
         row, error = None, str(failure)
+    except TimeLimitError:
+        row, error = None, f"not done within {limit_s:g} s"
+    except MemoryError:
+        row, error = None, "out of memory"
     return _Done(row, error, time.perf_counter() - wall, time.process_time() - cpu, loaded_files())
 
 
@@ -377,40 +293,3 @@ def _finite(value: Any) -> Any:
     if isinstance(value, list):
         return [_finite(each) for each in value]
     return None if isinstance(value, float) and not np.isfinite(value) else value
-
-
-def _whole_lines(file: Path) -> list[Row]:
-    """Rows of a log; a last line that was cut short by an interruption is removed from the file.
-
-    Raises:
-        ConfigurationError: An invalid line is followed by rows. That is no interruption, and those rows are valuable.
-    """
-    if not file.exists():
-        return []
-    rows: list[Row] = []
-    whole = 0  # bytes of valid lines
-    bad = 0  # number of the first invalid line
-    with file.open("rb+") as log:
-        for number, line in enumerate(log, start=1):
-            row = _row(line)
-            if row is None:
-                bad = bad or number
-            elif bad:
-                raise ConfigurationError(
-                    f"{file}: line {bad} is no row of a study, and rows follow it; mend it or take it out (--anew "
-                    "throws all of them away)"
-                )
-            else:
-                rows.append(row)
-                whole += len(line)
-        log.truncate(whole)
-    return rows
-
-
-def _row(line: bytes) -> Row | None:
-    """Row in a line of a log; None for a line that was cut short, also by a power failure."""
-    try:
-        row = json.loads(line)
-    except ValueError:
-        return None
-    return row if line.endswith(b"\n") and isinstance(row, dict) and KEY in row else None

@@ -16,21 +16,27 @@ class PoolOptions(Protocol):
 
 
 @dataclass(kw_only=True)
-class StudyOptions:
-    """Options of every study; each adds its number of runs."""
+class HarnessOptions:
+    """Options of the harness of studies and campaigns."""
 
-    seed: int = 0
-    """Seed of the study."""
     workers: int = 0
     """Number of processes; 0: one for each core, 1: this one. Results do not depend on it."""
     out: Path | None = None
-    """Folder for results.jsonl, metrics.json and report.html, by default runs/<study>; a study that was interrupted is
+    """Folder for rows, metrics.json and report.html, by default runs/<study>; a study that was interrupted is
     resumed there."""
     anew: bool = False
     """Delete the runs in that folder."""
 
     def __post_init__(self) -> None:
         at_least(self, workers=0, **({"runs": 1} if hasattr(self, "runs") else {}))
+
+
+@dataclass(kw_only=True)
+class StudyOptions(HarnessOptions):
+    """Options of every study; each adds its number of runs."""
+
+    seed: int = 0
+    """Seed of the study."""
 
 
 def at_least(options: Any, **least: int) -> None:

@@ -16,10 +16,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pool_tasks import DEADLY, deadly, ignores, refusing, squared, told_dead
-from scenarios.study import Row, Study, StudyOptions, Summary, Table, harness, pool
-from scenarios.study.harness import RowLog
+from pool_tasks import DEADLY, deadly, dying, hungry, ignores, refusing, sleeping, squared, told_dead
+from scenarios.study import Row, Study, StudyOptions, Summary, Table, harness, local_processes, read_rows
 from scenarios.study.loaded_code import digests, loaded_files
+from scenarios.study.row_log import RowLog
+from scenarios.study.worker import Limits
 from sim.interfaces.errors import ConfigurationError, UuvError
 
 TIMED = {"wall_s": 1.0, "cpu_s": 1.0}
@@ -47,7 +48,7 @@ def carried_out(study: Study, **options: Any) -> tuple[int, dict[str, Any]]:
 
 
 def rows_of(folder: str = "out") -> list[dict[str, Any]]:
-    return [json.loads(line) for line in Path(folder, "results.jsonl").read_text().splitlines()]
+    return read_rows(folder)
 
 
 # -- studies -----------------------------------------------------------------------------------------------------------
@@ -155,8 +156,10 @@ def test_cases_are_told_apart_by_all_that_they_hold():
 def test_a_study_without_an_out_is_in_a_folder_of_its_name():
     study = Study(cases=[1], run_one=squared, summarise=summed)
     assert study.carry_out("study_x", StudyOptions(workers=1), "A study") == 0
-    files = {path.name for path in Path("runs/study_x").iterdir() if not path.name.startswith(".")}
-    assert files == {"results.jsonl", "study.json", "metrics.json", "report.html"}
+    home = Path("runs/study_x")
+    files = {path.name for path in home.iterdir() if path.is_file() and not path.name.startswith(".")}
+    assert [path.name for path in (home / "rows").iterdir()] == ["000000.parquet"]
+    assert files == {"study.json", "metrics.json", "report.html"}
 
 
 @pytest.mark.parametrize(("given", "said"), [({"workers": -1}, "--workers: must be at least 0, got -1")])
@@ -213,14 +216,23 @@ def test_a_study_leaves_the_files_of_others_alone(tmp_path):
         RowLog(tmp_path)
 
 
-def test_a_bad_line_with_rows_after_it_costs_none_of_them(tmp_path):
-    begun(tmp_path).add("2", {"run": 2}, TIMED)
-    file = tmp_path / "results.jsonl"
-    spoilt = file.read_text().replace('{"run": 1', '{"run": ')
-    file.write_text(spoilt)
-    with pytest.raises(ConfigurationError, match=r"results.jsonl: line 2 is no row"):
+def test_a_damaged_file_is_named_and_costs_no_row(tmp_path):
+    begun(tmp_path)
+    file = tmp_path / "rows" / "000000.parquet"
+    whole = file.read_bytes()
+    file.write_bytes(whole[:-20])
+    with pytest.raises(ConfigurationError, match=r"000000.parquet: is no whole Parquet file"):
         RowLog(tmp_path)
-    assert file.read_text() == spoilt
+    assert file.read_bytes() == whole[:-20]
+
+
+def test_rows_of_an_earlier_version_are_refused_until_they_may_go(tmp_path):
+    (tmp_path / "study.json").write_text("{}")
+    (tmp_path / "results.jsonl").write_text("{}\n")
+    with pytest.raises(ConfigurationError, match=r"rows of an earlier version \(results.jsonl\); --anew"):
+        RowLog(tmp_path)
+    assert RowLog(tmp_path, anew=True).rows == {}
+    assert not (tmp_path / "results.jsonl").exists()
 
 
 def test_anew_leaves_nothing_of_the_old_runs(tmp_path):
@@ -228,26 +240,33 @@ def test_anew_leaves_nothing_of_the_old_runs(tmp_path):
     for name in ("metrics.json", "report.html"):
         (tmp_path / name).write_text("")
     assert RowLog(tmp_path, anew=True).rows == {}
-    assert [path.name for path in tmp_path.iterdir()] == ["study.json"]
+    assert {path.name for path in tmp_path.iterdir()} == {"rows", "study.json"}
+    assert not list((tmp_path / "rows").iterdir())
 
 
 def test_log_goes_on_where_it_was_cut(tmp_path):
     begun(tmp_path)
-    file = tmp_path / "results.jsonl"
-    file.write_text(file.read_text() + '{"run": 2, "wit')
+    (tmp_path / ".000000.parquet.123").write_bytes(b"PAR1")  # of a process that was killed
     log = RowLog(tmp_path)
     assert [*log.rows] == ["0", "1"]
     log.add("2", {"run": 2}, TIMED)
-    with file.open("ab") as cut:
-        cut.write(bytes(30) + b"\n")  # of a power cut
     assert [row["run"] for row in RowLog(tmp_path).rows.values()] == [0, 1, 2]
+    assert {path.name for path in tmp_path.iterdir()} == {"rows", "study.json"}
+
+
+def test_settings_are_kept_beside_the_rows(tmp_path):
+    begun(tmp_path).made_with({"seed": 3})
+    RowLog(tmp_path).depends_on(["pyproject.toml"])
+    about = json.loads((tmp_path / "study.json").read_text())
+    assert about["settings"] == {"seed": 3}
+    assert about["schema"] == 1
 
 
 # -- processes ---------------------------------------------------------------------------------------------------------
 
 
 def test_a_run_that_kills_its_process_is_told_and_the_others_are_done():
-    rows = [row for _, row in pool.run_all(range(5), 2, deadly, told_dead)]
+    rows = [row for _, row in local_processes.run_all(range(5), 2, deadly, told_dead)]
     assert sorted(row["run"] for row in rows) == list(range(5))
     assert [row["run"] for row in rows if "value" not in row] == [2]
 
@@ -258,22 +277,44 @@ def test_no_run_is_lost_where_a_pool_breaks_between_two_of_them(monkeypatch):
 
         given = 0
 
+        def shutdown(self, *what: Any, **how: Any) -> None:
+            super().shutdown()
+
         def submit(self, *what: Any, **how: Any) -> Any:
             self.given += 1
             if self.given == 2:
                 raise BrokenProcessPool
             return super().submit(*what, **how)
 
-    monkeypatch.setattr(pool, "_pool", Breaking)
-    rows = [row for _, row in pool.run_all(range(4), 2, squared, told_dead)]
+    monkeypatch.setattr(local_processes, "_pool", lambda workers, _: Breaking(workers))
+    rows = [row for _, row in local_processes.run_all(range(4), 2, squared, told_dead)]
     assert sorted(row["run"] for row in rows) == list(range(4))
     assert all("value" in row for row in rows)
+
+
+def test_a_run_beyond_its_limits_is_told_and_the_others_are_done():
+    cases, failed = (0.0, 600.0), lambda case, reason: {"run": case, "reason": reason}
+    study = Study(cases=cases, run_one=sleeping, summarise=summed, failed=failed)
+    study.carry_out("x", StudyOptions(out=Path("out"), workers=2), "A study", Limits(time_s=1.0))
+    assert {row["run"]: row.get("reason") for row in rows_of()} == {0.0: None, 600.0: "not done within 1 s"}
+    study = Study(cases=(1, 4000), run_one=hungry, summarise=summed, failed=failed)
+    study.carry_out("x", StudyOptions(out=Path("out"), workers=1, anew=True), "A study", Limits(memory_mb=2000))
+    assert {row["run"]: row.get("reason") for row in rows_of()} == {1: None, 4000: "out of memory"}
+
+
+def test_a_run_is_done_again_as_often_as_it_may(tmp_path):
+    for retries in (0, 2):
+        tasks = [str(tmp_path / f"{retries}")]
+        assert list(local_processes.run_all(tasks, 1, dying, len, Limits(retries=retries))) == [
+            (tasks[0], len(tasks[0]))
+        ]
+        assert len(Path(tasks[0]).read_text()) == retries + 1
 
 
 def test_workers_ignore_the_signals_that_the_study_ignores():
     before = signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:
-        found = dict(pool.run_all([signal.SIGINT, signal.SIGTERM], 1, ignores, told_dead))
+        found = dict(local_processes.run_all([signal.SIGINT, signal.SIGTERM], 1, ignores, told_dead))
     finally:
         signal.signal(signal.SIGINT, before)
     assert found == {signal.SIGINT: True, signal.SIGTERM: False}
@@ -282,7 +323,7 @@ def test_workers_ignore_the_signals_that_the_study_ignores():
 WATCHED = """
 import sys
 sys.path.insert(0, "scripts")
-from scenarios.study.pool import run_all
+from scenarios.study.local_processes import run_all
 from pool_tasks import told_dead, waiting
 if __name__ == "__main__":
     for _ in run_all([sys.argv[1] + "/0", sys.argv[1] + "/1"], 2, waiting, told_dead): pass

@@ -1,0 +1,81 @@
+"""Runs or resumes a campaign from its file: many runs of one scenario with drawn parameters.
+
+./uvw run scripts/run_campaign.py scripts/campaigns/contact_quick.toml
+./uvw run scripts/run_campaign.py scripts/campaigns/contact_quick.toml --replay 2
+"""
+
+from scenarios.start import parse, run_scenario  # isort: skip
+
+import time
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+
+from tyro.conf import Positional
+
+from scenarios.campaigns.campaign import CampaignRun, failed_row, one_run, read_campaign
+from scenarios.campaigns.campaign_report import summarise
+from scenarios.command import command
+from scenarios.study import HarnessOptions, Row, Study
+from scenarios.study.options import at_least
+from sim.interfaces.errors import ConfigurationError
+from sim.runs.command_line import RunOptions
+
+
+@dataclass(kw_only=True)
+class Options(HarnessOptions):
+    """Run or resume a campaign."""
+
+    file: Positional[Path]
+    """Campaign file (TOML)."""
+    seed: int | None = None
+    """Seed instead of that in the file."""
+    cases: int | None = None
+    """Number of cases instead of that in the file."""
+    only: int | None = None
+    """Do only the run of this number, if it is missing."""
+    replay: int | None = None
+    """Do the run of this number again with full recording, in a folder of its own; the same trajectory to the bit."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        at_least(self, cases=1, only=0, replay=0)
+        if self.only is not None and self.replay is not None:
+            raise ConfigurationError("--only and --replay: one of the two")
+
+
+def main() -> int:
+    """Runs or resumes the campaign, or replays one of its runs; returns the exit code."""
+    started, options = time.perf_counter(), parse(Options)
+    campaign = read_campaign(options.file)
+    changed = {name: value for name in ("seed", "cases") if (value := getattr(options, name)) is not None}
+    campaign = replace(campaign, **changed)
+    runs = campaign.runs()
+    if options.replay is not None:
+        run = one_of(runs, options.replay)
+        scenario = replace(run.scenario(), name=f"{campaign.name}/case_{run.case:04d}")
+        return command(scenario, RunOptions(out=options.out), started, f", case {run.case} of {campaign.name}")
+    study = Study(
+        cases=runs if options.only is None else [one_of(runs, options.only)],
+        run_one=one_run,
+        summarise=partial(summarise, campaign=campaign, file=str(options.file)),
+        failed=failed_row,
+        line=line,
+    )
+    return study.carry_out(campaign.name, options, f"Campaign {campaign.name}", campaign.limits)
+
+
+def one_of(runs: list[CampaignRun], case: int) -> CampaignRun:
+    """The run of a number."""
+    if case >= len(runs):
+        raise ConfigurationError(f"case: must be below {len(runs)}, got {case}")
+    return runs[case]
+
+
+def line(row: Row) -> str:
+    """Line about a run that did not finish its work; empty for others."""
+    return "" if row["state"] == "done" else f"case {row['case']:4d}  {row['state']}: {row['code']}"
+
+
+if __name__ == "__main__":
+    run_scenario(main)

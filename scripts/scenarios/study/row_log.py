@@ -1,0 +1,131 @@
+"""Rows of a study on disk, and what they depend on: one process writes, and rows of other code are refused."""
+
+import json
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, Self
+
+from scenarios.study.loaded_code import digests
+from scenarios.study.row_table import SCHEMA_VERSION, Row, RowTable, delete_rows, has_rows
+from sim.interfaces.errors import ConfigurationError
+from sim.runs.provenance import versions
+from sim.runs.run_folder import alone_in
+from sim.runs.saving import write_json
+
+KEY, TIMING = "case_id", "timing"  # entries that the log adds to a row
+METRICS, PAGE = "metrics.json", "report.html"  # files made from the rows of a log
+_EARLIER = "results.jsonl"  # rows before they were Parquet
+_NAMED = 4  # changed files that a message names
+
+
+class RowLog:
+    """Rows of a study by case, beside study.json: settings, versions, and digests of the files that rows depend on."""
+
+    def __init__(self, folder: Path, *, anew: bool = False) -> None:
+        """Opens the log in `folder`.
+
+        For one process at a time: see `open`.
+
+        Args:
+            folder: Existing folder.
+            anew: Delete old rows.
+
+        Raises:
+            ConfigurationError: The rows were made by other code, or the folder holds other files.
+        """
+        self.folder = folder
+        self._about = folder / "study.json"
+        foreign = [path.name for path in folder.iterdir() if path.is_file() and not path.name.startswith(".")]
+        if foreign and not self._about.exists():
+            raise ConfigurationError(
+                f"{folder} is in use by something else than a study ({', '.join(sorted(foreign))})"
+            )
+        for part in folder.glob(".*.parquet.*"):  # of a process that was killed
+            part.unlink()
+        if anew:
+            delete_rows(folder)
+            for name in (METRICS, PAGE, _EARLIER):
+                (folder / name).unlink(missing_ok=True)
+        if (folder / _EARLIER).exists():
+            raise ConfigurationError(
+                f"{folder} holds rows of an earlier version ({_EARLIER}); --anew throws them away, or take another "
+                "--out"
+            )
+        self._code: dict[str, str] = {}
+        self._settings: Mapping[str, Any] = {}
+        if has_rows(folder):
+            about = _read_about(self._about)
+            self._code, self._settings = about.get("code", {}), about.get("settings", {})
+            if changed := self._changed(about):
+                more = f" and {len(changed) - _NAMED} more" if len(changed) > _NAMED else ""
+                raise ConfigurationError(
+                    f"{folder} holds runs of other code (changed: {', '.join(changed[:_NAMED])}{more}); --anew throws "
+                    "them away, or take another --out"
+                )
+        else:
+            self._write_about()
+        self._table = RowTable(folder)
+        self.rows: dict[str, Row] = {row[KEY]: row for row in self._table.rows}
+
+    @classmethod
+    @contextmanager
+    def open(cls, folder: Path, *, anew: bool = False) -> Iterator[Self]:
+        """Context manager: the log in `folder`, created if necessary, locked for this process.
+
+        Args:
+            folder: Folder of the study.
+            anew: Delete old rows.
+
+        Raises:
+            ConfigurationError: As `RowLog` does, or another process works in the folder.
+        """
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise ConfigurationError(f"--out {folder}: cannot be made a folder ({error.strerror})") from error
+        with alone_in(folder):
+            yield cls(folder, anew=anew)
+
+    def depends_on(self, files: Iterable[str]) -> None:
+        """Adds files, named as by `loaded_files`, to those that the rows depend on."""
+        if new := set(files) - self._code.keys():
+            self._code |= digests(new)
+            self._write_about()
+
+    def made_with(self, settings: Mapping[str, Any]) -> None:
+        """Puts the settings of the study, of JSON types, into study.json."""
+        if settings != self._settings:
+            self._settings = settings
+            self._write_about()
+
+    def add(self, key: str, row: Row, timing: Mapping[str, float | None]) -> None:
+        """Appends a row; it is on the disk when this returns.
+
+        Args:
+            key: Identifies the case.
+            row: Its result, of JSON types.
+            timing: Wall and processor time [s].
+
+        Raises:
+            ConfigurationError: The file cannot be written.
+        """
+        whole = {**row, KEY: key, TIMING: dict(timing)}
+        self._table.add(whole)
+        self.rows[key] = whole
+
+    def _write_about(self) -> None:
+        about = {"schema": SCHEMA_VERSION, "settings": self._settings, "versions": versions(), "code": self._code}
+        write_json(self._about, about)
+
+    def _changed(self, about: dict[str, Any]) -> list[str]:
+        now = digests(self._code)
+        files = [file for file, digest in self._code.items() if now[file] != digest]
+        return files if about.get("versions") == versions() else [*files, "versions of packages"]
+
+
+def _read_about(file: Path) -> dict[str, Any]:
+    try:
+        return json.loads(file.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise ConfigurationError(f"{file}: cannot be read ({error}); --anew throws the rows away") from error

@@ -49,7 +49,7 @@ class RemoteController:
         self._step_limit, self._run_limit = step_limit, run_limit
         self._reference: Reference | None = None
         self.steps, self.waited, self.longest = 0, 0.0, 0.0  # number, [s] in all, [s] longest
-        self._output = tempfile.TemporaryFile()
+        self._output = tempfile.TemporaryFile()  # noqa: SIM115 - `close` closes it
         here, there = socket.socketpair()
         with there:
             self._process = subprocess.Popen(

@@ -18,6 +18,7 @@ from scenarios.contact_benchmark.door import RemoteController
 from scenarios.contact_benchmark.entries import Entry
 from scenarios.contact_benchmark.wire import Briefing, EntryError
 from scenarios.runner import Run, run
+from scenarios.scenario import Control
 from scenarios.study import Row, Summary, Table
 from scenarios.tasks.surface_work import first_force
 from sim.evaluation.insertion_metrics import AT_THE_HOLE
@@ -43,7 +44,7 @@ class ScoredCase:
 
 
 class ThrusterEnergy:
-    """Observer of the ideal energy of the thrusters, the sum of c |T|^1.5 over thrusters and time, by actuator-disc theory."""
+    """Observer of the ideal energy of the thrusters: c |T|^1.5 of an actuator disc, over thrusters and time."""
 
     slow_ticks = (_SAMPLE_TICKS,)
 
@@ -71,7 +72,10 @@ def score(scored: ScoredCase) -> Row:
         **dict.fromkeys((*FIGURES, "force_over_set", "collision_s", "simulated_s", "door")),
     }
     try:
-        built = assemble(scored.case.scenario(scored.entry.control))
+        control = scored.entry.control
+        if not scored.in_process:  # the entry's own module is not imported here
+            control = replace(control, controller=Control().controller)
+        built = assemble(scored.case.scenario(control))
         remote = None if scored.in_process else _behind_door(built, scored)
         with remote or nullcontext():
             energy = ThrusterEnergy(built.plant.timestep)

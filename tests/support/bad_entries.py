@@ -76,16 +76,26 @@ class SearchesItself(_Failing):
     def fail(self, state, command):
         if self.steps == FAIL_AT:
             masked = np.load(os.environ[PATTERNS])
-            found = [count(bytes(row ^ MASK)) for row in masked]
+            found = [count(unmasked(row)) for row in masked]
             Path(os.environ[FOUND]).write_text(" ".join(map(str, found)))
         return state, command
 
 
-def count(pattern: bytes) -> int:
-    """Number of occurrences of `pattern` in the writable memory of this process, without the one that was given."""
-    total = 0
-    with open("/proc/self/maps", encoding="ascii") as maps, open("/proc/self/mem", "rb", buffering=0) as memory:
-        for line in maps:
+def unmasked(masked: np.ndarray) -> bytearray:
+    """The pattern in the only copy that this process makes of it."""
+    pattern = bytearray(masked.tobytes())
+    for i in range(len(pattern)):
+        pattern[i] ^= MASK
+    return pattern
+
+
+def count(pattern: bytearray) -> int:
+    """Number of occurrences of `pattern` in the writable memory of this process, beside itself."""
+    total, own = 0, np.frombuffer(pattern, dtype=np.uint8).ctypes.data
+    with open("/proc/self/maps", encoding="ascii") as maps:
+        lines = maps.readlines()
+    with open("/proc/self/mem", "rb", buffering=0) as memory:
+        for line in lines:
             span, rights = line.split()[:2]
             first, last = (int(end, 16) for end in span.split("-"))
             if not rights.startswith("rw") or "[v" in line:
@@ -97,12 +107,6 @@ def count(pattern: bytes) -> int:
                 continue
             at = part.find(pattern)
             while at >= 0:
-                total += first + at != _address(pattern)
+                total += first + at != own
                 at = part.find(pattern, at + 1)
-            del part
     return total
-
-
-def _address(pattern: bytes) -> int:
-    """Address of the content of `pattern`."""
-    return int(np.frombuffer(pattern, dtype=np.uint8).ctypes.data)

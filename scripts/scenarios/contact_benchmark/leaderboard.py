@@ -81,8 +81,8 @@ def page(results: Sequence[Mapping[str, Any]]) -> str:
         (
             f"# UUV contact, version {first['version']}: {first['cases']} {kinds}",
             "Shares with exact binomial intervals of 95 %; medians with bootstrap intervals of 95 %, over the runs "
-            "that gave the figure. Force and path are of surface work, without the insertions. Step is the mean wall time "
-            "of one answer through the door, the entry's computing included; a dash: the controller ran in the "
+            "that gave the figure. Force and path are of surface work, without the insertions. Step is the mean wall "
+            "time of one answer through the door, the entry's computing included; a dash: the controller ran in the "
             "simulation's process. See docs/benchmark.md.",
             *(table.markdown() for table in tables),
             f"Digest of the cases: {first['cases_digest']}.\n",

@@ -1,0 +1,37 @@
+"""Leaderboard of the benchmark "UUV contact" from result files of contact_score.py.
+
+    ./uvw run scripts/benchmarks/contact_leaderboard.py --results runs/contact_score-default runs/contact_score-joint-PD
+
+All results must be of the same cases.
+"""
+
+from scenarios.start import parse, run_scenario  # isort: skip
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from scenarios.contact_benchmark.leaderboard import page, read_result
+from sim.runs.saving import write_whole
+
+
+@dataclass(kw_only=True)
+class Options:
+    """Leaderboard of the benchmark "UUV contact"."""
+
+    results: tuple[Path, ...]
+    """Result files, metrics.json of contact_score.py, or their folders."""
+    out: Path = Path("leaderboard.md")
+    """File of the page, in Markdown."""
+
+
+def main() -> int:
+    """Writes and prints the page."""
+    options = parse(Options)
+    text = page([read_result(file) for file in options.results])
+    write_whole(options.out, text)
+    print(text)
+    return 0
+
+
+if __name__ == "__main__":
+    run_scenario(main)

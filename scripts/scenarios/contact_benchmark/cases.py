@@ -1,0 +1,126 @@
+"""Cases of the benchmark: seeded scenarios of contact work, public under a version number or drawn afresh.
+
+The sea, sensors, vehicle and pad of case i are those of run i of the contact study
+(`scenarios.campaigns.contact_study.draw`, its default ranges). The job is of the family i modulo the number of
+families; its variant and numbers are drawn from the seed and i alone.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from scenarios.campaigns.contact_study import Ranges, RunTask, draw
+from scenarios.options import BarrelOptions, InsertionOptions, ObjectOptions, PileOptions
+from scenarios.perturbations.loop import MisplacedSurface
+from scenarios.perturbations.pad import Pad
+from scenarios.scenario import Control, Scenario
+from scenarios.study.harness import key_of
+from sim.interfaces.spatial import whole_number
+
+VERSION = 0  # of the public cases; new ones get a new number
+PUBLIC_SEED = 20261123
+CASES = 100
+_CLEARANCE = (1.0, 3.0)  # [mm] radial, between sampler and hole
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BenchmarkCase:
+    """One case: the procedure, the seed and the index determine its scenario."""
+
+    version: int = VERSION
+    seed: int = PUBLIC_SEED
+    index: int
+
+    def __post_init__(self) -> None:
+        whole_number(self.index, "case", least=0)
+        whole_number(self.seed, "seed", least=0)
+
+    @property
+    def family(self) -> str:
+        """Name of the family of jobs."""
+        return tuple(FAMILIES)[self.index % len(FAMILIES)]
+
+    def scenario(self, control: Control) -> Scenario:
+        """The scenario of the case under that control."""
+        task = RunTask(study=self.seed, run=self.index, path="longitudinal", ranges=Ranges(), quick=True)
+        sea = draw(task)
+        job = FAMILIES[self.family](np.random.default_rng([self.seed, self.index, 1]))
+        rigid = self.family == INSERTION  # its tool has no pad, and its finder no path
+        perturbations = tuple(
+            each for each in sea.perturbations if not (rigid and isinstance(each, Pad | MisplacedSurface))
+        )
+        return replace(
+            sea,
+            name="contact_benchmark",
+            task=job.task,
+            vehicle=job.vehicle,
+            site=replace(sea.site, object=job.site.object),
+            control=control,
+            perturbations=perturbations,
+        )
+
+
+def _barrel(rng: np.random.Generator) -> Scenario:
+    """Along the barrel's top or around it."""
+    if rng.random() < 0.5:
+        return BarrelOptions(path="longitudinal", quick=True).scenario()
+    return BarrelOptions(path="transverse", quick=True).scenario()
+
+
+def _pile(rng: np.random.Generator) -> Scenario:
+    """Up the pile, around it, or both."""
+    choices = (
+        PileOptions(path="vertical", quick=True),
+        PileOptions(path="ring", quick=True),
+        PileOptions(path="helix", quick=True),
+    )
+    return choices[rng.integers(len(choices))].scenario()
+
+
+def _rock(_: np.random.Generator) -> Scenario:
+    return ObjectOptions(object="rock", quick=True).scenario()
+
+
+def _flat(rng: np.random.Generator) -> Scenario:
+    """The upper or the slanting flat face of an anode."""
+    return ObjectOptions(object="anode", path="top" if rng.random() < 0.5 else "side", quick=True).scenario()
+
+
+def _insertion(rng: np.random.Generator) -> Scenario:
+    """A sampler into one of two holes, with a drawn clearance."""
+    clearance = float(rng.uniform(*_CLEARANCE))
+    if rng.random() < 0.5:
+        return InsertionOptions(hole="a", clearance=clearance, quick=True).scenario()
+    return InsertionOptions(hole="b", clearance=clearance, quick=True).scenario()
+
+
+INSERTION = "insertion"
+FAMILIES: dict[str, Callable[[np.random.Generator], Scenario]] = {
+    "barrel": _barrel,
+    "pile": _pile,
+    "rock": _rock,
+    "flat face": _flat,
+    INSERTION: _insertion,
+}
+
+
+def cases(count: int = CASES, *, seed: int = PUBLIC_SEED) -> tuple[BenchmarkCase, ...]:
+    """The first `count` cases of a seed; the default seed gives the public ones.
+
+    Raises:
+        ConfigurationError: The count or the seed is out of range.
+    """
+    whole_number(count, "--cases", least=1)
+    return tuple(BenchmarkCase(seed=seed, index=index) for index in range(count))
+
+
+def digest(chosen: tuple[BenchmarkCase, ...]) -> str:
+    """Digest of the scenarios of these cases under default control."""
+    return key_of([[type(part).__name__ for part in _kinds(case)] + [case.scenario(Control())] for case in chosen])
+
+
+def _kinds(case: BenchmarkCase) -> tuple[object, ...]:
+    """Parts whose class is not told by their fields."""
+    scenario = case.scenario(Control())
+    return (scenario.task, scenario.site.object, *scenario.perturbations)

@@ -1,0 +1,116 @@
+"""Leaderboard of the benchmark: one page in Markdown from result files over the same cases."""
+
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from scenarios.contact_benchmark.score import by_family, totals
+from scenarios.study import Table
+from sim.interfaces.errors import ConfigurationError
+
+_SAME = ("version", "seed", "cases_digest")  # that all results of one table share
+_COLUMNS = (
+    "entry",
+    "kept [%]",
+    "damage [%]",
+    "force RMS [N]",
+    "force peak [N]",
+    "path [mm]",
+    "excursion [mm]",
+    "energy [kJ]",
+    "step [us]",
+    "code",
+)
+
+
+def read_result(file: Path) -> dict[str, Any]:
+    """A result file of contact_score.py.
+
+    Raises:
+        ConfigurationError: It cannot be read, or is none.
+    """
+    path = file / "metrics.json" if file.is_dir() else file
+    try:
+        result = json.loads(path.read_text(encoding="utf-8"))
+        about, rows = result["benchmark"], result["rows"]
+        for name in (*_SAME, "public", "cases", "entry", "code", "in_process"):
+            about[name]
+        if len(rows) != about["cases"]:
+            raise ConfigurationError(f"{path}: expected {about['cases']} rows, got {len(rows)}")
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        if isinstance(error, ConfigurationError):
+            raise
+        raise ConfigurationError(f"{path}: is no result file of contact_score.py") from error
+    return result
+
+
+def page(results: Sequence[Mapping[str, Any]]) -> str:
+    """The page, the best share kept first.
+
+    Raises:
+        ConfigurationError: There are no results, or they are of different cases.
+    """
+    if not results:
+        raise ConfigurationError("leaderboard: expected at least one result file, got none")
+    first = results[0]["benchmark"]
+    for result in results:
+        about = result["benchmark"]
+        for name in _SAME:
+            if about[name] != first[name]:
+                raise ConfigurationError(
+                    f"leaderboard: {name} must be one for all; {first['entry']!r} has {first[name]}, "
+                    f"{about['entry']!r} has {about[name]}"
+                )
+    scored = [(result["benchmark"], totals(result["rows"]), by_family(result["rows"])) for result in results]
+    scored.sort(key=lambda each: (-each[1]["kept"]["value"], each[0]["entry"]))
+    families = list(dict.fromkeys(name for _, _, counts in scored for name in counts))
+    kinds = "public cases" if first["public"] else f"cases of seed {first['seed']}"
+    tables = (
+        Table(title="Scores by the truth", columns=_COLUMNS, rows=[_cells(about, total) for about, total, _ in scored]),
+        Table(
+            title="Kept, by family",
+            columns=("entry", *families),
+            rows=[
+                (about["entry"], *(f"{counts[name]['kept']} of {counts[name]['runs']}" for name in families))
+                for about, _, counts in scored
+            ],
+        ),
+    )
+    return "\n\n".join(
+        (
+            f"# UUV contact, version {first['version']}: {first['cases']} {kinds}",
+            "Shares with exact binomial intervals of 95 %; medians with bootstrap intervals of 95 %, over the runs "
+            "that gave the figure. Force and path are of surface work, without the insertions. Step is the mean wall "
+            "time of one answer through the door, the entry's computing included; a dash: the controller ran in the "
+            "simulation's process. See docs/benchmark.md.",
+            *(table.markdown() for table in tables),
+            f"Digest of the cases: {first['cases_digest']}.\n",
+        )
+    )
+
+
+def _cells(about: Mapping[str, Any], total: Mapping[str, Any]) -> tuple[str, ...]:
+    step = total["step_wall_s"]
+    return (
+        about["entry"],
+        _interval(total["kept"], 100.0, 0),
+        _interval(total["damaged"], 100.0, 0),
+        _interval(total["force_rms_n"], 1.0, 2),
+        _interval(total["force_peak_n"], 1.0, 1),
+        _interval(total["path_max_m"], 1e3, 2),
+        _interval(total["excursion_max_m"], 1e3, 1),
+        _interval(total["energy_j"], 1e-3, 2),
+        "–" if step is None else f"{1e6 * step:.0f}",
+        about["code"],
+    )
+
+
+def _interval(figure: Mapping[str, float] | None, scale: float, digits: int) -> str:
+    """A value and its interval in brackets, where it has one."""
+    if figure is None:
+        return "–"
+    told = f"{scale * figure['value']:.{digits}f}"
+    if "low" not in figure:
+        return told
+    return f"{told} ({scale * figure['low']:.{digits}f} to {scale * figure['high']:.{digits}f})"

@@ -1,0 +1,179 @@
+"""The contact benchmark: pinned cases, a door that no entry can break, scores that do not depend on the door."""
+
+import copy
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import bad_entries
+from scenarios.assembly import assemble
+from scenarios.contact_benchmark.cases import CASES, FAMILIES, BenchmarkCase, cases, digest
+from scenarios.contact_benchmark.door import RemoteController
+from scenarios.contact_benchmark.entries import ENTRIES, Entry
+from scenarios.contact_benchmark.leaderboard import page
+from scenarios.contact_benchmark.score import KEPT, ScoredCase, median, score, share
+from scenarios.contact_benchmark.wire import Briefing, CommandCodec, EntryError
+from scenarios.runner import run
+from scenarios.scenario import Control
+from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.messages import AbortCode, Command, ContactEstimate, HullLoad
+from untyped import untyped
+
+DIGEST = "b7b745184261"  # of the 100 public cases of version 0
+
+
+def behind_door(control, **limits):
+    """An assembled case 0, and its door to an entry."""
+    built = assemble(BenchmarkCase(index=0).scenario(Control()))
+    own = built.placed.own.model
+    briefing = Briefing(model=own, water_error=0.0, control=control, task="barrel", seed=0)
+    return built, RemoteController(briefing, **limits)
+
+
+def run_behind_door(control, longest, **limits):
+    """A run of case 0 of so many simulated seconds [s] with an entry behind the door."""
+    built, remote = behind_door(control, **limits)
+    with remote:
+        wrapper = copy.copy(untyped(built.parts.controller))
+        wrapper.controller = remote
+        parts = replace(built.parts, controller=wrapper)
+        return run(replace(built, loop=replace(built.loop, parts=parts)), longest=longest)
+
+
+def test_the_public_cases_are_pinned():
+    public = cases()
+    assert len(public) == CASES
+    assert digest(public) == DIGEST
+    assert {case.family for case in public} == set(FAMILIES)
+    assert digest(cases(5, seed=1)) != digest(cases(5))
+    assert digest(cases(5)) == digest(public[:5])
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("Dies", "ended with code 7: last words"),
+        ("Hangs", "no answer for 0.5 s"),
+        pytest.param("Raises", "raised RuntimeError: out of ideas", marks=pytest.mark.long),
+        pytest.param("WrongType", "dict in place of a Command", marks=pytest.mark.long),
+        pytest.param("WrongShape", "thrusters: expected shape", marks=pytest.mark.long),
+        pytest.param("WrongTime", "asked was one of", marks=pytest.mark.long),
+    ],
+)
+def test_a_failure_of_the_entry_is_one_line(name, said):
+    with pytest.raises(EntryError, match=said) as caught:
+        run_behind_door(Control(controller=f"bad_entries:{name}"), 0.1, step_limit=0.5)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.long
+def test_commands_that_are_no_numbers_stop_the_vehicle():
+    ran = run_behind_door(Control(controller="bad_entries:NotANumber"), 1.0)
+    assert ran.recording.final.abort is AbortCode.CONTROLLER
+
+
+@pytest.mark.long
+def test_an_unknown_entry_is_a_failed_case():
+    with pytest.raises(ConfigurationError, match="no module 'nowhere'"):
+        Entry.of("nowhere:Controller")
+    entry = replace(Entry.of("default"), control=Control(controller="bad_entries:Nobody"))
+    row = score(ScoredCase(case=BenchmarkCase(index=0), entry=entry))
+    assert row["class"] == "entry failed"
+    assert "Nobody" in row["detail"]
+
+
+def test_every_first_entry_can_be_made():
+    for name, control in ENTRIES.items():
+        assert Entry.of(name).control == control
+
+
+@pytest.mark.long
+@pytest.mark.skipif(not Path("/proc/self/mem").exists(), reason="reads its memory by /proc")
+def test_the_truth_is_not_in_the_memory_of_the_entry(monkeypatch, tmp_path, rng):
+    """The bytes of the object's true place are not found, nor random ones; those of limits that it was told are."""
+    built = assemble(BenchmarkCase(index=0).scenario(Control()))
+    told = np.array(built.placed.own.vehicle.torque_limits[:3], dtype=np.float64)
+    true = np.array(untyped(built.placed).truth.X_WT[:3, 3], dtype=np.float64)
+    sought = (true, rng.normal(size=3), told)
+    masked = np.stack([np.frombuffer(each.tobytes(), dtype=np.uint8) ^ bad_entries.MASK for each in sought])
+    np.save(tmp_path / "patterns.npy", masked)
+    monkeypatch.setenv(bad_entries.PATTERNS, str(tmp_path / "patterns.npy"))
+    monkeypatch.setenv(bad_entries.FOUND, str(tmp_path / "found"))
+    run_behind_door(Control(controller="bad_entries:SearchesItself"), 0.02)
+    of_truth, of_nothing, of_told = map(int, (tmp_path / "found").read_text().split())
+    assert of_nothing == 0
+    assert of_truth == 0
+    assert of_told > 0
+
+
+def test_a_step_through_the_door_changes_no_bit():
+    control = ENTRIES["default"]
+    here = run(assemble(BenchmarkCase(index=0).scenario(control)), longest=1.0).recording
+    there = run_behind_door(control, 1.0).recording
+    assert here.digest() == there.digest()
+    assert np.ptp(here["p_WB"].value, axis=0).max() > 1e-3  # the hull moves
+
+
+@pytest.mark.long
+def test_scores_are_the_same_through_the_door():
+    entry = Entry.of("default")
+    here = score(ScoredCase(case=BenchmarkCase(index=0), entry=entry, in_process=True))
+    there = [score(ScoredCase(case=BenchmarkCase(index=0), entry=entry)) for _ in range(2)]
+    assert here["class"] == KEPT
+    for row in there:
+        assert {**row, "door": None} == here
+
+
+def test_commands_cross_the_door_unchanged(rng):
+    near, far = CommandCodec(6, 8), CommandCodec(6, 8)
+    load = HullLoad(arm_wrench_B=rng.normal(size=6), current_W=rng.normal(size=3))
+    seen = []
+    for given in (load, load, None, replace(load)):
+        command = Command(
+            time=rng.random(),
+            joint_torque=rng.normal(size=6),
+            thrusters=rng.normal(size=8),
+            scan=True,
+            contact=ContactEstimate(force_W=rng.normal(size=3), normal=np.nan),
+            hull_load=given,
+        )
+        got = far.decode(near.encode(command), command.time)
+        np.testing.assert_array_equal(got.joint_torque, command.joint_torque)
+        np.testing.assert_array_equal(got.thrusters, command.thrusters)
+        np.testing.assert_array_equal(got.contact.force_W, command.contact.force_W)
+        assert not got.contact.known
+        seen.append(got.hull_load)
+    assert seen[0] is seen[1]  # fault detection tells a new load by the object
+    assert seen[2] is None
+    assert seen[3] is not seen[0]
+    np.testing.assert_array_equal(seen[0].arm_wrench_B, load.arm_wrench_B)
+
+
+@pytest.mark.parametrize("reply", [b"", b"C", b"C" + bytes(7), b"X" + bytes(8 * 33)])
+def test_other_bytes_are_no_command(reply):
+    with pytest.raises(EntryError, match="no command"):
+        CommandCodec(6, 8).decode(reply, 0.0)
+
+
+def test_intervals():
+    kept = share(10, 10)
+    assert kept["low"] == pytest.approx(0.025**0.1)  # closed form of Clopper and Pearson for all of n
+    assert kept["high"] == 1.0
+    assert median([]) is None
+    told = median([1.0, 2.0, 3.0, 4.0, 10.0])
+    assert told is not None
+    assert told["low"] <= told["value"] == 3.0 <= told["high"]
+
+
+def test_results_of_other_cases_make_no_table():
+    row = {"case": 0, "family": "barrel", "class": KEPT, "door": None}
+    row |= dict.fromkeys(("force_rms_n", "force_peak_n", "path_max_m", "excursion_max_m", "energy_j"), 1.0)
+    about = {"version": 0, "seed": 1, "public": False, "cases": 1, "cases_digest": "a", "entry": "mine", "code": "c"}
+    one = {"benchmark": about, "rows": [row]}
+    assert "| mine | 100 (3 to 100) |" in page([one])  # by hand: the least share is 0.025
+    with pytest.raises(ConfigurationError, match="seed must be one for all"):
+        page([one, {"benchmark": {**about, "seed": 2}, "rows": [row]}])
+    with pytest.raises(ConfigurationError, match="at least one"):
+        page([])

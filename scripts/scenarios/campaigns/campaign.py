@@ -57,7 +57,7 @@ BASES: Mapping[str, Any] = {
 }
 PERTURBATIONS = "perturbations"
 _SCHEMAS = {"Insertion": "insertion", "Inspection": "inspection", "SeabedSampling": "seabed_work"}  # others: metrics
-_MOST_CASES = 10_000_000  # of a campaign
+_MOST_CASES = 10_000_000  # runs of a campaign: 10 GB of rows
 _TRACE = 2000  # characters of a traceback that a row keeps
 FAILED, CRASHED = "not set up", "crashed"  # states of a run that ended with an error
 

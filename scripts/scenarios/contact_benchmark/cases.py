@@ -19,8 +19,8 @@ from scenarios.study.harness import key_of
 from sim.interfaces.spatial import whole_number
 
 VERSION = 0  # of the public cases; new ones get a new number
-PUBLIC_SEED = 20261123
-CASES = 100
+PUBLIC_SEED = 20261123  # of the public cases
+CASES = 100  # number of the public cases
 _CLEARANCE = (1.0, 3.0)  # [mm] radial, between sampler and hole
 
 

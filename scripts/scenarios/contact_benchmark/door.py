@@ -10,6 +10,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from contextlib import ExitStack
 from multiprocessing.connection import Connection
 from typing import Any, Self
 
@@ -49,7 +50,8 @@ class RemoteController:
         self._step_limit, self._run_limit = step_limit, run_limit
         self._reference: Reference | None = None
         self.steps, self.waited, self.longest = 0, 0.0, 0.0  # number, [s] in all, [s] longest
-        self._output = tempfile.TemporaryFile()  # noqa: SIM115 - `close` closes it
+        self._files = ExitStack()
+        self._output = self._files.enter_context(tempfile.TemporaryFile())
         here, there = socket.socketpair()
         with there:
             self._process = subprocess.Popen(
@@ -78,7 +80,7 @@ class RemoteController:
         self._connection.close()
         self._process.kill()
         self._process.wait()
-        self._output.close()
+        self._files.close()
 
     def init(self, estimate: StateEstimate) -> None:
         """The entry's state at the first estimate, which stays with the entry. Raises EntryError."""

@@ -31,7 +31,7 @@ FIGURES = ("force_rms_n", "force_peak_n", "path_max_m", "excursion_max_m", "ener
 DISC = 0.25  # [m] diameter of a thruster's disc, assumed: it scales all energies alike
 _POWER = (2.0 * SEA_WATER * np.pi * (0.5 * DISC) ** 2) ** -0.5  # [W]/[N]^1.5 of an ideal disc in still water
 _SAMPLE_TICKS = 10  # loop steps between samples of the thrusts; propellers lag by more
-_CONFIDENCE = 0.95
+_CONFIDENCE = 0.95  # of the intervals
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -27,6 +27,7 @@ class Assembly:
 
     scenario: Scenario
     placed: PlacedTask
+    own: OwnVehicle  # the vehicle's model of itself
     plant: Plant
     loop: Loop  # plant and parts as perturbed
     X_WB: Array  # (4, 4) initial pose of the hull
@@ -101,6 +102,7 @@ def assemble(scenario: Scenario, *, full: bool = False) -> Assembly:
     return Assembly(
         scenario=scenario,
         placed=placed,
+        own=own,
         plant=plant,
         loop=loop,
         X_WB=X_WB,

@@ -10,7 +10,6 @@ import subprocess
 import sys
 import tempfile
 import time
-from contextlib import ExitStack
 from multiprocessing.connection import Connection
 from typing import Any, Self
 
@@ -50,8 +49,9 @@ class RemoteController:
         self._step_limit, self._run_limit = step_limit, run_limit
         self._reference: Reference | None = None
         self.steps, self.waited, self.longest = 0, 0.0, 0.0  # number, [s] in all, [s] longest
-        self._files = ExitStack()
-        self._output = self._files.enter_context(tempfile.TemporaryFile())
+        number, name = tempfile.mkstemp()
+        self._output = os.fdopen(number, "w+b")
+        os.unlink(name)  # it lives until it is closed
         here, there = socket.socketpair()
         with there:
             self._process = subprocess.Popen(
@@ -80,7 +80,7 @@ class RemoteController:
         self._connection.close()
         self._process.kill()
         self._process.wait()
-        self._files.close()
+        self._output.close()
 
     def init(self, estimate: StateEstimate) -> None:
         """The entry's state at the first estimate, which stays with the entry. Raises EntryError."""

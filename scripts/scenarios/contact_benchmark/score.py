@@ -94,7 +94,7 @@ def score(scored: ScoredCase) -> Row:
 def _behind_door(built: Assembly, scored: ScoredCase) -> RemoteController:
     return RemoteController(
         Briefing(
-            model=built.placed.own.model,
+            model=built.own.model,
             water_error=built.scenario.belief.water_error,
             control=scored.entry.control,
             task=scored.case.family,
@@ -105,7 +105,7 @@ def _behind_door(built: Assembly, scored: ScoredCase) -> RemoteController:
 
 def _with(built: Assembly, remote: RemoteController) -> Assembly:
     """The assembly with the remote controller, in the safety wrapper that every controller gets."""
-    parts = replace(built.parts, controller=SafetyWrapper(remote, built.placed.own.model))
+    parts = replace(built.parts, controller=SafetyWrapper(remote, built.own.model))
     return replace(built, loop=replace(built.loop, parts=parts))
 
 

@@ -27,7 +27,7 @@ DIGEST = "db6a2ace11ae"  # of the 100 public cases of version 0
 def behind_door(control, **limits):
     """An assembled case 0, and its door to an entry."""
     built = assemble(BenchmarkCase(index=0).scenario(Control()))
-    own = built.placed.own.model
+    own = built.own.model
     briefing = Briefing(model=own, water_error=0.0, control=control, task="barrel", seed=0)
     return built, RemoteController(briefing, **limits)
 
@@ -94,7 +94,7 @@ def test_every_first_entry_can_be_made():
 def test_the_truth_is_not_in_the_memory_of_the_entry(monkeypatch, tmp_path, rng):
     """The bytes of the object's true place are not found, nor random ones; those of limits that it was told are."""
     built = assemble(BenchmarkCase(index=0).scenario(Control()))
-    told = np.array(built.placed.own.vehicle.torque_limits[:3], dtype=np.float64)
+    told = np.array(built.own.vehicle.torque_limits[:3], dtype=np.float64)
     true = np.array(untyped(built.placed).truth.X_WT[:3, 3], dtype=np.float64)
     sought = (true, rng.normal(size=3), told)
     masked = np.stack([np.frombuffer(each.tobytes(), dtype=np.uint8) ^ bad_entries.MASK for each in sought])

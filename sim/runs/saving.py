@@ -20,7 +20,7 @@ def write_whole(file: str | Path, content: str | bytes, *, part_in: Path | None 
         ConfigurationError: The file cannot be written (no such folder, no right, no space).
     """
     path = Path(file)
-    part = (part_in or path.parent) / f".{path.name}.{os.getpid()}"
+    part = (path if part_in is None else part_in / path.name).with_name(f".{path.name}.{os.getpid()}")
     try:
         try:
             with part.open("wb") as stream:

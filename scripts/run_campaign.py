@@ -13,7 +13,7 @@ from pathlib import Path
 
 from tyro.conf import Positional
 
-from scenarios.campaigns.campaign import CampaignRun, failed_row, one_run, read_campaign
+from scenarios.campaigns.campaign import CampaignRun, crashed_row, one_run, read_campaign
 from scenarios.campaigns.campaign_report import summarise
 from scenarios.command import command
 from scenarios.study import HarnessOptions, Row, Study
@@ -59,7 +59,7 @@ def main() -> int:
         cases=runs if options.only is None else [one_of(runs, options.only)],
         run_one=one_run,
         summarise=partial(summarise, campaign=campaign, file=str(options.file)),
-        failed=failed_row,
+        failed=crashed_row,
         line=line,
     )
     return study.carry_out(campaign.name, options, f"Campaign {campaign.name}", campaign.limits)

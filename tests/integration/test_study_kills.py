@@ -1,10 +1,12 @@
-"""A study killed twenty times, its workers too: no run is lost or done twice, and the rows are whole each time."""
+"""A study killed twenty times, its workers and nodes too: no run is lost or doubled, and the rows are whole."""
 
 import os
 import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable, Mapping
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +16,7 @@ import pytest
 from scenarios.study import read_rows
 
 KILLS, CASES = 20, 400
+SIGNALS = (signal.SIGKILL, signal.SIGTERM)
 STUDY = """
 import sys
 sys.path.insert(0, "scripts")
@@ -27,8 +30,13 @@ if __name__ == "__main__":
         run_one=slow_and_logged,
         summarise=lambda rows: Summary(metrics={"runs": len(rows)}),
     )
-    raise SystemExit(study.carry_out("kills", StudyOptions(workers=2, out=out), "Kills"))
+    raise SystemExit(study.carry_out("kills", StudyOptions(workers=2, out=out, engine=sys.argv[3]), "Kills"))
 """
+
+pytestmark = [
+    pytest.mark.long,
+    pytest.mark.skipif(not Path("/proc/self/environ").exists(), reason="looks for processes in /proc"),
+]
 
 
 def processes(marker: str) -> set[int]:
@@ -44,14 +52,53 @@ def processes(marker: str) -> set[int]:
     return found - {os.getpid()}
 
 
-@pytest.mark.long
-@pytest.mark.skipif(not Path("/proc/self/environ").exists(), reason="looks for processes in /proc")
-def test_twenty_kills_lose_and_double_nothing(root, tmp_path):
-    script, out = tmp_path / "study.py", tmp_path / "out"
+def at_work() -> set[int]:
+    """Workers of Ray that carry out a run."""
+    found = set[int]()
+    for entry in Path("/proc").glob("[0-9]*"):
+        try:
+            if (entry / "cmdline").read_bytes().startswith(b"ray::_one"):
+                found.add(int(entry.name))
+        except OSError:
+            continue
+    return found
+
+
+def there(out: Path) -> list[int]:
+    """Cases of the rows in a folder."""
+    return [row["case"] for row in read_rows(out)]
+
+
+def wait_until(over: Callable[[], bool], what: str, limit: float = 60.0) -> None:
+    began = time.monotonic()
+    while not over():
+        assert time.monotonic() - began < limit, what
+        time.sleep(0.1)
+
+
+def killed_often(
+    root: Path,
+    folder: Path,
+    engine: str,
+    more: Mapping[str, str],
+    workers: Callable[[], set[int]],
+    node: Callable[[], None] | None = None,
+) -> None:
+    """Kills a study twenty times and lets it end.
+
+    Args:
+        root: The checkout.
+        folder: For the study.
+        engine: Its engine.
+        more: Environment variables.
+        workers: Processes of its workers.
+        node: Kills a node and gives a new one.
+    """
+    script, out = folder / "study.py", folder / "out"
     script.write_text(STUDY)
     path = os.pathsep.join([str(root), str(root / "tests" / "support")])
-    environment = {**os.environ, "PYTHONPATH": path, "KILL_TEST": str(tmp_path)}
-    command = [sys.executable, str(script), str(out), str(CASES)]
+    environment = {**os.environ, "PYTHONPATH": path, **more}
+    command = [sys.executable, str(script), str(out), str(CASES), engine]
     rng, seen = np.random.default_rng(0), 0
     for kill in range(KILLS):
         with subprocess.Popen(command, cwd=root, env=environment, stdout=subprocess.DEVNULL) as head:
@@ -60,16 +107,15 @@ def test_twenty_kills_lose_and_double_nothing(root, tmp_path):
                 time.sleep(float(rng.uniform(0.0, 0.1)))
             assert head.poll() is None, "it ended by itself"
             time.sleep(float(rng.uniform(0.0, 0.3)))
-            workers = sorted(processes(str(tmp_path)) - {head.pid})
-            if kill % 4 == 3 and workers:  # the study goes on
-                os.kill(int(rng.choice(workers)), (signal.SIGKILL, signal.SIGTERM)[kill // 4 % 2])
+            if kill % 4 == 3 and (alive := sorted(workers() - {head.pid})):  # the study goes on
+                os.kill(int(rng.choice(alive)), SIGNALS[kill // 4 % 2])
                 time.sleep(1.0)
-            head.send_signal((signal.SIGKILL, signal.SIGTERM)[kill % 2])
+            if kill % 4 == 1 and node is not None:
+                node()
+                assert head.poll() is None, "it ended with a node"
+            head.send_signal(SIGNALS[kill % 2])
             head.wait(60.0)
-        began = time.monotonic()
-        while processes(str(tmp_path)):
-            assert time.monotonic() - began < 30.0, f"left behind: {processes(str(tmp_path))}"
-            time.sleep(0.1)
+        wait_until(lambda: not workers(), "workers were left behind")
         found = there(out)
         assert len(found) == len(set(found)) >= seen
         assert sorted(found) == sorted(pq.read_table(out / "rows")["case"].to_pylist())
@@ -78,12 +124,47 @@ def test_twenty_kills_lose_and_double_nothing(root, tmp_path):
     assert done.returncode == 0, done.stderr
     assert sorted(there(out)) == list(range(CASES))
     begun = len(out.with_suffix(".log").read_text().splitlines())
-    assert (
-        CASES <= begun <= CASES + 4 * KILLS
-    )  # done again: what was under way on two workers, and after a death of one
-    print(f"{KILLS} kills: {CASES} rows, {begun - CASES} runs begun again")
+    # Done again: what was under way on two workers, and after the death of one or of a node.
+    assert CASES <= begun <= CASES + 4 * KILLS
+    print(f"{engine}: {KILLS} kills: {CASES} rows, {begun - CASES} runs begun again")
 
 
-def there(out: Path) -> list[int]:
-    """Cases of the rows in a folder."""
-    return [row["case"] for row in read_rows(out)]
+def test_local_processes(root, tmp_path):
+    killed_often(root, tmp_path, "processes", {"KILL_TEST": str(tmp_path)}, lambda: processes(str(tmp_path)))
+
+
+@pytest.mark.skipif(find_spec("ray") is None, reason="Ray is not installed")
+def test_a_ray_cluster_of_two_nodes(root, tmp_path, monkeypatch):
+    from ray.cluster_utils import Cluster
+
+    path = os.pathsep.join([str(root), str(root / "scripts"), str(root / "tests" / "support")])
+    for name, value in {"KILL_TEST": str(tmp_path), "PYTHONPATH": path, "RAY_TMPDIR": "/tmp/uuv_ray"}.items():
+        monkeypatch.setenv(name, value)
+    cluster = Cluster(initialize_head=True, head_node_args={"num_cpus": 1})
+    nodes = [cluster.add_node(num_cpus=1)]
+
+    def another_node() -> None:
+        cluster.remove_node(nodes.pop(), allow_graceful=False)
+        nodes.append(cluster.add_node(num_cpus=1))
+
+    try:
+        killed_often(root, tmp_path, "ray", {"RAY_ADDRESS": cluster.address}, at_work, another_node)
+    finally:
+        cluster.shutdown()
+    wait_until(lambda: not processes(str(tmp_path)), "processes of the cluster were left behind")
+
+
+@pytest.mark.skipif(find_spec("ray") is None, reason="Ray is not installed")
+@pytest.mark.parametrize("by", SIGNALS)
+def test_a_ray_cluster_ends_with_the_study_that_started_it(root, tmp_path, by):
+    script, out = tmp_path / "study.py", tmp_path / "out"
+    script.write_text(STUDY)
+    path = os.pathsep.join([str(root), str(root / "tests" / "support")])
+    environment = {**os.environ, "PYTHONPATH": path, "KILL_TEST": str(tmp_path)}
+    command = [sys.executable, str(script), str(out), str(CASES), "ray"]
+    with subprocess.Popen(command, cwd=root, env=environment, stdout=subprocess.DEVNULL) as head:
+        wait_until(lambda: bool(there(out)), "no row came", 120.0)
+        head.send_signal(by)
+        head.wait(60.0)
+    wait_until(lambda: not processes(str(tmp_path)), "processes were left behind")
+    assert len(there(out)) == len(set(there(out)))

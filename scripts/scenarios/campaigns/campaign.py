@@ -169,8 +169,13 @@ def one_run(task: CampaignRun) -> dict[str, Any]:
     }
 
 
+def crashed_row(task: CampaignRun, reason: str) -> dict[str, Any]:
+    """Row of a run that was ended from outside for `reason`: time, memory, death of its process."""
+    return failed_row(task, reason) | {"state": CRASHED}
+
+
 def failed_row(task: CampaignRun, reason: str) -> dict[str, Any]:
-    """Row of a run that gave no result for `reason`."""
+    """Row of a run that could not be begun for `reason`."""
     return {
         "case": task.case,
         "values": dict(task.values),

@@ -2,10 +2,9 @@
 
 import hashlib
 import json
-import os
 import sys
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass
 from functools import partial
 from pathlib import Path
@@ -17,8 +16,9 @@ from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Table as RichTable
 
-from scenarios.study.loaded_code import loaded_files
-from scenarios.study.local_processes import NO_LIMITS, run_all
+from scenarios.study.engines import Engine, engine_for
+from scenarios.study.loaded_code import digests, loaded_files, new_digests
+from scenarios.study.local_processes import NO_LIMITS
 from scenarios.study.options import PoolOptions
 from scenarios.study.row_log import KEY, METRICS, PAGE, TIMING, RowLog
 from scenarios.study.row_table import Row
@@ -137,7 +137,7 @@ class _Done:
     error: str
     wall_s: float | None
     cpu_s: float | None
-    files: frozenset[str]  # that the worker has loaded
+    code: Mapping[str, str]  # digests of the files that its process has loaded since its last result
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -174,30 +174,29 @@ class Study(Generic[Case]):
         """
         console = Console(width=None if sys.stdout.isatty() else 160)
         folder = options.out or RUNS / name
-        workers = options.workers or os.cpu_count() or 1
         keyed = {key_of(case): case for case in self.cases}
         began, made_by = time.perf_counter(), provenance(name, options)
         with RowLog.open(folder, anew=options.anew) as log:
-            left = {key: case for key, case in keyed.items() if key not in log.rows}
+            left = {key: case for key, case in keyed.items() if not log.has(key)}
             if len(left) < len(keyed):
                 console.print(f"{len(keyed) - len(left)} of {len(keyed)} runs are there already", highlight=False)
             log.made_with(made_by["options"])
-            if (not options.workers and len(left) <= 1) or not left:
-                workers = 1
-            self._fill(log, left, self._results(list(left.values()), workers, limits), console)
+            engine = engine_for(options.engine, options.workers, len(left), limits)
+            if left:
+                self._fill(log, left, engine, limits, console)
             rows = [log.rows[key_of(case)] for case in self.cases]
-            pace = _pace(rows, len(left), workers, time.perf_counter() - began)
+            pace = _pace(rows, len(left), engine.place, time.perf_counter() - began)
             summary = self.summarise([_without_log(row) for row in rows])
             write_json(folder / METRICS, as_json({**summary.metrics, **summary.verdict, "provenance": made_by}))
             summary.print_to(console)
             console.print(pace, highlight=False)
+            if lost := sum(not log.has(key) for key in keyed):
+                console.print(f"{lost} runs: {DIED}; the same command does them again", highlight=False)
             summary.write_page(folder / PAGE, title, made_by["options"], pace)
             console.print(f"written to {folder}/", highlight=False)
         return 0 if summary.accepted else NOT_ACCEPTED
 
-    def _fill(
-        self, log: RowLog, left: Mapping[str, Case], results: Iterator[tuple[Case, "_Done"]], console: Console
-    ) -> None:
+    def _fill(self, log: RowLog, left: Mapping[str, Case], engine: Engine, limits: Limits, console: Console) -> None:
         """Runs the cases in `left`, by key, and adds their rows to the log."""
         progress = Progress(
             TextColumn("{task.description}"),
@@ -208,28 +207,21 @@ class Study(Generic[Case]):
             console=console,
             disable=not console.is_terminal,
         )
-        if left:
-            log.depends_on(loaded_files())
+        log.depends_on(digests(loaded_files()))
+        run = partial(_timed, self.run_one, limits.time_s)
         with progress:
             bar = progress.add_task("runs", total=len(left))
-            for case, done in results:
+            for case, done in engine.results(list(left.values()), run, _died):
                 row = done.row
                 if row is None and self.failed is not None:
                     row = as_json(self.failed(case, done.error))
                 elif row is None:
                     raise ConfigurationError(f"{case}: {DIED}" if done.error == DIED else done.error)
-                log.depends_on(done.files)
+                log.depends_on(done.code)
                 log.add(key_of(case), row, {"wall_s": done.wall_s, "cpu_s": done.cpu_s})
                 progress.advance(bar)
                 if said := self.line(row):
                     console.print(said, highlight=False, markup=False)
-
-    def _results(self, cases: Sequence[Case], workers: int, limits: Limits) -> Iterator[tuple[Case, _Done]]:
-        """Each case with its result; a single worker is this process, unless a limit needs one of its own."""
-        run = partial(_timed, self.run_one, limits.time_s)
-        if workers == 1 and not limits.need_a_worker:
-            return ((case, run(case)) for case in cases)
-        return run_all(cases, workers, run, _died, limits)
 
 
 def key_of(case: Any) -> str:
@@ -254,17 +246,17 @@ def _timed(run_one: Callable[[Case], Mapping[str, Any]], limit_s: float | None, 
         row, error = None, f"not done within {limit_s:g} s"
     except MemoryError:
         row, error = None, "out of memory"
-    return _Done(row, error, time.perf_counter() - wall, time.process_time() - cpu, loaded_files())
+    return _Done(row, error, time.perf_counter() - wall, time.process_time() - cpu, new_digests())
 
 
 def _died(_: Any) -> _Done:
-    return _Done(None, DIED, None, None, frozenset())
+    return _Done(None, DIED, None, None, {})
 
 
-def _pace(rows: Sequence[Row], done: int, workers: int, wall_s: float) -> str:
+def _pace(rows: Sequence[Row], done: int, place: str, wall_s: float) -> str:
     """Sentence about the computing time of all rows, and of those that were done now."""
     cpu = sum(row[TIMING]["cpu_s"] or 0.0 for row in rows)
-    now = f"; {done} of them now, in {wall_s:.0f} s on {workers} workers" if done else ""
+    now = f"; {done} of them now, in {wall_s:.0f} s on {place}" if done else ""
     return f"{len(rows)} runs in {cpu:.0f} s of one core{now}."
 
 

@@ -27,6 +27,19 @@ def loaded_files() -> frozenset[str]:
     return frozenset(found)
 
 
+def new_digests() -> dict[str, str]:
+    """Digests of those `loaded_files` that this process has not told before; what it has told, it does not read again.
+
+    So a process that loads a changed file later than another one tells another digest of it.
+    """
+    files = loaded_files() - _told
+    _told.update(files)
+    return digests(files)
+
+
+_told: set[str] = set()
+
+
 def digests(files: Iterable[str]) -> dict[str, str]:
     """Digest of the content of each of `files`, named as by `loaded_files`; empty for one that is not there."""
     return {file: _digest(HOME / file) for file in sorted(files)}

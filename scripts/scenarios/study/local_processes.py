@@ -65,11 +65,9 @@ def run_all(
         except BrokenProcessPool:
             if not alone:
                 suspects = [(task, 1) for task in reversed(list(under_way.values()))]
-                if limits.retries == 0 and len(suspects) == 1:
-                    yield suspects[0][0], died(suspects.pop()[0])
             elif under_way:
                 task, deaths = suspects.pop()
-                if deaths < max(1, limits.retries):
+                if deaths < limits.retries:
                     suspects.append((task, deaths + 1))
                 else:
                     yield task, died(task)

@@ -4,12 +4,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
+from scenarios.study.engines import EngineName
 from sim.interfaces.errors import ConfigurationError
 
 
 class PoolOptions(Protocol):
     """What `Study.carry_out` reads of a command's options."""
 
+    engine: EngineName
     workers: int
     out: Path | None
     anew: bool
@@ -19,6 +21,8 @@ class PoolOptions(Protocol):
 class HarnessOptions:
     """Options of the harness of studies and campaigns."""
 
+    engine: EngineName = "processes"
+    """processes: of this machine. ray: a Ray cluster, that of RAY_ADDRESS or one started here (extra cluster)."""
     workers: int = 0
     """Number of processes; 0: one for each core, 1: this one. Results do not depend on it."""
     out: Path | None = None

@@ -1,7 +1,7 @@
 """Rows of a study on disk, and what they depend on: one process writes, and rows of other code are refused."""
 
 import json
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Self
@@ -87,10 +87,26 @@ class RowLog:
         with alone_in(folder):
             yield cls(folder, anew=anew)
 
-    def depends_on(self, files: Iterable[str]) -> None:
-        """Adds files, named as by `loaded_files`, to those that the rows depend on."""
-        if new := set(files) - self._code.keys():
-            self._code |= digests(new)
+    def has(self, key: str) -> bool:
+        """True if there is a row of that case from a run that came to an end; one whose process died is done again."""
+        return key in self.rows and self.rows[key][TIMING]["wall_s"] is not None
+
+    def depends_on(self, code: Mapping[str, str]) -> None:
+        """Adds files, by name as of `loaded_files`, to those that the rows depend on.
+
+        Args:
+            code: Their digests, as a process of the study has read them.
+
+        Raises:
+            ConfigurationError: A process has read another content of a file than an earlier one.
+        """
+        if other := [file for file, digest in code.items() if self._code.get(file, digest) != digest]:
+            raise ConfigurationError(
+                f"{', '.join(other[:_NAMED])}: changed while the study was at work, or other on another machine; the "
+                "rows that are there are of the earlier content"
+            )
+        if code.keys() - self._code.keys():
+            self._code |= code
             self._write_about()
 
     def made_with(self, settings: Mapping[str, Any]) -> None:
@@ -100,7 +116,7 @@ class RowLog:
             self._write_about()
 
     def add(self, key: str, row: Row, timing: Mapping[str, float | None]) -> None:
-        """Appends a row; it is on the disk when this returns.
+        """Adds a row, in place of one of the same case; it is on the disk when this returns.
 
         Args:
             key: Identifies the case.
@@ -111,7 +127,7 @@ class RowLog:
             ConfigurationError: The file cannot be written.
         """
         whole = {**row, KEY: key, TIMING: dict(timing)}
-        self._table.add(whole)
+        self._table.add(whole, at=list(self.rows).index(key) if key in self.rows else None)
         self.rows[key] = whole
 
     def _write_about(self) -> None:

@@ -57,8 +57,12 @@ class RowTable:
         if len(self.rows) % CHUNK == 0:
             self._last = pa.table({})
 
-    def add(self, row: Row) -> None:
-        """Appends a row; it is on the disk when this returns.
+    def add(self, row: Row, *, at: int | None = None) -> None:
+        """Adds a row; it is on the disk when this returns.
+
+        Args:
+            row: The row.
+            at: Number of a row that it replaces; None: it is one more.
 
         Raises:
             ConfigurationError: The file cannot be written, or two values of the row have one name.
@@ -72,15 +76,32 @@ class RowTable:
         try:
             if grown:
                 self._write_all()
-            last = self._table([row])
-            if self._last.num_rows:
-                last = pa.concat_tables([self._last, last]).combine_chunks()
-            self._write(len(self.rows) // CHUNK, last)
+            if at is None:
+                self._append(row)
+            else:
+                self._replace(at, row)
         except ConfigurationError:
             self._kinds = before
             raise
+
+    def _append(self, row: Row) -> None:
+        last = self._table([row])
+        if self._last.num_rows:
+            last = pa.concat_tables([self._last, last]).combine_chunks()
+        self._write(len(self.rows) // CHUNK, last)
         self.rows.append(row)
         self._last = last if last.num_rows < CHUNK else pa.table({})
+
+    def _replace(self, at: int, row: Row) -> None:
+        number = at // CHUNK
+        first = number * CHUNK
+        rows = self.rows[first : first + CHUNK]
+        rows[at - first] = row
+        table = self._table(rows)
+        self._write(number, table)
+        self.rows[at] = row
+        if table.num_rows < CHUNK:
+            self._last = table
 
     def _write_all(self) -> None:
         """Writes all files anew with the columns of now, the first one first: pandas takes the columns from it."""

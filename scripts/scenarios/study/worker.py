@@ -23,14 +23,14 @@ class Limits:
 
     time_s: float | None = None  # [s] wall time of a run
     memory_mb: int | None = None  # [MB] private memory of a worker
-    retries: int = 1  # times that a run whose process died is done again
+    retries: int = 1  # times that a run whose process died is done again; at least once: its neighbours die with it
 
     def __post_init__(self) -> None:
         if self.time_s is not None:
             finite_number(self.time_s, "time limit", above=0.0)
         if self.memory_mb is not None:
             whole_number(self.memory_mb, "memory limit", least=1)
-        whole_number(self.retries, "retries")
+        whole_number(self.retries, "retries", least=1)
 
     @property
     def need_a_worker(self) -> bool:
@@ -48,6 +48,11 @@ def begin(parent: int, limits: Limits) -> None:
         if signal.getsignal(number) is not signal.SIG_IGN:  # ignored under nohup: the workers keep that
             signal.signal(number, signal.SIG_DFL)  # only the study prints a message
     end_with(parent)
+    limit_memory(limits)
+
+
+def limit_memory(limits: Limits) -> None:
+    """Limits the private memory of this process; what is beyond raises MemoryError."""
     if limits.memory_mb is not None:
         import resource  # not on Windows
 

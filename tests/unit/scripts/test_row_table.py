@@ -51,6 +51,26 @@ def test_rows_come_back_as_they_were(tmp_path_factory, rows):
     assert same(RowTable(folder).rows, rows)
 
 
+@settings(max_examples=20, deadline=None)
+@given(
+    rows=st.lists(st.dictionaries(st.sampled_from("abcd"), VALUES, max_size=4), min_size=1, max_size=5),
+    other=st.dictionaries(st.sampled_from("abcde"), VALUES, max_size=4),
+    at=st.integers(0, 4),
+)
+def test_a_row_takes_the_place_of_another(tmp_path_factory, rows, other, at):
+    """In a file that is full, and in the last one."""
+    at %= len(rows)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(row_table, "CHUNK", 2)
+        folder = tmp_path_factory.mktemp("rows")
+        table = filled(folder, rows)
+        table.add(other, at=at)
+        table.add({"a": 1})
+        expected = [*rows[:at], other, *rows[at + 1 :], {"a": 1}]
+        assert same(read_rows(folder), expected)
+        assert same(RowTable(folder).rows, expected)
+
+
 def test_columns_are_typed_and_named_by_dots(tmp_path):
     rows = [
         {"run": 0, "class": "kept", "figures": {"rms": 1, "lost": None}, "at": [1.0, None], "odd": 1},

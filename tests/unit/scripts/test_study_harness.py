@@ -192,7 +192,7 @@ def test_rows_are_stale_once_a_file_that_was_loaded_has_changed(tmp_path, monkey
     assert not any("numpy" in file for file in files)
     folder = tmp_path / "out"
     folder.mkdir()
-    begun(folder).depends_on(files)
+    begun(folder).depends_on(digests(files))
     assert set(RowLog(folder).rows) == {"0", "1"}
     (package / "table.csv").write_text("2")
     with pytest.raises(ConfigurationError, match=r"holds runs of other code \(changed: .*table.csv\); --anew"):
@@ -256,7 +256,7 @@ def test_log_goes_on_where_it_was_cut(tmp_path):
 
 def test_settings_are_kept_beside_the_rows(tmp_path):
     begun(tmp_path).made_with({"seed": 3})
-    RowLog(tmp_path).depends_on(["pyproject.toml"])
+    RowLog(tmp_path).depends_on(digests(["pyproject.toml"]))
     about = json.loads((tmp_path / "study.json").read_text())
     assert about["settings"] == {"seed": 3}
     assert about["schema"] == 1
@@ -303,12 +303,36 @@ def test_a_run_beyond_its_limits_is_told_and_the_others_are_done():
 
 
 def test_a_run_is_done_again_as_often_as_it_may(tmp_path):
-    for retries in (0, 2):
+    for retries in (1, 2):
         tasks = [str(tmp_path / f"{retries}")]
         assert list(local_processes.run_all(tasks, 1, dying, len, Limits(retries=retries))) == [
             (tasks[0], len(tasks[0]))
         ]
         assert len(Path(tasks[0]).read_text()) == retries + 1
+
+
+def test_a_run_whose_process_died_is_done_again_by_the_same_command(capsys):
+    failed = lambda case, reason: {"run": case, "reason": reason}  # noqa: E731
+    carried_out(Study(cases=range(4), run_one=deadly, summarise=summed, failed=failed), workers=2)
+    assert f"1 runs: {harness.DIED}; the same command does them again" in capsys.readouterr().out
+    before = {row["run"]: row for row in rows_of()}
+    assert [run for run, row in before.items() if "value" not in row] == [DEADLY]
+    code, metrics = carried_out(Study(cases=range(4), run_one=squared, summarise=summed, failed=failed))
+    assert "3 of 4 runs are there already" in capsys.readouterr().out
+    after = {row["run"]: row for row in rows_of()}
+    assert code == 0
+    assert len(rows_of()) == 4
+    assert list(after) == list(before)
+    assert all(after[run] == row for run, row in before.items() if run != DEADLY)
+    assert metrics["sum"] == pytest.approx(sum(row["value"] for row in after.values()))
+
+
+def test_a_file_that_changes_while_a_study_is_at_work_ends_it(tmp_path):
+    log = begun(tmp_path)
+    log.depends_on({"one.py": "a", "two.py": "b"})
+    log.depends_on({"two.py": "b", "three.py": "c"})
+    with pytest.raises(ConfigurationError, match=r"two\.py: changed while the study was at work"):
+        log.depends_on({"two.py": "x"})
 
 
 def test_workers_ignore_the_signals_that_the_study_ignores():

@@ -1,6 +1,7 @@
 """Ray engine: runs of a study on a Ray cluster, one that exists or one started on this machine for the study."""
 
 import os
+import signal
 import sys
 import time
 from collections import deque
@@ -19,8 +20,8 @@ from sim.interfaces.errors import ConfigurationError, one_line
 os.environ.setdefault("RAY_ENABLE_UV_RUN_RUNTIME_ENV", "0")
 os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
 try:
-    import ray
-    from ray import exceptions as lost
+    import ray  # pyright: ignore[reportMissingImports]
+    from ray import exceptions as lost  # pyright: ignore[reportMissingImports]
 except ImportError as error:
     raise ConfigurationError("--engine ray: Ray is not installed here; ./uvw sync --extra cluster does it") from error
 
@@ -30,6 +31,7 @@ ADDRESS = "RAY_ADDRESS"  # Ray's own variable: address of a cluster
 _AHEAD = 2  # tasks that wait or run, for each processor of the cluster: the next one is there when one is done
 _LOOK = 5.0  # [s] between two looks how many processors there are: a cluster may grow
 _THREADS = "OMP_NUM_THREADS"
+_SIGNALS = (signal.SIGINT, signal.SIGTERM)  # Ray takes them, and prints a trace of its stack; they are the command's
 _HANDED_ON = ("NUMBA_CACHE_DIR",)  # variables of this process that workers get
 
 
@@ -65,6 +67,7 @@ def _connected(workers: int) -> Iterator[None]:
     """Connects to the cluster; ends what was started, and the tasks under way, in the end."""
     exists = os.environ.get(ADDRESS)
     settings = {_THREADS: "1", "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
+    handlers = {number: signal.getsignal(number) for number in _SIGNALS}
     settings |= {name: value for name in _HANDED_ON if (value := os.environ.get(name))}
     try:
         ray.init(
@@ -78,6 +81,8 @@ def _connected(workers: int) -> Iterator[None]:
     except (ConnectionError, RuntimeError, ValueError, lost.RayError) as error:
         where = f" at {exists}" if exists else ""
         raise ConfigurationError(f"--engine ray: no cluster{where}: {one_line(str(error))}") from error
+    for number, handler in handlers.items():
+        signal.signal(number, handler)
     try:
         yield
     finally:

@@ -7,6 +7,7 @@ Only this room may wire plant, sensors, navigation and controller. Each of them 
 compiled functions that its own step in Python calls too; the two ways therefore give the same bits. Planner and
 station keeping are called in Python between two compiled stretches. Ticks at which something else is due run part by
 part: fixes, frames. So does every tick after a fault, and a whole run with a part without a kernel; `reason` names it.
+Around a controller without a kernel the rest is compiled all the same (`scenarios.ticks_around`).
 """
 
 from collections.abc import Sequence
@@ -15,7 +16,7 @@ from typing import Any, NamedTuple
 import numba
 import numpy as np
 
-from controllers.drive_span import DriveSpan, replaced_part
+from controllers.drive_span import DriveSpan
 from controllers.drive_tick import FINE, HULL, NO_POSE, UNSOUND, DriveRecord, ReferenceRecord, drive_tick
 from controllers.drive_tick import NORMAL as FELT
 from controllers.safety.safety_wrapper import SafetyWrapper
@@ -76,8 +77,8 @@ class World(NamedTuple):
 
 @numba.njit(cache=True)
 @keyed_by_imports
-def _box_of(world):
-    """`RecordBox` of a `World`."""
+def box_of(world):
+    """`RecordBox` of a `World`, or of another tuple of records."""
     return new_box(world)
 
 
@@ -103,7 +104,7 @@ def run_ticks(box, ticks, begun, onward):
         if stage < _PLANNED and wanted > _NEW:
             if observe(plant):
                 return done, _NEW, FINE
-            _perceive(world)
+            perceive(world)
             stage = _PLANNED
         if stage < _COMMANDED and wanted == _COMMANDED:
             outcome = drive_tick(drive, estimate, world.reference)
@@ -114,7 +115,7 @@ def run_ticks(box, ticks, begun, onward):
                 return done, stage, outcome
         if done == ticks:
             break
-        _record(world)
+        record_row(world)
         _copy(estimate, world.sound)
         advance(plant, drive.tau, world.thrusters)
         stage = _NEW
@@ -123,8 +124,8 @@ def run_ticks(box, ticks, begun, onward):
 
 @numba.njit(cache=True, **_WITHIN)
 @keyed_by_imports
-def _perceive(world):
-    """Samples of the sensors into the filter, and its estimate."""
+def perceive(world):
+    """Samples of the sensors into the filter, and its estimate; of a `World` or a `Surround`."""
     s, joints, sample = world.sensed, world.joints, world.sample
     encode(s.encoders, s.q, s.qd, joints.q, joints.qd)
     transmit(s.torques, s.tau_drive, s.tau_friction, s.armature, s.qdd, s.damping, s.qd, joints.tau)
@@ -136,8 +137,8 @@ def _perceive(world):
 
 @numba.njit(cache=True, **_WITHIN)
 @keyed_by_imports
-def _record(world):
-    """Write one row of the recording."""
+def record_row(world):
+    """Write one row of the recording; of a `World` or a `Surround`."""
     contacts, drive = world.plant.readout.contacts, world.drive
     scalars = (
         contacts[NORMAL],
@@ -189,11 +190,39 @@ def reason(plant: Any, parts: Parts, observers: Sequence[Observer]) -> str:
             return f"rate or delay of sensor {type(sensor).__name__}"
     if type(parts.estimator) is not Navigation:
         return f"estimator {type(parts.estimator).__name__}"
-    for part in (parts.estimator, parts.controller):
-        if part.period != period:
-            return f"period of {type(part).__name__}"
+    if parts.estimator.period != period:
+        return f"period of {type(parts.estimator).__name__}"
     seeing = [type(observer).__name__ for observer in observers if not hasattr(observer, "slow_ticks")]
-    return replaced_part(parts.controller) or (f"observer {seeing[0]}" if seeing else "")
+    return f"observer {seeing[0]}" if seeing else ""
+
+
+def sensed_by(plant: Plant, states: Sequence[Any]) -> Sensed:
+    """Memories of the sensors of every tick, and the truth of `plant` that they read.
+
+    Args:
+        plant: of the run.
+        states: of the sensors in _DRIVES.
+    """
+    truth = plant.truth
+    return Sensed(
+        *(each.record for each in states),
+        R_WB=truth.R_WB,
+        acceleration=truth.acceleration,
+        w_WB_B=truth.w_WB_B,
+        q=truth.q,
+        qd=truth.qd,
+        qdd=truth.qdd,
+        tau_drive=truth.tau_drive,
+        tau_friction=truth.tau_friction,
+        armature=truth.armature,
+        damping=truth.joint_damping,
+    )
+
+
+def drive_states(run: Rollout) -> list[Any]:
+    """States of the sensors of every tick, in the order of `Sensed`."""
+    states = dict(zip((type(sensor) for sensor in run.parts.sensors), run.sensor_states, strict=True))
+    return [states[kind] for kind in _DRIVES]
 
 
 class CompiledTicks:
@@ -214,30 +243,16 @@ class CompiledTicks:
         assert isinstance(wrapper, SafetyWrapper)
         self._drive = DriveSpan(wrapper, run.controller_state)
         self._slow_ticks = frozenset(ticks for each in run.observers for ticks in getattr(each, "slow_ticks", ()))
-        states = dict(zip((type(sensor) for sensor in run.parts.sensors), run.sensor_states, strict=True))
-        self._noise = [states[kind] for kind in _DRIVES]
+        self._noise = drive_states(run)
         self._pack(run)
         return self
 
     def _pack(self, run: Rollout) -> None:
         """Bind the arrays of all parts."""
         truth, navigation = self._plant.truth, run.estimator_state
-        sensed = Sensed(
-            *(each.record for each in self._noise),
-            R_WB=truth.R_WB,
-            acceleration=truth.acceleration,
-            w_WB_B=truth.w_WB_B,
-            q=truth.q,
-            qd=truth.qd,
-            qdd=truth.qdd,
-            tau_drive=truth.tau_drive,
-            tau_friction=truth.tau_friction,
-            armature=truth.armature,
-            damping=truth.joint_damping,
-        )
         world = World(
             plant=self._plant.record(),
-            sensed=sensed,
+            sensed=sensed_by(self._plant, self._noise),
             filter=navigation.memory,
             sample=navigation.sample,
             joints=navigation.joints,
@@ -249,7 +264,7 @@ class CompiledTicks:
             rows=self._recorder.record(truth),
             referred=np.zeros(1, dtype=np.int64),
         )
-        self._world, self._box = world, _box_of(as_annotated(world))
+        self._world, self._box = world, box_of(as_annotated(world))
 
     def advance(self, run: Rollout, tick: int, end: int) -> int:
         """Run ticks from `tick` up to `end` as far as possible: up to a frame, a fault, or the end of the work.

@@ -9,9 +9,10 @@ import numpy as np
 
 from scenarios import first_start
 from scenarios.assembly import Assembly, assemble
-from scenarios.compiled_ticks import CompiledTicks, reason
+from scenarios.compiled_ticks import reason
 from scenarios.scenario import Scenario
 from scenarios.tasks.task import RunResult
+from scenarios.ticks_around import ticks_for
 from sim.evaluation.metrics import Assessment
 from sim.loop.recording import Recorder, Recording
 from sim.loop.rollout import Moment, Observer, rollout
@@ -80,7 +81,7 @@ def rehearse(assembly: Assembly) -> None:
     plant, parts, rng = assembly.plant, assembly.parts, np.random.default_rng(assembly.scenario.seed)
     rollout(plant, parts, duration=REHEARSAL, rng=rng)
     if not reason(assembly.loop.plant, parts, ()):
-        compiled = CompiledTicks(plant, Recorder(plant.model, timestep=plant.timestep, full=False)).bind
+        compiled = ticks_for(plant, parts, Recorder(plant.model, timestep=plant.timestep, full=False)).bind
         plant.reset(current=Current(assembly.scenario.site.current), X_WB=assembly.X_WB)  # no gust is drawn
         rollout(plant, parts, duration=REHEARSAL, rng=rng, compiled=compiled)
 
@@ -125,7 +126,7 @@ def run_through(
             duration=assembly.placed.longest if longest is None else longest,
             rng=assembly.noise,
             observers=[recorder, *seen],
-            compiled=None if why else CompiledTicks(plant, recorder).bind,
+            compiled=None if why else ticks_for(plant, loop.parts, recorder).bind,
         )
     except Interrupted:
         if stop.last is None:

@@ -203,19 +203,13 @@ class Rollout:
         """Run the rest of a tick, from the stage that it has reached; returns its snapshot."""
         if self.stage < Stage.ESTIMATED:
             self.begin(tick)
-        parts, stage = self.parts, self.stage
+        stage = self.stage
         if stage < Stage.PLANNED and tick % self.planner_ticks == 0:
             self.plan()
+        command = self.control(tick) if stage < Stage.COMMANDED else self.command
+        self.stage = Stage.NEW
         assert self.reference is not None
-        scanned = self.command is not None and self.command.scan
-        if stage < Stage.COMMANDED and tick % self._controller_ticks == 0:
-            self.controller_state, self.command = parts.controller.step(
-                self.controller_state, self.estimate, self.reference
-            )
-        command, self.stage = self.command, Stage.NEW
         assert command is not None
-        if command.scan and not scanned:
-            self._asked = tick + 1
         moment = Moment(
             tick, self.truth, self.estimate, self.target, self.reference, command, self.frame, self._finder_state
         )
@@ -231,6 +225,19 @@ class Rollout:
             self._planner_state, self.estimate, self.target, self.command
         )
         return self.reference
+
+    def control(self, tick: int) -> Command:
+        """Step the controller where that is due at `tick`; returns the present command."""
+        assert self.reference is not None
+        scanned = self.command is not None and self.command.scan
+        if tick % self._controller_ticks == 0:
+            self.controller_state, self.command = self.parts.controller.step(
+                self.controller_state, self.estimate, self.reference
+            )
+        assert self.command is not None
+        if self.command.scan and not scanned:
+            self._asked = tick + 1
+        return self.command
 
     @property
     def looking(self) -> bool:

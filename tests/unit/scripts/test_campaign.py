@@ -144,6 +144,7 @@ def test_examples_can_be_read(root, name):
         ("log_uniform = [1e4, 1e6]", "categorical = []", r"categorical: needs values"),
         ("contact.force_error_rms_n", "contact.luck", r"no metric 'contact.luck'; this task has"),
         ("contact.lost_s", "timings.wall_s", r"no metric 'timings.wall_s'"),
+        ("names = [", "name = [", r"metrics: no key 'name'; there is names"),
         ("cases = 4", "cases = 0", r"cases"),
         ("cases = 4", "", r"cases is missing"),
         ("cases = 4", "cases = 4\nworkers = 2", r"no key 'workers'; there are"),
@@ -176,7 +177,8 @@ def test_outcomes_are_counted_by_code(tmp_path):
 
     def row(case: int, state: str = "done", code: str = "", lost: float | None = 0.0) -> dict[str, Any]:
         metrics: Mapping[str, Any] = {"contact.force_error_rms_n": 1.0 + case, "contact.lost_s": lost}
-        return {"case": case, "state": state, "code": code, "accepted": True, "metrics": metrics}
+        draws = {"values": {"x": float(case)}, "drawn": {}}
+        return {"case": case, "state": state, "code": code, "accepted": True, "metrics": metrics, **draws}
 
     rows = [row(0), row(1), row(2, lost=0.1), row(3, "abort", "jammed"), row(4, lost=None)]
     summary = campaign_report.summarise(rows, campaign, "mine.toml")

@@ -70,8 +70,9 @@ def summarise(rows: list[Row], campaign: Campaign, file: str) -> Summary:
     Args:
         rows: Of all its runs.
         campaign: The campaign.
-        file: Its file, for the replay commands.
+        file: Its file, and the options that change it, for the replay commands.
     """
+    replay = f"scripts/run_campaign.py {file} --replay"
     outcomes = [outcome(row, campaign.bounds) for row in rows]
     counts = Counter(outcomes).most_common()
     kept = outcomes.count(KEPT)
@@ -91,7 +92,7 @@ def summarise(rows: list[Row], campaign: Campaign, file: str) -> Summary:
                     name,
                     str(count),
                     ", ".join(map(str, first[name][:_SHOWN])) + (", ..." if count > _SHOWN else ""),
-                    f"scripts/run_campaign.py {file} --replay {first[name][0]}",
+                    f"{replay} {first[name][0]}",
                 )
                 for name, count in counts
             ],
@@ -103,6 +104,8 @@ def summarise(rows: list[Row], campaign: Campaign, file: str) -> Summary:
     return Summary(
         metrics={
             "runs": len(rows),
+            "bounds": dict(campaign.bounds),
+            "replay": replay,
             "kept": {"runs": kept, "share": share, "low": low, "high": high},
             "outcomes": dict(counts),
             "metrics": {name: _quantiles(_values(rows, name)) for name in _names(campaign)},
@@ -164,8 +167,11 @@ def histogram_figure(values: Mapping[str, Sequence[float]], bounds: Mapping[str,
         if low > 0.0 and high > _LONG_TAIL * median:
             axes.set_xscale("log")
             edges = np.geomspace(low, found.max() * (1.0 + 1e-9), count + 1)
-        else:
+        elif found.min() < found.max():
             edges = np.histogram_bin_edges(found, count)
+        else:  # one bar around the only value
+            edges = median + (abs(median) or 1.0) * np.array([-0.05, 0.05])
+            axes.set_xlim(*(median + (abs(median) or 1.0) * np.array([-0.5, 0.5])))
         axes.hist(found, edges, color=BLUE, edgecolor="white", linewidth=0.4)
         if name in bounds:
             axes.axvline(bounds[name], color=VERMILION, linewidth=1.1, linestyle="--")
@@ -173,6 +179,8 @@ def histogram_figure(values: Mapping[str, Sequence[float]], bounds: Mapping[str,
         axes.spines[["top", "right"]].set_visible(False)
         axes.tick_params(labelsize=8)
         axes.yaxis.get_major_locator().set_params(integer=True)
+        if axes.get_xscale() == "linear":
+            axes.locator_params(axis="x", nbins=4)
     for axes in panels[:, 0]:
         axes.set_ylabel("runs", fontsize=9)
     return figure

@@ -13,6 +13,7 @@ SEEDS = ("seed", "perturbation_seed", "variation_seed")  # drawn, but of no orde
 LEVEL = 0.95  # of intervals, and of the null level
 RESAMPLES = 1000  # of the bootstrap
 FIRST = 5  # parameters that a ranking names
+ANY = "any reason"  # beside the single ones
 FEWEST_FAILED = 3  # runs of one reason that are compared with the others
 _PART = 500_000  # weights of runs at a time: bounds the memory
 _RIDGE = 1e-10  # added to correlations: a column that is constant in a resample then has coefficient 0
@@ -206,15 +207,18 @@ class ReasonShift:
 
 
 def shifts(factors: Sequence[Factor], reasons: Sequence[Sequence[str]]) -> list[ReasonShift]:
-    """For each reason of at least three runs: where these runs lie in the range of each parameter with one column.
+    """Where the runs that failed for a reason lie in the range of each parameter with one column.
+
+    For each reason of at least three runs, and for all reasons together.
 
     Args:
         factors: Parameters, such as the first five of a ranking.
         reasons: Why each run failed: none, one or several.
     """
     found = []
-    for reason in dict.fromkeys(reason for several in reasons for reason in several):
-        having = np.array([reason in several for several in reasons])
+    named = dict.fromkeys(reason for several in reasons for reason in several)
+    for reason in (*named, *((ANY,) if len(named) > 1 else ())):
+        having = np.array([bool(several) if reason == ANY else reason in several for several in reasons])
         for one in factors:
             known = ~np.isnan(one.columns).any(axis=1)
             inside = having[known]

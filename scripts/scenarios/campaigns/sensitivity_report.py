@@ -135,8 +135,8 @@ class SensitivityReport:
         if self.found:
             yield (
                 "Sensitivity of all figures",
-                "Partial rank correlation of each figure with each parameter; bold and in black or white: beyond what "
-                "a parameter without effect reaches in 19 of 20 cases.",
+                "Partial rank correlation of each figure with each parameter; bold: beyond what a parameter without "
+                "effect stays in, 19 times of 20.",
                 matrix_figure(self.found),
             )
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.stats import beta, mannwhitneyu, rankdata
 
 from sim.interfaces.spatial import Array
@@ -157,7 +158,7 @@ def sensitivity(
     )
 
 
-def _coefficients(table: Array, weights: Array, owner: Array) -> tuple[Array, Array]:
+def _coefficients(table: Array, weights: NDArray[Any], owner: NDArray[np.int_]) -> tuple[Array, Array]:
     """Partial correlations (samples, parameters) and R^2 (samples,), from inverses of correlation matrices.
 
     Args:

@@ -9,6 +9,7 @@ from matplotlib.figure import Figure
 
 from scenarios.campaigns.sensitivity import (
     FIRST,
+    LEVEL,
     RESAMPLES,
     Factor,
     ReasonShift,
@@ -24,7 +25,7 @@ from sim.reporting.report_figures import BLUE, FAINT, INK, WIDTH
 
 MISSED, WORST = "missed", "worst ratio to a bound"  # responses that rank the parameters
 _ORIGIN = "perturbations."  # left out of labels
-_CHANCE = 0.05
+_CHANCE = 1.0 - LEVEL  # share of the parameters without effect that leave the null level
 _SMALLEST = 1e-4  # of a p that is shown
 
 

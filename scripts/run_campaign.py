@@ -6,6 +6,7 @@
 
 from scenarios.start import parse, run_scenario  # isort: skip
 
+import shlex
 import time
 from dataclasses import dataclass, replace
 from functools import partial
@@ -50,6 +51,7 @@ def main() -> int:
     campaign = read_campaign(options.file)
     changed = {name: value for name in ("seed", "cases") if (value := getattr(options, name)) is not None}
     campaign = replace(campaign, **changed)
+    given = [f"--{name} {value}" for name, value in changed.items()]
     runs = campaign.runs()
     if options.replay is not None:
         run = one_of(runs, options.replay)
@@ -58,7 +60,7 @@ def main() -> int:
     study = Study(
         cases=runs if options.only is None else [one_of(runs, options.only)],
         run_one=one_run,
-        summarise=partial(summarise, campaign=campaign, file=str(options.file)),
+        summarise=partial(summarise, campaign=campaign, file=" ".join((shlex.quote(str(options.file)), *given))),
         failed=crashed_row,
         line=line,
     )

@@ -265,7 +265,11 @@ def _campaign(given: dict[str, Any], path: Path) -> Campaign:
             distributions[key] = Distribution.of(value)
         except ConfigurationError as error:
             raise ConfigurationError(f"distributions: {key}: {error}") from error
-    names = _table(given, "metrics").get("names", [])
+    kept = _table(given, "metrics")
+    for key in kept:
+        if key != "names":
+            raise ConfigurationError(f"metrics: no key {shown(key)}; there is names")
+    names = kept.get("names", [])
     if not isinstance(names, list) or not all(isinstance(each, str) for each in names):
         raise ConfigurationError(f"metrics.names: must be a list of names, got {shown(names)}")
     known = [each.name for each in fields(Limits)]

@@ -9,7 +9,10 @@ import numpy as np
 from matplotlib.figure import Figure
 from scipy.stats import spearmanr
 
+from scenarios.campaigns import contact_study
 from scenarios.campaigns.contact_study import CLASSES, DAMAGED, DIVERGED, KEPT, StudyBounds, within
+from scenarios.campaigns.sensitivity import worst_ratio
+from scenarios.campaigns.sensitivity_report import MISSED, WORST, SensitivityReport
 from scenarios.study import Summary, Table
 from sim.interfaces.spatial import Array
 from sim.reporting.report_figures import BLUE, FAINT, GREEN, INK, ORANGE, PURPLE, SKY, VERMILION, WIDTH
@@ -91,11 +94,13 @@ def summarise(rows: Sequence[Row], bounds: StudyBounds, settings: Mapping[str, A
         settings: Settings of the study.
     """
     rows = sorted(rows, key=lambda row: (row["without"], row["run"]))
-    metrics = summary(rows, bounds, settings)
+    metrics, main = summary(rows, bounds, settings), [row for row in rows if not row["without"]]
+    found = sensitivities(main, bounds)
     return Summary(
-        metrics=metrics,
-        tables=tuple(tables(metrics)),
-        pictures=figures([row for row in rows if not row["without"]], metrics, bounds),
+        metrics={**metrics, "sensitivity": found.metrics},
+        tables=(*tables(metrics), *found.tables()),
+        lines=found.lines,
+        pictures=(*figures(main, metrics, bounds), *found.pictures()),
         caption=f"{metrics['kept']} of {metrics['runs']} runs kept contact and stayed within "
         f"{bounds.deviation * 1e3:g} mm and {bounds.force_peak:g} N.",
         failed=metrics["failed"],
@@ -167,6 +172,34 @@ def drivers(rows: Sequence[Row]) -> dict[str, dict[str, float]]:
             if len(pairs) >= FEWEST and np.all(np.ptp(pairs, axis=0) > 0.0):
                 found.setdefault(figure, {})[driver] = float(spearmanr(pairs[:, 0], pairs[:, 1])[0])
     return found
+
+
+def sensitivities(rows: Sequence[Row], bounds: StudyBounds) -> SensitivityReport:
+    """Sensitivity of the worst ratio to a bound, of kept or missed, and of each figure in DRIVEN, to all that varied.
+
+    Args:
+        rows: Rows of the runs without ablation.
+        bounds: Bounds of the figures.
+    """
+    most = {name: bound for name in SHOWN if (bound := bound_of(name, bounds)) is not None}
+    worked = (KEPT, contact_study.MISSED)
+    ratios = [worst_ratio(row["figures"], most) if row["class"] in worked else np.inf for row in rows]
+    return SensitivityReport.of(
+        [{**row["varied"], "path": row["path"]} for row in rows],
+        {
+            WORST: np.array(ratios),
+            MISSED: np.array([row["class"] != KEPT for row in rows], dtype=np.float64),
+            **{
+                SHOWN[name].name: np.array([_or_nan(row["figures"].get(name)) for row in rows], dtype=np.float64)
+                for name in DRIVEN
+            },
+        },
+        [[] if row["class"] == KEPT else list(row["missed"]) or [row["kind"]] for row in rows],
+    )
+
+
+def _or_nan(value: float | None) -> float:
+    return np.nan if value is None else value
 
 
 def ablations(rows: Sequence[Row]) -> list[dict[str, Any]]:

@@ -1,11 +1,14 @@
 """Campaigns: what is drawn follows its distribution and its seed alone, and a mistake in a file is one line."""
 
+import json
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyarrow.parquet as pq
 import pytest
 
 from scenarios.campaigns import campaign_report
@@ -13,7 +16,10 @@ from scenarios.campaigns.campaign import Campaign, CampaignRun, one_run, read_ca
 from scenarios.campaigns.distributions import DESIGNS, Design, Distribution, drawn
 from scenarios.options import barrel
 from scenarios.perturbations.pad import Pad
+from scenarios.study.row_table import SCHEMA_VERSION, RowTable
 from sim.interfaces.errors import ConfigurationError
+from sim.runs.provenance import versions
+from sim.runs.run_folder import alone_in
 
 FILE = """
 base = "barrel"
@@ -144,6 +150,7 @@ def test_examples_can_be_read(root, name):
         ("log_uniform = [1e4, 1e6]", "categorical = []", r"categorical: needs values"),
         ("contact.force_error_rms_n", "contact.luck", r"no metric 'contact.luck'; this task has"),
         ("contact.lost_s", "timings.wall_s", r"no metric 'timings.wall_s'"),
+        ("names = [", "name = [", r"metrics: no key 'name'; there is names"),
         ("cases = 4", "cases = 0", r"cases"),
         ("cases = 4", "", r"cases is missing"),
         ("cases = 4", "cases = 4\nworkers = 2", r"no key 'workers'; there are"),
@@ -176,7 +183,8 @@ def test_outcomes_are_counted_by_code(tmp_path):
 
     def row(case: int, state: str = "done", code: str = "", lost: float | None = 0.0) -> dict[str, Any]:
         metrics: Mapping[str, Any] = {"contact.force_error_rms_n": 1.0 + case, "contact.lost_s": lost}
-        return {"case": case, "state": state, "code": code, "accepted": True, "metrics": metrics}
+        draws = {"values": {"x": float(case)}, "drawn": {}}
+        return {"case": case, "state": state, "code": code, "accepted": True, "metrics": metrics, **draws}
 
     rows = [row(0), row(1), row(2, lost=0.1), row(3, "abort", "jammed"), row(4, lost=None)]
     summary = campaign_report.summarise(rows, campaign, "mine.toml")
@@ -190,3 +198,85 @@ def test_outcomes_are_counted_by_code(tmp_path):
     assert summary.metrics["metrics"]["contact.force_error_rms_n"]["median"] == 3.0
     assert any("--replay 3" in cell for line in summary.tables[0].rows for cell in line)
     assert summary.failed is None
+
+
+def test_the_page_shows_what_explains_the_misses(tmp_path):
+    """Contact is lost in stiff runs only; the ranking, the reasons and the page say so."""
+    campaign = read(tmp_path, FILE)
+    rows = [
+        {
+            "case": run.case,
+            "values": run.values,
+            "drawn": {"arm_mass": 1.0 + 0.01 * (run.case * 7 % 11)},
+            "state": "done" if run.case % 9 else "abort",
+            "code": "" if run.case % 9 else "jammed",
+            "accepted": True,
+            "metrics": {
+                "contact.force_error_rms_n": 1.0 + (run.case * 5 % 13),
+                "contact.lost_s": max(0.0, run.values["perturbations.Pad.stiffness"] / 3e5 - 1.0),
+            },
+        }
+        for run in replace(campaign, cases=60, bounds={"contact.lost_s": 0.5}).runs()
+    ]
+    campaign = replace(campaign, bounds={"contact.lost_s": 0.5})
+    summary = campaign_report.summarise(rows, campaign, "mine.toml")
+    found = summary.metrics["sensitivity"]
+    assert found["responses"]["worst ratio to a bound"]["parameters"][0]["name"] == "perturbations.Pad.stiffness"
+    moved = {(one["reason"], one["parameter"]): one for one in found["reasons"]}
+    assert moved["contact.lost_s", "perturbations.Pad.stiffness"]["median_rank"] > 0.8
+    assert moved["contact.lost_s", "perturbations.Pad.stiffness"]["p"] < 1e-4
+    assert {"contact.lost_s", "abort: jammed", "any reason"} == {reason for reason, _ in moved}
+    summary.write_page(tmp_path / "report.html", "T", {}, "")
+    assert (tmp_path / "report.html").read_text().count("<img") == 3
+
+
+# -- the command -------------------------------------------------------------------------------------------------------
+
+
+def refused(done: Any) -> str:
+    """The only line that a command printed before it ended with code 2."""
+    assert done.returncode == 2
+    assert done.stderr.startswith("error: ")
+    assert done.stderr.count("\n") == 1
+    return done.stderr
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ('"site.current" =', '"site.curent" =', "[site] has no 'curent'"),
+        ("log_uniform", "normal", "no distribution 'normal'; there are uniform"),
+        ("contact.force_error_rms_n", "contact.luck", "no metric 'contact.luck'"),
+    ],
+)
+def test_the_command_refuses_a_mistake_in_one_line(script, tmp_path, old, new, said):
+    file = tmp_path / "mine.toml"
+    file.write_text(FILE.replace(old, new))
+    out = tmp_path / "out"
+    assert said in refused(script("run_campaign", file, "--out", out, "--workers", 1))
+    assert not out.exists()
+
+
+def test_the_command_refuses_rows_of_another_version(script, tmp_path):
+    file, out = tmp_path / "mine.toml", tmp_path / "out"
+    file.write_text(FILE)
+    table = RowTable(out)
+    out.mkdir()
+    table.add({"case": 0})
+    rows = out / "rows" / "000000.parquet"
+    about = {"schema": SCHEMA_VERSION, "settings": {}, "versions": versions(), "code": {}}
+    (out / "study.json").write_text(json.dumps(about))
+    pq.write_table(pq.read_table(rows).replace_schema_metadata({"uuv_arm.schema_version": "99"}), rows)
+    said = refused(script("run_campaign", file, "--out", out, "--workers", 1))
+    assert "version" in said
+    assert "99" in said
+
+
+def test_two_commands_do_not_share_a_folder(script, tmp_path):
+    file, out = tmp_path / "mine.toml", tmp_path / "out"
+    file.write_text(FILE)
+    out.mkdir()
+    with alone_in(out):
+        said = refused(script("run_campaign", file, "--out", out, "--workers", 1))
+    assert f"{out}: process" in said
+    assert "is at work in it" in said

@@ -301,7 +301,8 @@ def test_metrics_keep_their_schema_and_the_report_is_one_page(study, tmp_path):
     file = tmp_path / "report.html"
     found.write_page(file, "T & T", {}, "")
     page = file.read_text()
-    assert page.count("<img") == 5
+    assert page.count("<img") == 7
+    assert metrics["sensitivity"]["responses"]["missed"]["parameters"][0]["name"] == "friction"
     assert "T &amp; T" in page
     assert 'src="http' not in page
 

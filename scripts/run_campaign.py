@@ -37,12 +37,14 @@ class Options(HarnessOptions):
     """Do only the run of this number, if it is missing."""
     replay: int | None = None
     """Do the run of this number again with full recording, in a folder of its own; the same trajectory to the bit."""
+    page: bool = False
+    """Run nothing: sum up the rows that are there, also while others are made, and whichever code has made them."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
         at_least(self, cases=1, only=0, replay=0)
-        if self.only is not None and self.replay is not None:
-            raise ConfigurationError("--only and --replay: one of the two")
+        if (self.only is not None) + (self.replay is not None) + self.page > 1:
+            raise ConfigurationError("--only, --replay and --page: one of them")
 
 
 def main() -> int:
@@ -64,7 +66,10 @@ def main() -> int:
         failed=crashed_row,
         line=line,
     )
-    return study.carry_out(campaign.name, options, f"Campaign {campaign.name}", campaign.limits)
+    title = f"Campaign {campaign.name}"
+    if options.page:
+        return study.sum_up(campaign.name, options, title)
+    return study.carry_out(campaign.name, options, title, campaign.limits)
 
 
 def one_of(runs: list[CampaignRun], case: int) -> CampaignRun:

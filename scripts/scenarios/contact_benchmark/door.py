@@ -5,7 +5,9 @@ crash, a silence beyond the limits or a wrong answer raises `EntryError` in the 
 """
 
 import os
+import pickle
 import socket
+import struct
 import subprocess
 import sys
 import tempfile
@@ -14,14 +16,14 @@ from multiprocessing.connection import Connection
 from typing import Any, Self
 
 from models.vehicle import Vehicle
-from scenarios.contact_benchmark.wire import FAILED, READY, Briefing, CommandCodec, EntryError
+from scenarios.contact_benchmark.wire import FAILED, READY, Briefing, CommandCodec, EntryError, EstimateCodec
 from sim.interfaces.errors import one_line
 from sim.interfaces.messages import Command, Reference, StateEstimate
 from sim.interfaces.spatial import finite_number
 
 START_LIMIT = 180.0  # [s] wall, to import and make the entry
-STEP_LIMIT = 10.0  # [s] wall, to answer one estimate
-RUN_LIMIT = 900.0  # [s] wall, to answer all estimates of a run
+STEP_LIMIT = 60.0  # [s] wall, to answer one estimate; a machine with more work than cores makes every entry slow
+RUN_LIMIT = 1800.0  # [s] wall, to answer all estimates of a run
 _MODULE = "scenarios.contact_benchmark.entry_process"
 _FAREWELL = 5.0  # [s] wall, for a process that has closed its connection to end
 _TAIL = 4096  # bytes of the entry's output that are read for its last line
@@ -46,6 +48,7 @@ class RemoteController:
         """
         vehicle = Vehicle.of(briefing.model)
         self._codec = CommandCodec(len(vehicle.joints), len(vehicle.thruster_names))
+        self._estimates = EstimateCodec(len(vehicle.joints))
         self._step_limit, self._run_limit = step_limit, run_limit
         self._reference: Reference | None = None
         self.steps, self.waited, self.longest = 0, 0.0, 0.0  # number, [s] in all, [s] longest
@@ -62,7 +65,8 @@ class RemoteController:
                 stderr=subprocess.STDOUT,
                 env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
             )
-        self._connection = Connection(here.detach())
+        self._socket, self._limit = here, 0.0  # [s] that an answer is waited for, set in the socket; 0: not set yet
+        self._connection = Connection(os.dup(here.fileno()))
         try:
             self.period = self._period(self._ready(self._ask(briefing, START_LIMIT)))
         except BaseException:
@@ -78,6 +82,7 @@ class RemoteController:
     def close(self) -> None:
         """Ends the entry's process."""
         self._connection.close()
+        self._socket.close()
         self._process.kill()
         self._process.wait()
         self._output.close()
@@ -95,7 +100,8 @@ class RemoteController:
         changed = None if reference is self._reference else reference
         self._reference = reference
         began = time.perf_counter()
-        reply = self._ask((estimate, changed), START_LIMIT if self.steps == 0 else self._step_limit)
+        message = self._estimates.encode(estimate, changed)
+        reply = self._told(message, START_LIMIT if self.steps == 0 else self._step_limit)
         took = time.perf_counter() - began
         if self.steps:  # the first step loads compiled code
             self.waited, self.longest = self.waited + took, max(self.longest, took)
@@ -105,12 +111,21 @@ class RemoteController:
         return state, self._codec.decode(reply, estimate.time)
 
     def _ask(self, message: Any, limit: float) -> bytes:
+        """The reply to a message that is pickled."""
+        return self._told(pickle.dumps(message, pickle.HIGHEST_PROTOCOL), limit)
+
+    def _told(self, message: bytes, limit: float) -> bytes:
         """The reply to a message."""
+        if limit != self._limit:
+            seconds = int(limit)
+            wait = struct.pack("ll", seconds, int(1e6 * (limit - seconds)))
+            self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, wait)
+            self._limit = limit
         try:
-            self._connection.send(message)
-            if not self._connection.poll(limit):
-                raise EntryError(f"the entry gave no answer for {limit:g} s")
+            self._connection.send_bytes(message)
             reply = self._connection.recv_bytes()
+        except BlockingIOError as error:
+            raise EntryError(f"the entry gave no answer for {limit:g} s") from error
         except (OSError, EOFError) as error:
             raise EntryError(f"the entry's process ended{self._last_words()}") from error
         if reply[:1] == FAILED:

@@ -8,7 +8,7 @@ from multiprocessing.connection import Connection
 from typing import Any
 
 from models.vehicle import Vehicle
-from scenarios.contact_benchmark.wire import FAILED, READY, Briefing, CommandCodec
+from scenarios.contact_benchmark.wire import FAILED, READY, Briefing, CommandCodec, EstimateCodec
 from scenarios.contact_parts import controller
 from sim.interfaces.errors import one_line
 from sim.interfaces.messages import Reference
@@ -38,13 +38,16 @@ def serve(connection: Connection) -> None:
     if callable(getattr(entry, "brief", None)):
         entry.brief(briefing)
     vehicle = Vehicle.of(briefing.model)
-    codec = CommandCodec(len(vehicle.joints), len(vehicle.thruster_names))
+    codec, estimates = (
+        CommandCodec(len(vehicle.joints), len(vehicle.thruster_names)),
+        EstimateCodec(len(vehicle.joints)),
+    )
     connection.send_bytes(READY + repr(float(entry.period)).encode())
     state: Any = entry.init(connection.recv())
     connection.send_bytes(READY)
     reference: Reference | None = None
     while True:
-        estimate, changed = connection.recv()
+        estimate, changed = estimates.decode(connection.recv_bytes())
         reference = changed or reference
         assert reference is not None  # the first message brings one
         state, command = entry.step(state, estimate, reference)

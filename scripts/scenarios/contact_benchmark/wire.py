@@ -1,9 +1,10 @@
 """What goes through the door: a briefing, estimates and set points to the entry, commands as plain numbers back.
 
-Messages to the entry are pickled, for the simulation made them. Replies of the entry are never unpickled: a reply is a
-letter, then text or numbers of fixed count.
+A message to the entry at a tick is the estimate as plain numbers, followed by the set points, pickled, where they are
+new. Replies of the entry are never unpickled: a reply is a letter, then text or numbers of fixed count.
 """
 
+import pickle
 from dataclasses import dataclass
 
 import mujoco
@@ -11,12 +12,25 @@ import numpy as np
 
 from scenarios.scenario import Control
 from sim.interfaces.errors import UuvError
-from sim.interfaces.messages import Command, ContactEstimate, HullLoad
+from sim.interfaces.messages import Command, ContactEstimate, HullLoad, Reference, StateEstimate
 from sim.interfaces.spatial import Array
 
 READY, COMMAND, FAILED = b"R", b"C", b"F"  # first letter of a reply
 _NO_LOAD, _SAME_LOAD, _NEW_LOAD = 0.0, 1.0, 2.0
 _REST = 2 + 7 + 1 + 9  # numbers beside torques and thrusters
+_PLAIN, _PICKLED = b"E", b"P"  # first letter of a message: an estimate as numbers; one with entries that are rare
+# Fields of an estimate in their order, with the shapes of those that do not depend on the number of joints.
+_FIELDS: dict[str, tuple[int, ...]] = {
+    "X_WB": (4, 4),
+    "v_WB_B": (3,),
+    "w_WB_B": (3,),
+    "a_WB_B": (3,),
+    "position_sigma": (3,),
+    "q": (),
+    "qd": (),
+    "tau": (),
+}
+_NUMBERS = ("time", "vision_age", "dvl_age", "imu_age")
 
 
 class EntryError(UuvError):
@@ -34,6 +48,46 @@ class Briefing:
     seed: int  # for the entry's own random numbers; tells nothing about the case
 
 
+class EstimateCodec:
+    """Estimates of one vehicle, with the set points where they are new, as bytes and back."""
+
+    def __init__(self, joints: int) -> None:
+        shapes = {name: shape or (joints,) for name, shape in _FIELDS.items()}
+        ends = len(_NUMBERS) + np.cumsum([np.prod(shape, dtype=int) for shape in shapes.values()])
+        self._numbers = np.zeros(ends[-1])  # of the message that is being made
+        starts = (len(_NUMBERS), *ends[:-1].tolist())
+        self._parts = [
+            (name, slice(start, end), shape)
+            for (name, shape), start, end in zip(shapes.items(), starts, ends.tolist(), strict=True)
+        ]
+        self._size = 1 + self._numbers.nbytes
+
+    def encode(self, estimate: StateEstimate, reference: Reference | None) -> bytes:
+        """The message of a tick.
+
+        Args:
+            estimate: Of the tick.
+            reference: New set points; None: those of the last message.
+        """
+        if estimate.tau_doubt is not None or estimate.ground is not None:
+            return _PICKLED + pickle.dumps((estimate, reference), pickle.HIGHEST_PROTOCOL)
+        numbers = self._numbers
+        numbers[: len(_NUMBERS)] = [getattr(estimate, name) for name in _NUMBERS]
+        for name, part, _ in self._parts:
+            numbers[part] = getattr(estimate, name).ravel()
+        more = b"" if reference is None else pickle.dumps(reference, pickle.HIGHEST_PROTOCOL)
+        return _PLAIN + numbers.tobytes() + more
+
+    def decode(self, message: bytes) -> tuple[StateEstimate, Reference | None]:
+        """The estimate of a message, in arrays of its own, and its set points; None: there are no new ones."""
+        if message[:1] == _PICKLED:
+            return pickle.loads(message[1:])
+        numbers = np.frombuffer(message[1 : self._size]).copy()
+        arrays = {name: numbers[part].reshape(shape) for name, part, shape in self._parts}
+        single = dict(zip(_NUMBERS, numbers[: len(_NUMBERS)].tolist(), strict=True))
+        return StateEstimate(**single, **arrays), pickle.loads(message[self._size :]) if message[self._size :] else None
+
+
 class CommandCodec:
     """Commands of one vehicle as bytes and back; log entries (`Command.believed`) and faults are left out."""
 
@@ -41,6 +95,7 @@ class CommandCodec:
         self._joints, self._thrusters = joints, thrusters
         self._sent: HullLoad | None = None
         self._got: HullLoad | None = None
+        self._numbers = np.zeros(_REST + joints + thrusters)  # of the reply that is being made
 
     def encode(self, command: Command) -> bytes:
         """The command as bytes.
@@ -53,22 +108,17 @@ class CommandCodec:
         for name, size in (("joint_torque", self._joints), ("thrusters", self._thrusters)):
             if np.shape(getattr(command, name)) != (size,):
                 raise TypeError(f"{name}: expected shape ({size},), got {np.shape(getattr(command, name))}")
-        load, contact = command.hull_load, command.contact
+        load, contact, numbers = command.hull_load, command.contact, self._numbers
         kind = _NO_LOAD if load is None else _SAME_LOAD if load is self._sent else _NEW_LOAD
         self._sent = load
-        numbers = np.concatenate(
-            [
-                [command.time, float(command.scan)],
-                command.joint_torque,
-                command.thrusters,
-                contact.force_W,
-                [contact.normal],
-                contact.sigma_G,
-                [kind],
-                np.zeros(9) if load is None else np.concatenate([load.arm_wrench_B, load.current_W]),
-            ]
-        )
-        return COMMAND + np.asarray(numbers, dtype=np.float64).tobytes()
+        n, m = 2 + self._joints, 2 + self._joints + self._thrusters
+        numbers[:2] = command.time, float(command.scan)
+        numbers[2:n], numbers[n:m] = command.joint_torque, command.thrusters
+        numbers[m : m + 3], numbers[m + 3], numbers[m + 4 : m + 7] = contact.force_W, contact.normal, contact.sigma_G
+        numbers[m + 7] = kind
+        if kind == _NEW_LOAD and load is not None:
+            numbers[m + 8 : m + 14], numbers[m + 14 :] = load.arm_wrench_B, load.current_W
+        return COMMAND + numbers.tobytes()
 
     def decode(self, reply: bytes, time: float) -> Command:
         """The command in a reply to an estimate of that time [s].
@@ -79,10 +129,11 @@ class CommandCodec:
         n, m = self._joints, self._thrusters
         if reply[:1] != COMMAND or len(reply) != 1 + 8 * (_REST + n + m):
             raise EntryError("the entry answered what is no command")
-        numbers: Array = np.frombuffer(reply, dtype=np.float64, offset=1)
+        numbers: Array = np.frombuffer(reply[1:]).copy()
         if numbers[0] != time:
             raise EntryError(f"the entry's command is of {numbers[0]:g} s; asked was one of {time:g} s")
-        head, torque, thrusters, contact, load = np.split(numbers, np.cumsum([2, n, m, 7]))
+        torque, thrusters = numbers[2 : 2 + n], numbers[2 + n : 2 + n + m]
+        contact, load = numbers[2 + n + m : 9 + n + m], numbers[9 + n + m :]
         if load[0] == _NEW_LOAD:
             self._got = HullLoad(arm_wrench_B=load[1:7], current_W=load[7:])
         elif load[0] == _NO_LOAD:
@@ -93,7 +144,7 @@ class CommandCodec:
             time=time,
             joint_torque=torque,
             thrusters=thrusters,
-            scan=bool(head[1] == 1.0),
+            scan=bool(numbers[1] == 1.0),
             contact=ContactEstimate(force_W=contact[:3], normal=float(contact[3]), sigma_G=contact[4:]),
             hull_load=self._got,
         )

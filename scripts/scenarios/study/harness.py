@@ -21,7 +21,7 @@ from scenarios.study.loaded_code import digests, loaded_files, new_digests
 from scenarios.study.local_processes import NO_LIMITS
 from scenarios.study.options import PoolOptions
 from scenarios.study.row_log import KEY, METRICS, PAGE, TIMING, RowLog
-from scenarios.study.row_table import Row
+from scenarios.study.row_table import Row, read_rows
 from scenarios.study.worker import Limits, TimeLimitError, within_time
 from sim.interfaces.errors import ConfigurationError, UuvError
 from sim.runs.provenance import provenance
@@ -172,7 +172,7 @@ class Study(Generic[Case]):
         Raises:
             UuvError: A case failed and the study does not allow for that, or the folder is of no use.
         """
-        console = Console(width=None if sys.stdout.isatty() else 160)
+        console = _console()
         folder = options.out or RUNS / name
         keyed = {key_of(case): case for case in self.cases}
         began, made_by = time.perf_counter(), provenance(name, options)
@@ -186,14 +186,42 @@ class Study(Generic[Case]):
                 self._fill(log, left, engine, limits, console)
             rows = [log.rows[key_of(case)] for case in self.cases]
             pace = _pace(rows, len(left), engine.place, time.perf_counter() - began)
-            summary = self.summarise([_without_log(row) for row in rows])
-            write_json(folder / METRICS, as_json({**summary.metrics, **summary.verdict, "provenance": made_by}))
-            summary.print_to(console)
-            console.print(pace, highlight=False)
             if lost := sum(not log.has(key) for key in keyed):
-                console.print(f"{lost} runs: {DIED}; the same command does them again", highlight=False)
-            summary.write_page(folder / PAGE, title, made_by["options"], pace)
-            console.print(f"written to {folder}/", highlight=False)
+                pace += f" {lost} runs: {DIED}; the same command does them again."
+            return self._told(folder, rows, title, made_by, pace, console)
+
+    def sum_up(self, name: str, options: PoolOptions, title: str) -> int:
+        """Prints and writes the results of the rows that are there, without a run, whichever code has made them.
+
+        Args:
+            name: Name of the study, and of its folder in runs/.
+            options: Options of the command.
+            title: Title of the report.
+
+        Returns:
+            The exit code.
+
+        Raises:
+            ConfigurationError: There is no row of these cases.
+        """
+        folder = options.out or RUNS / name
+        there = {row[KEY]: row for row in read_rows(folder)}
+        rows = [there[key] for case in self.cases if (key := key_of(case)) in there]
+        if not rows:
+            raise ConfigurationError(f"{folder} holds no row of this study")
+        pace = f"{len(rows)} of {len(self.cases)} runs; {_pace(rows, 0, '', 0.0)}"
+        return self._told(folder, rows, title, provenance(name, options), pace, _console())
+
+    def _told(
+        self, folder: Path, rows: list[Row], title: str, made_by: Mapping[str, Any], pace: str, console: Console
+    ) -> int:
+        """Prints and writes the summary of `rows`; returns the exit code."""
+        summary = self.summarise([_without_log(row) for row in rows])
+        write_json(folder / METRICS, as_json({**summary.metrics, **summary.verdict, "provenance": made_by}))
+        summary.print_to(console)
+        console.print(pace, highlight=False)
+        summary.write_page(folder / PAGE, title, made_by["options"], pace)
+        console.print(f"written to {folder}/", highlight=False)
         return 0 if summary.accepted else NOT_ACCEPTED
 
     def _fill(self, log: RowLog, left: Mapping[str, Case], engine: Engine, limits: Limits, console: Console) -> None:
@@ -222,6 +250,10 @@ class Study(Generic[Case]):
                 progress.advance(bar)
                 if said := self.line(row):
                     console.print(said, highlight=False, markup=False)
+
+
+def _console() -> Console:
+    return Console(width=None if sys.stdout.isatty() else 160)
 
 
 def key_of(case: Any) -> str:

@@ -3,7 +3,9 @@
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from typing import Any
 
+import numpy as np
 import pytest
 
 from controllers.arm.kernel_force_law import KernelForceLaw
@@ -14,16 +16,20 @@ from controllers.tuning import FaultLimits
 from controllers.work_controller import WorkController
 from scenarios import Scenario, assemble, barrel
 from scenarios.assembly import Assembly
-from scenarios.compiled_ticks import reason
+from scenarios.compiled_ticks import CompiledTicks, reason
 from scenarios.options import InsertionOptions, InspectionOptions, ObjectOptions, PileOptions, SeabedOptions
 from scenarios.perturbations.loop import SensorFailure, ThrusterFailure
 from scenarios.perturbations.pad import Pad
 from scenarios.perturbations.vehicle import Water
 from scenarios.runner import run_through
+from scenarios.scenario import Control
 from scenarios.tasks.task import LONGEST
+from scenarios.ticks_around import TicksAround, ticks_for
+from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import FaultKind
 from sim.loop import recording
-from sim.loop.recording import EVERY_STEP
+from sim.loop.recording import EVERY_STEP, Recorder
+from sim.loop.rollout import Parts
 from sim.sensors.proprioception import Dvl
 from untyped import untyped
 
@@ -170,20 +176,74 @@ def test_what_has_no_kernel_is_named():
         assert reason(other.plant, other.parts, ()) == ""
     assert reason(plant, parts, (EveryTick(),)) == "observer EveryTick"
     assert "Encoders" in reason(plant, replace(parts, sensors=parts.sensors[1:]), ())
-    assert "controller" in reason(plant, replace(parts, controller=untyped(parts.controller).controller), ())
     for perturbation, named in (
         (ThrusterFailure(thruster="sway", at=1.0), "plant FaultyPlant"),
         (SensorFailure(sensor="torque", effect="frozen", field="tau", index=1, at=1.0), "JointTorqueSensors"),
     ):
         loop = assemble(replace(barrel(quick=True), perturbations=(perturbation,))).loop
         assert named in reason(loop.plant, loop.parts, ())
-    for without, named in (
-        ("fusion", "RawNavigation"),
-        ("force-control", "NominalStiffness"),
-        ("drift-correction", "FromReference"),
-    ):
-        loop = assemble(barrel(quick=True, without=(without,))).loop
-        assert named in reason(loop.plant, loop.parts, ())
+    loop = assemble(barrel(quick=True, without=("fusion",))).loop
+    assert "RawNavigation" in reason(loop.plant, loop.parts, ())
+
+
+def ticks_of(plant: Any, parts: Parts) -> type:
+    recorder = Recorder(plant.model, timestep=plant.timestep, full=False)
+    return type(ticks_for(plant, parts, recorder))
+
+
+def test_a_controller_without_a_kernel_has_the_rest_compiled_around_it():
+    built = assemble(barrel(quick=True))
+    assert ticks_of(built.plant, built.parts) is CompiledTicks
+    bare = replace(built.parts, controller=untyped(built.parts.controller).controller)
+    assert ticks_of(built.plant, bare) is TicksAround
+    for without in ("force-control", "drift-correction"):
+        other = assemble(barrel(quick=True, without=(without,)))
+        assert reason(other.loop.plant, other.parts, ()) == ""
+        assert ticks_of(other.plant, other.parts) is TicksAround
+
+
+JOINT_PD = Control(controller="controllers.joint_force_controller:JointForceController")
+
+
+@pytest.mark.parametrize("full", [True, False])
+@pytest.mark.parametrize("control", [Control(without=("force-control",)), JOINT_PD], ids=["ablated", "own"])
+def test_a_run_around_a_controller_has_the_same_bits(control, full):
+    one, other = digests(replace(barrel(quick=True, gust=0.05), control=control), EARLY, full=full)
+    assert one == other
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("control", [Control(without=("drift-correction",)), JOINT_PD], ids=["ablated", "own"])
+def test_whole_runs_around_a_controller_have_the_same_bits(control):
+    one, other = digests(replace(barrel(quick=True, gust=0.05), control=control), LONGEST, full=False)
+    assert one == other
+
+
+class Wrong:
+    """Controller that after a second commands what it is made with."""
+
+    def __init__(self, inner: Any, **change: Any) -> None:
+        self.inner, self.period, self.change = inner, inner.period, change
+
+    def init(self, estimate):
+        return self.inner.init(estimate)
+
+    def step(self, state, estimate, reference):
+        state, command = self.inner.step(state, estimate, reference)
+        return state, replace(command, **self.change) if estimate.time > 1.0 else command
+
+
+@pytest.mark.parametrize("change", [{"joint_torque": np.zeros(5)}, {"thrusters": np.full(6, np.nan)}])
+def test_a_command_that_is_none_is_refused_as_part_by_part(change):
+    said = []
+    for part_by_part in (True, False):
+        built = assemble(barrel(quick=True))
+        controller = Wrong(untyped(built.parts.controller).controller, **change)
+        loop = replace(built.loop, parts=replace(built.parts, controller=controller))
+        with pytest.raises(ConfigurationError) as refused:
+            run_through(replace(built, loop=loop), longest=2.0, part_by_part=part_by_part)
+        said.append(str(refused.value))
+    assert said[0] == said[1]
 
 
 def test_an_observer_of_every_tick_sees_every_tick():

@@ -1,7 +1,7 @@
 """The contact benchmark: pinned cases, a door that no entry can break, scores that do not depend on the door."""
 
 import copy
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 
 import numpy as np
@@ -14,13 +14,14 @@ from scenarios.contact_benchmark.door import RemoteController
 from scenarios.contact_benchmark.entries import ENTRIES, Entry
 from scenarios.contact_benchmark.leaderboard import page
 from scenarios.contact_benchmark.score import KEPT, ScoredCase, median, score, share
-from scenarios.contact_benchmark.wire import Briefing, CommandCodec, EntryError
+from scenarios.contact_benchmark.wire import Briefing, CommandCodec, EntryError, EstimateCodec
 from scenarios.runner import run
 from scenarios.scenario import Control
 from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.messages import AbortCode, Command, ContactEstimate, HullLoad
+from sim.interfaces.messages import AbortCode, Command, ContactEstimate, GroundPlane, HullLoad, StateEstimate
 from untyped import untyped
 
+GROUND = GroundPlane(time=1.0, p_W=np.ones(3), normal_W=np.ones(3), scatter=0.0, beams=3, silent=())
 DIGEST = "db6a2ace11ae"  # of the 100 public cases of version 0
 
 
@@ -150,6 +151,23 @@ def test_commands_cross_the_door_unchanged(rng):
     assert seen[2] is None
     assert seen[3] is not seen[0]
     np.testing.assert_array_equal(seen[0].arm_wrench_B, load.arm_wrench_B)
+
+
+@pytest.mark.parametrize("rare", [{}, {"tau_doubt": np.ones(6)}, {"ground": GROUND}])
+def test_estimates_cross_the_door_unchanged(rng, rare):
+    arrays = {name: rng.normal(size=3) for name in ("v_WB_B", "w_WB_B", "a_WB_B", "position_sigma")}
+    arrays |= {name: rng.normal(size=6) for name in ("q", "qd", "tau")} | {"X_WB": rng.normal(size=(4, 4))}
+    sent = StateEstimate(time=rng.random(), vision_age=np.nan, dvl_age=np.inf, imu_age=rng.random(), **arrays, **rare)
+    near, far = EstimateCodec(6), EstimateCodec(6)
+    for given in (None, "set points", None):
+        got, reference = far.decode(near.encode(sent, given))
+        assert reference == given
+        for field in fields(StateEstimate):
+            one, other = getattr(sent, field.name), getattr(got, field.name)
+            if field.name == "ground":
+                assert (one is None) == (other is None)
+            else:
+                np.testing.assert_array_equal(one, other)
 
 
 @pytest.mark.parametrize("reply", [b"", b"C", b"C" + bytes(7), b"X" + bytes(8 * 33)])

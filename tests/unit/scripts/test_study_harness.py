@@ -327,6 +327,19 @@ def test_a_run_whose_process_died_is_done_again_by_the_same_command(capsys):
     assert metrics["sum"] == pytest.approx(sum(row["value"] for row in after.values()))
 
 
+def test_rows_of_other_code_are_summed_up_without_a_run(tmp_path):
+    carried_out(Study(cases=range(3), run_one=squared, summarise=summed))
+    about = json.loads(Path("out/study.json").read_text())
+    Path("out/study.json").write_text(json.dumps(about | {"code": {"scripts/gone.py": "0"}}))
+    study = Study(cases=range(5), run_one=squared, summarise=summed)
+    with pytest.raises(ConfigurationError, match="other code"):
+        carried_out(study)
+    assert study.sum_up("x", StudyOptions(out=Path("out")), "A study") == 0
+    assert json.loads(Path("out/metrics.json").read_text())["runs"] == [0, 1, 2]
+    with pytest.raises(ConfigurationError, match="holds no row of this study"):
+        study.sum_up("x", StudyOptions(out=tmp_path / "none"), "A study")
+
+
 def test_a_file_that_changes_while_a_study_is_at_work_ends_it(tmp_path):
     log = begun(tmp_path)
     log.depends_on({"one.py": "a", "two.py": "b"})

@@ -1,4 +1,4 @@
-"""Force law of one's own that runs within the compiled ticks of the loop (`scenarios.compiled_ticks`)."""
+"""Force law of one's own that runs within the compiled ticks of the loop (`scenarios.ticks.compiled_ticks`)."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field

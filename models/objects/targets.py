@@ -8,6 +8,7 @@ from models.objects.anode import anode
 from models.objects.barrel import BARREL_DIAMETER, BARREL_LENGTH, barrel, longitudinal, transverse
 from models.objects.manifold import manifold
 from models.objects.pile import PILE_DIAMETER, PILE_LENGTH, helix, pile, ring, vertical
+from models.objects.plate import plate
 from models.objects.rock import rock
 from models.objects.starfish import starfish
 from models.objects.target_model import ModelPath, Solid, Symmetry, TargetModel
@@ -45,6 +46,7 @@ OBJECTS: Registry[Any] = Registry(
         "barrel": barrel,
         "manifold": manifold,
         "pile": pile,
+        "plate": plate,
         "rock": rock,
         "starfish": starfish,
         "valve": valve,

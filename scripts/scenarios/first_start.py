@@ -162,7 +162,7 @@ def build() -> None:
 
     A kernel that cannot be compiled here is left to its first call, which tells why.
     """
-    from scenarios.compiled_ticks import run_ticks
+    from scenarios.ticks.compiled_ticks import run_ticks
 
     if _config.DISABLE_JIT or kernel_cache.is_kept(run_ticks):
         return

@@ -9,10 +9,10 @@ import numpy as np
 
 from scenarios import first_start
 from scenarios.assembly import Assembly, assemble
-from scenarios.compiled_ticks import reason
 from scenarios.scenario import Scenario
 from scenarios.tasks.task import RunResult
-from scenarios.ticks_around import ticks_for
+from scenarios.ticks.compiled_ticks import reason
+from scenarios.ticks.ticks_around import ticks_for
 from sim.evaluation.metrics import Assessment
 from sim.loop.recording import Recorder, Recording
 from sim.loop.rollout import Moment, Observer, rollout

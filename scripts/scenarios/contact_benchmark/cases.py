@@ -82,9 +82,10 @@ def _rock(_: np.random.Generator) -> Scenario:
     return ObjectOptions(object="rock", quick=True).scenario()
 
 
-def _flat(rng: np.random.Generator) -> Scenario:
-    """The upper or the slanting flat face of an anode."""
-    return ObjectOptions(object="anode", path="top" if rng.random() < 0.5 else "side", quick=True).scenario()
+def _plate(rng: np.random.Generator) -> Scenario:
+    """Over the free middle of a stiffened plate, along or across it, or beside a stiffener."""
+    paths = ("middle", "along_bar", "across")
+    return ObjectOptions(object="plate", path=paths[rng.integers(len(paths))], quick=True).scenario()
 
 
 def _insertion(rng: np.random.Generator) -> Scenario:
@@ -100,7 +101,7 @@ FAMILIES: dict[str, Callable[[np.random.Generator], Scenario]] = {
     "barrel": _barrel,
     "pile": _pile,
     "rock": _rock,
-    "flat face": _flat,
+    "plate": _plate,
     INSERTION: _insertion,
 }
 

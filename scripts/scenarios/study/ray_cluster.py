@@ -8,6 +8,7 @@ from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from importlib import import_module
 from typing import Any, TypeVar
 
 import numpy as np
@@ -20,8 +21,8 @@ from sim.interfaces.errors import ConfigurationError, one_line
 os.environ.setdefault("RAY_ENABLE_UV_RUN_RUNTIME_ENV", "0")
 os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
 try:
-    import ray  # pyright: ignore[reportMissingImports]
-    from ray import exceptions as lost  # pyright: ignore[reportMissingImports]
+    ray: Any = import_module("ray")
+    lost: Any = import_module("ray.exceptions")
 except ImportError as error:
     raise ConfigurationError("--engine ray: Ray is not installed here; ./uvw sync --extra cluster does it") from error
 

@@ -16,7 +16,6 @@ from controllers.tuning import FaultLimits
 from controllers.work_controller import WorkController
 from scenarios import Scenario, assemble, barrel
 from scenarios.assembly import Assembly
-from scenarios.compiled_ticks import CompiledTicks, reason
 from scenarios.options import InsertionOptions, InspectionOptions, ObjectOptions, PileOptions, SeabedOptions
 from scenarios.perturbations.loop import SensorFailure, ThrusterFailure
 from scenarios.perturbations.pad import Pad
@@ -24,7 +23,8 @@ from scenarios.perturbations.vehicle import Water
 from scenarios.runner import run_through
 from scenarios.scenario import Control
 from scenarios.tasks.task import LONGEST
-from scenarios.ticks_around import TicksAround, ticks_for
+from scenarios.ticks.compiled_ticks import CompiledTicks, reason
+from scenarios.ticks.ticks_around import TicksAround, ticks_for
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import FaultKind
 from sim.loop import recording

@@ -35,7 +35,7 @@ def test_every_type_of_the_list_is_read_and_told_the_same(jobs):
 
 def test_a_kernel_stands_after_those_that_it_calls_and_the_ticks_are_among_them(jobs):
     assert all(before < row for row, job in enumerate(jobs) for before in job.after)
-    (ticks,) = (job for job in jobs if job.kernel == "scenarios.compiled_ticks:run_ticks")
+    (ticks,) = (job for job in jobs if job.kernel == "scenarios.ticks.compiled_ticks:run_ticks")
     assert "controllers.drive_tick:drive_tick" in {jobs[row].kernel for row in ticks.after}
 
 

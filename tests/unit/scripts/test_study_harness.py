@@ -312,7 +312,9 @@ def test_a_run_is_done_again_as_often_as_it_may(tmp_path):
 
 
 def test_a_run_whose_process_died_is_done_again_by_the_same_command(capsys):
-    failed = lambda case, reason: {"run": case, "reason": reason}  # noqa: E731
+    def failed(case: int, reason: str) -> Row:
+        return {"run": case, "reason": reason}
+
     carried_out(Study(cases=range(4), run_one=deadly, summarise=summed, failed=failed), workers=2)
     assert f"1 runs: {harness.DIED}; the same command does them again" in capsys.readouterr().out
     before = {row["run"]: row for row in rows_of()}

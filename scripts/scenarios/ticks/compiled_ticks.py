@@ -7,7 +7,7 @@ Only this room may wire plant, sensors, navigation and controller. Each of them 
 compiled functions that its own step in Python calls too; the two ways therefore give the same bits. Planner and
 station keeping are called in Python between two compiled stretches. Ticks at which something else is due run part by
 part: fixes, frames. So does every tick after a fault, and a whole run with a part without a kernel; `reason` names it.
-Around a controller without a kernel the rest is compiled all the same (`scenarios.ticks_around`).
+Around a controller without a kernel the rest is compiled all the same (`scenarios.ticks.ticks_around`).
 """
 
 from collections.abc import Sequence

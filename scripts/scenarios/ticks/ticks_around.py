@@ -5,8 +5,8 @@
 
 Planner and controller are called in Python, each at its rate. Between a command and the next estimate there is one
 call: it records the tick, advances the plant, reads the sensors and makes the estimate. The kernels are those of
-`scenarios.compiled_ticks`, so the bits are those of a run part by part. Ticks at which a fix, a frame or an observer is
-due run part by part.
+`scenarios.ticks.compiled_ticks`, so the bits are those of a run part by part. Ticks at which a fix, a frame or an
+observer is due run part by part.
 """
 
 from typing import NamedTuple
@@ -17,7 +17,7 @@ import numpy as np
 from controllers.drive_span import replaced_part
 from controllers.drive_tick import NORMAL as FELT
 from controllers.drive_tick import NUMBERS
-from scenarios.compiled_ticks import CompiledTicks, Sensed, box_of, drive_states, perceive, record_row, sensed_by
+from scenarios.ticks.compiled_ticks import CompiledTicks, Sensed, box_of, drive_states, perceive, record_row, sensed_by
 from sim.interfaces.kernels import keyed_by_imports
 from sim.interfaces.messages import Command, WorkState
 from sim.interfaces.records import EstimateRecord, ImuRecord, JointRecord, state_estimate

@@ -1,0 +1,1 @@
+"""Compiled ticks of the loop: with the default controller, and around any other."""

@@ -5,8 +5,8 @@
 The job runs twice from the same seed. The first run is unchanged, with compiled ticks
 (`scenarios.ticks.compiled_ticks`). It gives processor time, so that other load on the machine does not count, over the
 time of MuJoCo's own step. In the second, every tick is taken part by part, and a stopwatch around every part gives the
-shares. Both must end with the same bits. The printed digest of the recording shows whether a change of the code changes the results. Writes
-bench_loop.json into --out.
+shares. Both must end with the same bits. The printed digest of the recording shows whether a change of the code
+changes the results. Writes bench_loop.json into --out.
 """
 
 from scenarios.start import parse, run_scenario  # first: it tells BLAS to use one thread

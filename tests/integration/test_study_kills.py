@@ -148,7 +148,7 @@ def test_a_ray_cluster_of_two_nodes(root, tmp_path, monkeypatch):
         nodes.append(cluster.add_node(num_cpus=1))
 
     try:
-        killed_often(root, tmp_path, "ray", {"RAY_ADDRESS": cluster.address}, at_work, another_node)
+        killed_often(root, tmp_path, "ray", {"RAY_ADDRESS": str(cluster.address)}, at_work, another_node)
     finally:
         cluster.shutdown()
     wait_until(lambda: not processes(str(tmp_path)), "processes of the cluster were left behind")

@@ -6,6 +6,7 @@ new. Replies of the entry are never unpickled: a reply is a letter, then text or
 
 import pickle
 from dataclasses import dataclass
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -83,9 +84,10 @@ class EstimateCodec:
         if message[:1] == _PICKLED:
             return pickle.loads(message[1:])
         numbers = np.frombuffer(message[1 : self._size]).copy()
-        arrays = {name: numbers[part].reshape(shape) for name, part, shape in self._parts}
-        single = dict(zip(_NUMBERS, numbers[: len(_NUMBERS)].tolist(), strict=True))
-        return StateEstimate(**single, **arrays), pickle.loads(message[self._size :]) if message[self._size :] else None
+        values: dict[str, Any] = {name: numbers[part].reshape(shape) for name, part, shape in self._parts}
+        values |= zip(_NUMBERS, numbers[: len(_NUMBERS)].tolist(), strict=True)
+        more = message[self._size :]
+        return StateEstimate(**values), pickle.loads(more) if more else None
 
 
 class CommandCodec:

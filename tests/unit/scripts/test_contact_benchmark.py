@@ -160,7 +160,7 @@ def test_estimates_cross_the_door_unchanged(rng, rare):
     sent = StateEstimate(time=rng.random(), vision_age=np.nan, dvl_age=np.inf, imu_age=rng.random(), **arrays, **rare)
     near, far = EstimateCodec(6), EstimateCodec(6)
     for given in (None, "set points", None):
-        got, reference = far.decode(near.encode(sent, given))
+        got, reference = far.decode(near.encode(sent, untyped(given)))
         assert reference == given
         for field in fields(StateEstimate):
             one, other = getattr(sent, field.name), getattr(got, field.name)

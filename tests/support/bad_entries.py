@@ -9,6 +9,7 @@ import numpy as np
 
 from controllers.work_controller import WorkController
 from good_estimators import RawEstimator
+from untyped import untyped
 
 FAIL_AT = 5  # step
 MASK = 0xA5  # over a sought pattern, so that the pattern itself is in no memory
@@ -73,13 +74,19 @@ class WrongTime(_Failing):
 
 class EstimatesNothing(RawEstimator):
     def step(self, state, measurements):
-        return state, None
+        return state, untyped(None)
 
 
 class EstimatesOtherShape(RawEstimator):
     def step(self, state, measurements):
         state, estimate = super().step(state, measurements)
         return state, replace(estimate, v_WB_B=np.zeros(2))
+
+
+class EstimatesNotANumber(RawEstimator):
+    def step(self, state, measurements):
+        state, estimate = super().step(state, measurements)
+        return state, replace(estimate, v_WB_B=np.full(3, np.nan))
 
 
 class EstimatesNoPose(RawEstimator):

@@ -7,6 +7,7 @@ numbers. Replies of the entry are never unpickled: a reply is a letter, then tex
 
 import pickle
 from dataclasses import dataclass
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -121,8 +122,9 @@ class EstimateCodec:
 
     def _unpacked(self, packed: bytes) -> StateEstimate:
         numbers = np.frombuffer(packed).copy()
-        arrays = {name: numbers[part].reshape(shape) for name, part, shape in self._parts}
-        return StateEstimate(**dict(zip(_NUMBERS, numbers[: len(_NUMBERS)].tolist(), strict=True)), **arrays)
+        values: dict[str, Any] = dict(zip(_NUMBERS, numbers[: len(_NUMBERS)].tolist(), strict=True))
+        values |= {name: numbers[part].reshape(shape) for name, part, shape in self._parts}
+        return StateEstimate(**values)
 
 
 class CommandCodec:

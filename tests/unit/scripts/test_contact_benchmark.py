@@ -133,6 +133,12 @@ def test_a_failure_of_the_estimator_is_one_line(name, said):
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.long
+def test_estimates_that_are_no_numbers_stop_the_vehicle():
+    ran = run_behind_door(ENTRIES["default"], 1.0, estimator="bad_entries:EstimatesNotANumber")
+    assert ran.recording.final.abort is AbortCode.ESTIMATE
+
+
 def test_estimates_of_an_entry_cross_the_door_unchanged(rng):
     arrays = {name: rng.normal(size=3) for name in ("v_WB_B", "w_WB_B", "a_WB_B", "position_sigma")}
     arrays |= {name: rng.normal(size=6) for name in ("q", "qd", "tau")}
@@ -199,7 +205,7 @@ def test_estimates_cross_the_door_unchanged(rng, rare):
     sent = StateEstimate(time=rng.random(), vision_age=np.nan, dvl_age=np.inf, imu_age=rng.random(), **arrays, **rare)
     near, far = EstimateCodec(6), EstimateCodec(6)
     for given in (None, "set points", None):
-        got, reference = far.decode(near.encode(sent, given))
+        got, reference = far.decode(near.encode(sent, untyped(given)))
         assert reference == given
         for field in fields(StateEstimate):
             one, other = getattr(sent, field.name), getattr(got, field.name)

@@ -27,6 +27,8 @@ class Options(StudyOptions):
 
     entry: str = "default"
     """default, normal-force-law, "without METHOD", "joint PD", a registered controller, or MODULE:CLASS."""
+    estimator: str = ""
+    """MODULE:CLASS of an estimator that the entry brings; empty: navigation is given, as to all others."""
     cases: int = CASES
     """Number of cases, from the first on."""
     seed: int = PUBLIC_SEED
@@ -38,7 +40,7 @@ class Options(StudyOptions):
 def main() -> int:
     """Runs or resumes the benchmark and returns the exit code."""
     options = parse(Options)
-    entry, chosen = Entry.of(options.entry), cases(options.cases, seed=options.seed)
+    entry, chosen = Entry.of(options.entry, options.estimator), cases(options.cases, seed=options.seed)
     about = {
         "version": VERSION,
         "seed": options.seed,

@@ -29,13 +29,14 @@ from scenarios.own_vehicle import OwnVehicle, vehicle_spec
 from scenarios.scenario import Belief, Control, VehicleSetup
 from scenarios.tasks.task import Task
 from sim.interfaces.errors import ConfigurationError, UuvError, one_line
-from sim.interfaces.protocols import Controller, Sensor
+from sim.interfaces.protocols import Controller, Estimator, Sensor
 from sim.interfaces.spatial import Array, finite_number, shown
 from sim.sensors.depth_camera import DepthCamera
 from sim.sensors.sonar import BEAMS, Sonar
 
 _TERMS: dict[str, Term] = {"hydrodynamic-term": "hydrodynamic", "dynamic-term": "dynamic", "contact-term": "contact"}
 _FOREIGN = 100  # characters kept of the message of a foreign error
+_CONTROLLER, _ESTIMATOR = "--controller", "--estimator"  # begin the messages about them
 
 
 def believed_and_built(vehicle: VehicleSetup, belief: Belief, task: Task) -> tuple[mujoco.MjSpec, mujoco.MjSpec, str]:
@@ -167,33 +168,52 @@ def controller(control: Control, own: mujoco.MjModel, *, water_error: float) -> 
     """
     name, without = control.controller, frozenset(control.without) - {"fusion"}
     parts = ablated(without, own, water_error) | as_published(frozenset(control.published), own, water_error)
-    kind = partial(CONTROLLERS.load, name) if ":" not in name else _class(name)
+    kind = partial(CONTROLLERS.load, name) if ":" not in name else _class(name, _CONTROLLER)
     if ":" not in name:
         CONTROLLERS.resolve(name)
+    if control.ik != "hybrid":
+        parts["tuning"] = ArmTuning(inverse_kinematics=control.ik)
+    made = _made(partial(kind, own, water_error=water_error, **parts), name, _CONTROLLER)
+    return SafetyWrapper(made, own)
+
+
+def estimator(name: str, own: mujoco.MjModel) -> Estimator:
+    """An estimator of a user's own, made of the vehicle's own model.
+
+    Args:
+        name: MODULE:CLASS.
+        own: The vehicle's model of itself.
+
+    Raises:
+        ConfigurationError: The class does not exist, or its module or constructor raises; the message names the place.
+    """
+    return _made(partial(_class(name, _ESTIMATOR), own), name, _ESTIMATOR)
+
+
+def _made(make: Callable[[], Any], name: str, option: str) -> Any:
+    """A part with a period and the methods `init` and `step`."""
     try:
-        if control.ik != "hybrid":
-            parts["tuning"] = ArmTuning(inverse_kinematics=control.ik)
-        made: Any = kind(own, water_error=water_error, **parts)
+        made = make()
         finite_number(made.period, "period [s]", above=0.0)
         lacking = [method for method in ("init", "step") if not callable(getattr(made, method, None))]
         if lacking:
             raise TypeError(f"it has no method {' and no '.join(lacking)}")
     except UuvError as error:
-        raise ConfigurationError(f"--controller {shown(name)}: {error}") from error
+        raise ConfigurationError(f"{option} {shown(name)}: {error}") from error
     except (Exception, SystemExit) as error:
-        raise ConfigurationError(f"--controller {shown(name)}: cannot be made of a model; {_told(error)}") from error
-    return SafetyWrapper(made, own)
+        raise ConfigurationError(f"{option} {shown(name)}: cannot be made of a model; {_told(error)}") from error
+    return made
 
 
-def _class(name: str) -> Callable[..., Any]:
+def _class(name: str, option: str) -> Callable[..., Any]:
     """The class named MODULE:CLASS."""
     module, _, word = name.partition(":")
     if not (module and word):
-        raise ConfigurationError(f"--controller {shown(name)}: expected MODULE:CLASS")
+        raise ConfigurationError(f"{option} {shown(name)}: expected MODULE:CLASS")
     try:
         return getattr(importlib.import_module(module), word)
     except (Exception, SystemExit) as error:
-        raise ConfigurationError(f"--controller {shown(name)}: cannot be imported; {_told(error)}") from error
+        raise ConfigurationError(f"{option} {shown(name)}: cannot be imported; {_told(error)}") from error
 
 
 def _told(error: BaseException) -> str:

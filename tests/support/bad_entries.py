@@ -8,6 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from controllers.work_controller import WorkController
+from good_estimators import RawEstimator
+from untyped import untyped
 
 FAIL_AT = 5  # step
 MASK = 0xA5  # over a sought pattern, so that the pattern itself is in no memory
@@ -68,6 +70,29 @@ class WrongShape(_Failing):
 class WrongTime(_Failing):
     def fail(self, state, command):
         return state, replace(command, time=command.time + 1.0)
+
+
+class EstimatesNothing(RawEstimator):
+    def step(self, state, measurements):
+        return state, untyped(None)
+
+
+class EstimatesOtherShape(RawEstimator):
+    def step(self, state, measurements):
+        state, estimate = super().step(state, measurements)
+        return state, replace(estimate, v_WB_B=np.zeros(2))
+
+
+class EstimatesNotANumber(RawEstimator):
+    def step(self, state, measurements):
+        state, estimate = super().step(state, measurements)
+        return state, replace(estimate, v_WB_B=np.full(3, np.nan))
+
+
+class EstimatesNoPose(RawEstimator):
+    def step(self, state, measurements):
+        state, estimate = super().step(state, measurements)
+        return state, replace(estimate, X_WB=2.0 * estimate.X_WB)
 
 
 class SearchesItself(_Failing):

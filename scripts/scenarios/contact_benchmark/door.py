@@ -1,7 +1,8 @@
-"""Door of the benchmark: a controller that asks an entry in a process of its own.
+"""Door of the benchmark: a controller, and an estimator, that ask an entry in a process of its own.
 
-The entry's process is a fresh interpreter. It gets a `Briefing`, then estimates and set points, and nothing else. A
-crash, a silence beyond the limits or a wrong answer raises `EntryError` in the simulation.
+The entry's process is a fresh interpreter. It gets a `Briefing`, then estimates and set points, and nothing else; one
+with an estimator gets the measurements too. A crash, a silence beyond the limits or a wrong answer raises `EntryError`
+in the simulation.
 """
 
 import os
@@ -12,13 +13,24 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Sequence
 from multiprocessing.connection import Connection
 from typing import Any, Self
 
 from models.vehicle import Vehicle
-from scenarios.contact_benchmark.wire import FAILED, READY, Briefing, CommandCodec, EntryError, EstimateCodec
+from scenarios.contact_benchmark.wire import (
+    FAILED,
+    MEASURED,
+    READY,
+    START_CONTROLLER,
+    START_ESTIMATOR,
+    Briefing,
+    CommandCodec,
+    EntryError,
+    EstimateCodec,
+)
 from sim.interfaces.errors import one_line
-from sim.interfaces.messages import Command, Reference, StateEstimate
+from sim.interfaces.messages import Command, Measurement, Reference, StateEstimate
 from sim.interfaces.spatial import finite_number
 
 START_LIMIT = 180.0  # [s] wall, to import and make the entry
@@ -29,29 +41,23 @@ _FAREWELL = 5.0  # [s] wall, for a process that has closed its connection to end
 _TAIL = 4096  # bytes of the entry's output that are read for its last line
 
 
-class RemoteController:
-    """Controller that runs in a process of its own (`sim.interfaces.protocols.Controller`); a context manager.
-
-    The state of the entry stays in its process; one `init` and the steps after it make one run.
-    """
+class EntryProcess:
+    """Process of an entry, with one connection for its controller and its estimator; a context manager."""
 
     def __init__(self, briefing: Briefing, *, step_limit: float = STEP_LIMIT, run_limit: float = RUN_LIMIT) -> None:
         """Start the process and brief the entry.
 
         Args:
             briefing: What the entry is told.
-            step_limit: [s] wall time to answer one estimate.
-            run_limit: [s] wall time to answer all estimates.
+            step_limit: [s] wall time for one answer.
+            run_limit: [s] wall time for all answers.
 
         Raises:
             EntryError: The entry cannot be made.
         """
-        vehicle = Vehicle.of(briefing.model)
-        self._codec = CommandCodec(len(vehicle.joints), len(vehicle.thruster_names))
-        self._estimates = EstimateCodec(len(vehicle.joints))
+        self.vehicle = Vehicle.of(briefing.model)
         self._step_limit, self._run_limit = step_limit, run_limit
-        self._reference: Reference | None = None
-        self.steps, self.waited, self.longest = 0, 0.0, 0.0  # number, [s] in all, [s] longest
+        self.steps, self.waited, self.longest = 0, 0.0, 0.0  # number of answers, [s] in all, [s] longest
         number, name = tempfile.mkstemp()
         self._output = os.fdopen(number, "w+b")
         os.unlink(name)  # it lives until it is closed
@@ -68,7 +74,9 @@ class RemoteController:
         self._socket, self._limit = here, 0.0  # [s] that an answer is waited for, set in the socket; 0: not set yet
         self._connection = Connection(os.dup(here.fileno()))
         try:
-            self.period = self._period(self._ready(self._ask(briefing, START_LIMIT)))
+            told = self._ready(self._told(_pickled(briefing), START_LIMIT)).partition(" ")
+            self.controller_period = self._period(told[0])
+            self.estimator_period = self._period(told[2]) if briefing.estimator else None  # [s]; None: it has none
         except BaseException:
             self.close()
             raise
@@ -87,32 +95,29 @@ class RemoteController:
         self._process.wait()
         self._output.close()
 
-    def init(self, estimate: StateEstimate) -> None:
-        """The entry's state at the first estimate, which stays with the entry. Raises EntryError."""
-        self._ready(self._ask(estimate, START_LIMIT))  # it may compile its code here
+    def start(self, message: bytes) -> None:
+        """Lets the entry make a state, which stays with it. Raises EntryError."""
+        self._ready(self._told(message, START_LIMIT))  # it may compile its code here
 
-    def step(self, state: None, estimate: StateEstimate, reference: Reference) -> tuple[None, Command]:
-        """The entry's command for the estimate.
+    def answer(self, message: bytes, *, first: bool) -> bytes:
+        """The entry's answer at a tick.
+
+        Args:
+            message: Measurements, or estimate and set points.
+            first: It is the first of its kind, which loads compiled code: its time is not counted.
 
         Raises:
-            EntryError: It crashed, was silent for too long, or answered what is no command.
+            EntryError: The entry crashed, or was silent for too long.
         """
-        changed = None if reference is self._reference else reference
-        self._reference = reference
         began = time.perf_counter()
-        message = self._estimates.encode(estimate, changed)
-        reply = self._told(message, START_LIMIT if self.steps == 0 else self._step_limit)
+        reply = self._told(message, START_LIMIT if first else self._step_limit)
         took = time.perf_counter() - began
-        if self.steps:  # the first step loads compiled code
-            self.waited, self.longest = self.waited + took, max(self.longest, took)
         self.steps += 1
+        if not first:
+            self.waited, self.longest = self.waited + took, max(self.longest, took)
         if self.waited > self._run_limit:
             raise EntryError(f"the entry took more than {self._run_limit:g} s for its steps")
-        return state, self._codec.decode(reply, estimate.time)
-
-    def _ask(self, message: Any, limit: float) -> bytes:
-        """The reply to a message that is pickled."""
-        return self._told(pickle.dumps(message, pickle.HIGHEST_PROTOCOL), limit)
+        return reply
 
     def _told(self, message: bytes, limit: float) -> bytes:
         """The reply to a message."""
@@ -157,3 +162,65 @@ class RemoteController:
         self._output.seek(max(0, size - _TAIL))
         lines = self._output.read().decode(errors="replace").strip().splitlines()
         return f" with code {code}" + (f": {one_line(lines[-1])}" if lines else "")
+
+
+class RemoteController:
+    """Controller of an entry (`sim.interfaces.protocols.Controller`); its state stays in the entry's process."""
+
+    def __init__(self, process: EntryProcess) -> None:
+        vehicle = process.vehicle
+        self._process, self.period = process, process.controller_period
+        self._commands = CommandCodec(len(vehicle.joints), len(vehicle.thruster_names))
+        self._estimates = EstimateCodec(len(vehicle.joints))
+        self._reference: Reference | None = None
+
+    def init(self, estimate: StateEstimate) -> None:
+        """The entry's state at the first estimate. Raises EntryError."""
+        self._reference = None
+        self._process.start(START_CONTROLLER + _pickled(estimate))
+
+    def step(self, state: None, estimate: StateEstimate, reference: Reference) -> tuple[None, Command]:
+        """The entry's command for the estimate.
+
+        Raises:
+            EntryError: It crashed, was silent for too long, or answered what is no command.
+        """
+        first, changed = self._reference is None, None if reference is self._reference else reference
+        self._reference = reference
+        reply = self._process.answer(self._estimates.encode(estimate, changed), first=first)
+        return state, self._commands.decode(reply, estimate.time)
+
+
+class RemoteEstimator:
+    """Estimator of an entry (`sim.interfaces.protocols.Estimator`); its state stays in the entry's process."""
+
+    def __init__(self, process: EntryProcess) -> None:
+        """Ask a process whose briefing names an estimator.
+
+        Raises:
+            EntryError: The entry has no estimator.
+        """
+        if process.estimator_period is None:
+            raise EntryError("the entry has no estimator")
+        self._process, self.period = process, process.estimator_period
+        self._estimates = EstimateCodec(len(process.vehicle.joints))
+        self._first = True
+
+    def init(self, first: Sequence[Measurement]) -> None:
+        """The entry's state from the first measurements. Raises EntryError."""
+        self._first = True
+        self._process.start(START_ESTIMATOR + _pickled(list(first)))
+
+    def step(self, state: None, measurements: Sequence[Measurement]) -> tuple[None, StateEstimate]:
+        """The entry's estimate from the measurements that arrived since the last step.
+
+        Raises:
+            EntryError: It crashed, was silent for too long, or answered what is no estimate.
+        """
+        reply = self._process.answer(MEASURED + _pickled(list(measurements)), first=self._first)
+        self._first = False
+        return state, self._estimates.decode_reply(reply)
+
+
+def _pickled(message: Any) -> bytes:
+    return pickle.dumps(message, pickle.HIGHEST_PROTOCOL)

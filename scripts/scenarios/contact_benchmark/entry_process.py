@@ -1,15 +1,26 @@
 """Process of an entry: makes the controller from its briefing and answers every estimate with a command.
 
-Started by `scenarios.contact_benchmark.door`; it has no simulation. Its one argument is the number of its socket.
+With an estimator it answers measurements with an estimate too. Started by `scenarios.contact_benchmark.door`; it has no
+simulation. Its one argument is the number of its socket.
 """
 
+import pickle
 import sys
 from multiprocessing.connection import Connection
 from typing import Any
 
 from models.vehicle import Vehicle
-from scenarios.contact_benchmark.wire import FAILED, READY, Briefing, CommandCodec, EstimateCodec
-from scenarios.contact_parts import controller
+from scenarios.contact_benchmark.wire import (
+    FAILED,
+    MEASURED,
+    READY,
+    START_CONTROLLER,
+    START_ESTIMATOR,
+    Briefing,
+    CommandCodec,
+    EstimateCodec,
+)
+from scenarios.contact_parts import controller, estimator
 from sim.interfaces.errors import one_line
 from sim.interfaces.messages import Reference
 
@@ -35,23 +46,34 @@ def serve(connection: Connection) -> None:
     briefing: Briefing = connection.recv()
     wrapped: Any = controller(briefing.control, briefing.model, water_error=briefing.water_error)
     entry = wrapped.controller  # the safety wrapper itself runs in the simulation
-    if callable(getattr(entry, "brief", None)):
-        entry.brief(briefing)
+    made = [entry] if not briefing.estimator else [entry, estimator(briefing.estimator, briefing.model)]
+    for part in made:
+        if callable(getattr(part, "brief", None)):
+            part.brief(briefing)
     vehicle = Vehicle.of(briefing.model)
-    codec, estimates = (
-        CommandCodec(len(vehicle.joints), len(vehicle.thruster_names)),
-        EstimateCodec(len(vehicle.joints)),
-    )
-    connection.send_bytes(READY + repr(float(entry.period)).encode())
-    state: Any = entry.init(connection.recv())
-    connection.send_bytes(READY)
+    commands = CommandCodec(len(vehicle.joints), len(vehicle.thruster_names))
+    estimates = EstimateCodec(len(vehicle.joints))
+    connection.send_bytes(READY + " ".join(repr(float(part.period)) for part in made).encode())
+    state: Any = None
+    navigation: Any = None
     reference: Reference | None = None
     while True:
-        estimate, changed = estimates.decode(connection.recv_bytes())
-        reference = changed or reference
-        assert reference is not None  # the first message brings one
-        state, command = entry.step(state, estimate, reference)
-        connection.send_bytes(codec.encode(command))
+        message = connection.recv_bytes()
+        kind = message[:1]
+        if kind == MEASURED:
+            navigation, estimate = made[1].step(navigation, pickle.loads(message[1:]))
+            reply = estimates.encode_reply(estimate)
+        elif kind == START_ESTIMATOR:
+            navigation, reply = made[1].init(pickle.loads(message[1:])), READY
+        elif kind == START_CONTROLLER:
+            state, reply = entry.init(pickle.loads(message[1:])), READY
+        else:
+            estimate, changed = estimates.decode(message)
+            reference = changed or reference
+            assert reference is not None  # the first message brings one
+            state, command = entry.step(state, estimate, reference)
+            reply = commands.encode(command)
+        connection.send_bytes(reply)
 
 
 if __name__ == "__main__":

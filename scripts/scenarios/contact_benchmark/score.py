@@ -14,9 +14,10 @@ from models.hydrodynamics import SEA_WATER
 from scenarios.assembly import Assembly, assemble
 from scenarios.campaigns.contact_study import CRASHED, DAMAGE, DAMAGED, force_over_set
 from scenarios.contact_benchmark.cases import INSERTION, BenchmarkCase
-from scenarios.contact_benchmark.door import RemoteController
+from scenarios.contact_benchmark.door import EntryProcess, RemoteController, RemoteEstimator
 from scenarios.contact_benchmark.entries import Entry
 from scenarios.contact_benchmark.wire import Briefing, EntryError
+from scenarios.contact_parts import estimator
 from scenarios.runner import Run, run
 from scenarios.scenario import Control
 from scenarios.study import Row, Summary, Table
@@ -76,12 +77,13 @@ def score(scored: ScoredCase) -> Row:
         if not scored.in_process:  # the entry's own module is not imported here
             control = replace(control, controller=Control().controller)
         built = assemble(scored.case.scenario(control))
-        remote = None if scored.in_process else _behind_door(built, scored)
-        with remote or nullcontext():
+        process = None if scored.in_process else _process(built, scored)
+        with process or nullcontext():
             energy = ThrusterEnergy(built.plant.timestep)
-            outcome = run(built if remote is None else _with(built, remote), observers=[energy])
-        if remote is not None:
-            row["door"] = {"steps": remote.steps, "waited_s": remote.waited, "longest_s": remote.longest}
+            entered = _in_process(built, scored.entry) if process is None else behind_door(built, process)
+            outcome = run(entered, observers=[energy])
+        if process is not None:
+            row["door"] = {"steps": process.steps, "waited_s": process.waited, "longest_s": process.longest}
     except EntryError as error:
         return row | {"class": ENTRY_FAILED, "detail": str(error)}
     except UuvError as error:
@@ -91,21 +93,37 @@ def score(scored: ScoredCase) -> Row:
     return row | figures(outcome, energy.energy) | _class(outcome)
 
 
-def _behind_door(built: Assembly, scored: ScoredCase) -> RemoteController:
-    return RemoteController(
+def _process(built: Assembly, scored: ScoredCase) -> EntryProcess:
+    return EntryProcess(
         Briefing(
             model=built.own.model,
             water_error=built.scenario.belief.water_error,
             control=scored.entry.control,
+            estimator=scored.entry.estimator,
             task=scored.case.family,
             seed=scored.case.index,
         )
     )
 
 
-def _with(built: Assembly, remote: RemoteController) -> Assembly:
-    """The assembly with the remote controller, in the safety wrapper that every controller gets."""
-    parts = replace(built.parts, controller=SafetyWrapper(remote, built.own.model))
+def behind_door(built: Assembly, process: EntryProcess) -> Assembly:
+    """The assembly with the controller of a process, in the safety wrapper that every controller gets.
+
+    Args:
+        built: Assembled with the default controller.
+        process: Of the entry; its estimator, if it has one, takes the place of navigation.
+    """
+    parts = replace(built.parts, controller=SafetyWrapper(RemoteController(process), built.own.model))
+    if process.estimator_period is not None:
+        parts = replace(parts, estimator=RemoteEstimator(process))
+    return replace(built, loop=replace(built.loop, parts=parts))
+
+
+def _in_process(built: Assembly, entry: Entry) -> Assembly:
+    """The assembly with the estimator that the entry brings."""
+    if not entry.estimator:
+        return built
+    parts = replace(built.parts, estimator=estimator(entry.estimator, built.own.model))
     return replace(built, loop=replace(built.loop, parts=parts))
 
 

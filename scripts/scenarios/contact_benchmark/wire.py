@@ -1,7 +1,8 @@
 """What goes through the door: a briefing, estimates and set points to the entry, commands as plain numbers back.
 
 A message to the entry at a tick is the estimate as plain numbers, followed by the set points, pickled, where they are
-new. Replies of the entry are never unpickled: a reply is a letter, then text or numbers of fixed count.
+new. An entry with an estimator of its own gets the measurements first, pickled, and sends the estimate as plain
+numbers. Replies of the entry are never unpickled: a reply is a letter, then text or numbers of fixed count.
 """
 
 import pickle
@@ -12,11 +13,12 @@ import mujoco
 import numpy as np
 
 from scenarios.scenario import Control
-from sim.interfaces.errors import UuvError
+from sim.interfaces.errors import ConfigurationError, UuvError
 from sim.interfaces.messages import Command, ContactEstimate, HullLoad, Reference, StateEstimate
-from sim.interfaces.spatial import Array
+from sim.interfaces.spatial import Array, checked_pose
 
-READY, COMMAND, FAILED = b"R", b"C", b"F"  # first letter of a reply
+READY, COMMAND, ESTIMATE, FAILED = b"R", b"C", b"S", b"F"  # first letter of a reply
+START_ESTIMATOR, START_CONTROLLER, MEASURED = b"I", b"J", b"M"  # first letter of a message that is pickled
 _NO_LOAD, _SAME_LOAD, _NEW_LOAD = 0.0, 1.0, 2.0
 _REST = 2 + 7 + 1 + 9  # numbers beside torques and thrusters
 _PLAIN, _PICKLED = b"E", b"P"  # first letter of a message: an estimate as numbers; one with entries that are rare
@@ -45,6 +47,7 @@ class Briefing:
     model: mujoco.MjModel  # the vehicle as it is believed; the object is not in it
     water_error: float  # [-] share by which the controller's coefficients are to be wrong
     control: Control  # the entry: name or MODULE:CLASS, and methods replaced
+    estimator: str  # the entry's estimator, MODULE:CLASS; empty: navigation runs beside the simulation
     task: str  # name of the family of jobs
     seed: int  # for the entry's own random numbers; tells nothing about the case
 
@@ -72,22 +75,56 @@ class EstimateCodec:
         """
         if estimate.tau_doubt is not None or estimate.ground is not None:
             return _PICKLED + pickle.dumps((estimate, reference), pickle.HIGHEST_PROTOCOL)
-        numbers = self._numbers
-        numbers[: len(_NUMBERS)] = [getattr(estimate, name) for name in _NUMBERS]
-        for name, part, _ in self._parts:
-            numbers[part] = getattr(estimate, name).ravel()
         more = b"" if reference is None else pickle.dumps(reference, pickle.HIGHEST_PROTOCOL)
-        return _PLAIN + numbers.tobytes() + more
+        return _PLAIN + self._packed(estimate) + more
 
     def decode(self, message: bytes) -> tuple[StateEstimate, Reference | None]:
         """The estimate of a message, in arrays of its own, and its set points; None: there are no new ones."""
         if message[:1] == _PICKLED:
             return pickle.loads(message[1:])
-        numbers = np.frombuffer(message[1 : self._size]).copy()
-        values: dict[str, Any] = {name: numbers[part].reshape(shape) for name, part, shape in self._parts}
-        values |= zip(_NUMBERS, numbers[: len(_NUMBERS)].tolist(), strict=True)
         more = message[self._size :]
-        return StateEstimate(**values), pickle.loads(more) if more else None
+        return self._unpacked(message[1 : self._size]), pickle.loads(more) if more else None
+
+    def encode_reply(self, estimate: StateEstimate) -> bytes:
+        """The reply of an entry's estimator; `tau_doubt` and `ground` are left out.
+
+        Raises:
+            TypeError: It is no estimate, or has arrays of another size.
+        """
+        if not isinstance(estimate, StateEstimate):
+            raise TypeError(f"step gave {type(estimate).__name__} in place of a StateEstimate")
+        for name, _, shape in self._parts:
+            if np.shape(getattr(estimate, name)) != shape:
+                raise TypeError(f"{name}: expected shape {shape}, got {np.shape(getattr(estimate, name))}")
+        return ESTIMATE + self._packed(estimate)
+
+    def decode_reply(self, reply: bytes) -> StateEstimate:
+        """The estimate in a reply.
+
+        Raises:
+            EntryError: The reply is no estimate, or its `X_WB` is no pose.
+        """
+        if reply[:1] != ESTIMATE or len(reply) != self._size:
+            raise EntryError("the entry answered what is no estimate")
+        estimate = self._unpacked(reply[1:])
+        try:
+            checked_pose(estimate.X_WB, "X_WB of the entry's estimate")
+        except ConfigurationError as error:
+            raise EntryError(str(error)) from error
+        return estimate
+
+    def _packed(self, estimate: StateEstimate) -> bytes:
+        numbers = self._numbers
+        numbers[: len(_NUMBERS)] = [getattr(estimate, name) for name in _NUMBERS]
+        for name, part, _ in self._parts:
+            numbers[part] = np.ravel(getattr(estimate, name))
+        return numbers.tobytes()
+
+    def _unpacked(self, packed: bytes) -> StateEstimate:
+        numbers = np.frombuffer(packed).copy()
+        values: dict[str, Any] = dict(zip(_NUMBERS, numbers[: len(_NUMBERS)].tolist(), strict=True))
+        values |= {name: numbers[part].reshape(shape) for name, part, shape in self._parts}
+        return StateEstimate(**values)
 
 
 class CommandCodec:

@@ -1,6 +1,5 @@
 """The contact benchmark: pinned cases, a door that no entry can break, scores that do not depend on the door."""
 
-import copy
 from dataclasses import fields, replace
 from pathlib import Path
 
@@ -10,37 +9,29 @@ import pytest
 import bad_entries
 from scenarios.assembly import assemble
 from scenarios.contact_benchmark.cases import CASES, FAMILIES, BenchmarkCase, cases, digest
-from scenarios.contact_benchmark.door import RemoteController
+from scenarios.contact_benchmark.door import EntryProcess
 from scenarios.contact_benchmark.entries import ENTRIES, Entry
 from scenarios.contact_benchmark.leaderboard import page
-from scenarios.contact_benchmark.score import KEPT, ScoredCase, median, score, share
+from scenarios.contact_benchmark.score import KEPT, ScoredCase, behind_door, median, score, share
 from scenarios.contact_benchmark.wire import Briefing, CommandCodec, EntryError, EstimateCodec
 from scenarios.runner import run
 from scenarios.scenario import Control
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import AbortCode, Command, ContactEstimate, GroundPlane, HullLoad, StateEstimate
+from sim.interfaces.spatial import exp_so3, pose
 from untyped import untyped
 
 GROUND = GroundPlane(time=1.0, p_W=np.ones(3), normal_W=np.ones(3), scatter=0.0, beams=3, silent=())
 DIGEST = "bd1f7e5d8639"  # of the 100 public cases of version 0
 
 
-def behind_door(control, **limits):
-    """An assembled case 0, and its door to an entry."""
+def run_behind_door(control, longest, *, estimator="", **limits):
+    """A run of case 0 of so many simulated seconds [s] with an entry behind the door."""
     built = assemble(BenchmarkCase(index=0).scenario(Control()))
     own = built.own.model
-    briefing = Briefing(model=own, water_error=0.0, control=control, task="barrel", seed=0)
-    return built, RemoteController(briefing, **limits)
-
-
-def run_behind_door(control, longest, **limits):
-    """A run of case 0 of so many simulated seconds [s] with an entry behind the door."""
-    built, remote = behind_door(control, **limits)
-    with remote:
-        wrapper = copy.copy(untyped(built.parts.controller))
-        wrapper.controller = remote
-        parts = replace(built.parts, controller=wrapper)
-        return run(replace(built, loop=replace(built.loop, parts=parts)), longest=longest)
+    briefing = Briefing(model=own, water_error=0.0, control=control, estimator=estimator, task="barrel", seed=0)
+    with EntryProcess(briefing, **limits) as process:
+        return run(behind_door(built, process), longest=longest)
 
 
 def test_the_public_cases_are_pinned():
@@ -116,6 +107,60 @@ def test_a_step_through_the_door_changes_no_bit():
     there = run_behind_door(control, 1.0).recording
     assert here.digest() == there.digest()
     assert np.ptp(here["p_WB"].value, axis=0).max() > 1e-3  # the hull moves
+
+
+@pytest.mark.long
+def test_an_estimator_behind_the_door_changes_no_bit():
+    control = ENTRIES["default"]
+    here = run(assemble(BenchmarkCase(index=0).scenario(control)), longest=1.0).recording
+    there = run_behind_door(control, 1.0, estimator="good_estimators:given").recording
+    other = run_behind_door(control, 1.0, estimator="good_estimators:RawEstimator").recording
+    assert here.digest() == there.digest()
+    assert here.digest() != other.digest()  # the entry's estimates are those that are used
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        pytest.param("EstimatesNothing", "NoneType in place of a StateEstimate", marks=pytest.mark.long),
+        pytest.param("EstimatesOtherShape", "v_WB_B: expected shape", marks=pytest.mark.long),
+        pytest.param("EstimatesNoPose", "X_WB of the entry's estimate: expected a pose", marks=pytest.mark.long),
+    ],
+)
+def test_a_failure_of_the_estimator_is_one_line(name, said):
+    with pytest.raises(EntryError, match=said) as caught:
+        run_behind_door(ENTRIES["default"], 0.1, estimator=f"bad_entries:{name}")
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.long
+def test_estimates_that_are_no_numbers_stop_the_vehicle():
+    ran = run_behind_door(ENTRIES["default"], 1.0, estimator="bad_entries:EstimatesNotANumber")
+    assert ran.recording.final.abort is AbortCode.ESTIMATE
+
+
+def test_estimates_of_an_entry_cross_the_door_unchanged(rng):
+    arrays = {name: rng.normal(size=3) for name in ("v_WB_B", "w_WB_B", "a_WB_B", "position_sigma")}
+    arrays |= {name: rng.normal(size=6) for name in ("q", "qd", "tau")}
+    sent = StateEstimate(time=rng.random(), X_WB=pose(exp_so3(rng.normal(size=3)), rng.normal(size=3)), **arrays)
+    near, far = EstimateCodec(6), EstimateCodec(6)
+    got = far.decode_reply(near.encode_reply(sent))
+    for field in fields(StateEstimate):
+        np.testing.assert_array_equal(getattr(sent, field.name), getattr(got, field.name))
+    for reply in (near.encode(sent, None), b"", b"S", near.encode_reply(sent)[:-1]):
+        with pytest.raises(EntryError, match="no estimate"):
+            far.decode_reply(reply)
+
+
+def test_an_entry_with_an_estimator_is_another_entry():
+    alone, both = Entry.of("default"), Entry.of("default", "bad_entries:EstimatesNothing")
+    assert both.name == "default with bad_entries:EstimatesNothing"
+    assert both.control == alone.control
+    assert both.source != alone.source
+    with pytest.raises(ConfigurationError, match="--estimator: there is no module 'nowhere'"):
+        Entry.of("default", "nowhere:Filter")
+    with pytest.raises(ConfigurationError, match="expected MODULE:CLASS, got 'nowhere'"):
+        Entry.of("default", "nowhere")
 
 
 @pytest.mark.long

@@ -32,7 +32,8 @@ from sim.runs.saving import write_json
 
 OVERHEAD = 0.03  # goal: largest time of an engine's workers beside their runs, over that of the runs
 _SIZES = (0, 10_000)  # rows that are there when the time of another one is taken
-_ADDED = 200  # rows of which the median time is taken
+_ADDED = 100  # times that are taken, of which the median counts
+_BATCH = 50  # rows that come at once
 
 
 @dataclass(kw_only=True)
@@ -77,8 +78,8 @@ def empty_tasks(engine: EngineName, tasks: Sequence[CampaignRun], workers: int) 
         workers: Number of processes.
     """
     times = [time.perf_counter()]
-    for _ in engine_for(engine, workers, len(tasks), Limits()).results(tasks, nothing, no_task):
-        times.append(time.perf_counter())
+    for found in engine_for(engine, workers, len(tasks), Limits()).results(tasks, nothing, no_task):
+        times += [time.perf_counter()] * len(found)
     told = {"first_s": times[1] - times[0], "task_s": (times[-1] - times[1]) / (len(tasks) - 1)}
     return told | {"end_s": time.perf_counter() - times[-1], "message_b": float(np.mean([*map(_size, tasks)]))}
 
@@ -108,35 +109,32 @@ def real_runs(engine: EngineName, campaign: Campaign, options: Options, folder: 
     return rows, {"wall_s": wall, "runs_s": spent, "beside_s": beside, "overhead": beside / spent}
 
 
-def row_costs(rows: Sequence[Row]) -> dict[str, Any]:
-    """Size of a row on the disk and in the study's memory [B], and median time to add one where so many are there [s].
+def row_costs(rows: Sequence[Row]) -> dict[str, float]:
+    """Median time to add a row alone, and in a batch [s], with so many there; and what one takes in memory [B].
 
     Args:
         rows: Rows of a campaign; they are repeated under other numbers.
     """
-    timing = {"wall_s": 1.0, "cpu_s": 1.0}
     plain = [{name: value for name, value in row.items() if name not in (KEY, TIMING)} for row in rows]
-    found: dict[str, Any] = {}
+    found: dict[str, float] = {}
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     with tempfile.TemporaryDirectory() as name, RowLog.open(Path(name)) as log:
+
+        def add(count: int) -> float:
+            """Time [s] to add so many rows at once, for each."""
+            numbers = range(len(log.rows), len(log.rows) + count)
+            more = [(str(k), {**plain[k % len(plain)], "case": k}, {"wall_s": 1.0, "cpu_s": 1.0}) for k in numbers]
+            began = time.perf_counter()
+            log.add(more)
+            return (time.perf_counter() - began) / count
+
         for size in _SIZES:
-            _filled(log, plain, size, timing)
-            took = []
-            for _ in range(_ADDED):
-                number = len(log.rows)
-                began = time.perf_counter()
-                log.add(str(number), {**plain[number % len(plain)], "case": number}, timing)
-                took.append(time.perf_counter() - began)
-            found[f"add_s_at_{size}"] = float(np.median(took))
-        full = sorted((Path(name) / ROWS).glob("*.parquet"))[:-1]
-        found["row_b"] = sum(file.stat().st_size for file in full) / (len(full) * CHUNK)
+            while len(log.rows) < size:
+                add(CHUNK)
+            found[f"add_s_at_{size}"] = float(np.median([add(1) for _ in range(_ADDED)]))
+        found["add_s_in_batch"] = float(np.median([add(_BATCH) for _ in range(_ADDED)]))
         found["memory_b"] = 1024 * (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) / len(log.rows)
     return found
-
-
-def _filled(log: RowLog, plain: Sequence[Row], size: int, timing: Mapping[str, float]) -> None:
-    for number in range(len(log.rows), size):
-        log.add(str(number), {**plain[number % len(plain)], "case": number}, timing)
 
 
 def _size(value: Any) -> int:
@@ -177,14 +175,16 @@ def main() -> int:
     equal = all(each == bare[0] for each in bare)
     of_rows = row_costs(next(iter(rows.values())))
     console.print(_told(costs).printed())
+    size = sum(file.stat().st_size for file in (out / options.engines[0] / ROWS).iterdir()) / len(runs)
     console.print(
-        f"a row: {of_rows['row_b']:.0f} B on the disk, {1e-3 * of_rows['memory_b']:.1f} kB in the memory of the study; "
+        f"a row: {size:.0f} B on the disk, {1e-3 * of_rows['memory_b']:.1f} kB in the memory of the study; "
         f"{1e3 * of_rows['add_s_at_0']:.1f} ms to add the first ones, "
-        f"{1e3 * of_rows[f'add_s_at_{_SIZES[-1]}']:.1f} ms to {_SIZES[-1]} others",
+        f"{1e3 * of_rows[f'add_s_at_{_SIZES[-1]}']:.1f} ms to {_SIZES[-1]} others, "
+        f"{1e3 * of_rows['add_s_in_batch']:.2f} ms with {_BATCH} at once",
         highlight=False,
     )
     console.print(f"{len(runs)} rows, {'equal to the bit' if equal else 'NOT EQUAL'} on all engines", highlight=False)
-    write_json(out / "campaign_engines.json", {"engines": costs, "row": of_rows, "equal": equal})
+    write_json(out / "campaign_engines.json", {"engines": costs, "row": {**of_rows, "row_b": size}, "equal": equal})
     console.print(f"written to {out}/", highlight=False)
     return 0 if equal else 1
 

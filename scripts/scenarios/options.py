@@ -203,6 +203,8 @@ class TrialOptions(VehicleOptions):
 
     trials: int = 0
     """Number of seeds to run, without recording; 0: one run with recording."""
+    engine: EngineName = "processes"
+    """processes: of this machine. ray: a Ray cluster, that of RAY_ADDRESS or one started here (extra cluster)."""
     workers: int = 0
     """Processes for the trials; 0: one for each core, 1: this one."""
     anew: bool = False

@@ -40,9 +40,9 @@ def folders() -> list[Path]:
 
 def _sources() -> list[Path]:
     """Folders of the packages that have kernels, and their subpackages."""
-    rooms = [HOME / room for room in ROOMS_WITH_LOOPS]
     wiring = [path for path in (HOME / "scenarios", HOME / "scripts" / "scenarios") if path.is_dir()]  # wheel, checkout
-    return [*rooms, *(file.parent for room in rooms for file in sorted(room.glob("*/__init__.py"))), *wiring]
+    rooms = [*(HOME / room for room in ROOMS_WITH_LOOPS), *wiring]
+    return [*rooms, *(file.parent for room in rooms for file in sorted(room.glob("*/__init__.py")))]
 
 
 def is_kept(kernel: Any) -> bool:

@@ -6,6 +6,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Mapping
+from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -135,12 +136,11 @@ def test_local_processes(root, tmp_path):
 
 @pytest.mark.skipif(find_spec("ray") is None, reason="Ray is not installed")
 def test_a_ray_cluster_of_two_nodes(root, tmp_path, monkeypatch):
-    from ray.cluster_utils import Cluster
-
+    cluster_utils = import_module("ray.cluster_utils")
     path = os.pathsep.join([str(root), str(root / "scripts"), str(root / "tests" / "support")])
     for name, value in {"KILL_TEST": str(tmp_path), "PYTHONPATH": path, "RAY_TMPDIR": "/tmp/uuv_ray"}.items():
         monkeypatch.setenv(name, value)
-    cluster = Cluster(initialize_head=True, head_node_args={"num_cpus": 1})
+    cluster = cluster_utils.Cluster(initialize_head=True, head_node_args={"num_cpus": 1})
     nodes = [cluster.add_node(num_cpus=1)]
 
     def another_node() -> None:

@@ -23,8 +23,8 @@ class Engine(Protocol):
 
     def results(
         self, tasks: Sequence[Task], run: Callable[[Task], Result], died: Callable[[Task], Result]
-    ) -> Iterator[tuple[Task, Result]]:
-        """Carries out all tasks and yields each with its result, in order of completion.
+    ) -> Iterator[Sequence[tuple[Task, Result]]]:
+        """Carries out all tasks and yields each with its result, in order of completion, those together that are there.
 
         Args:
             tasks: Picklable tasks.
@@ -32,7 +32,7 @@ class Engine(Protocol):
             died: Result of a task whose process died each time.
 
         Yields:
-            Task, result.
+            Some tasks, at least one, with their results.
 
         Raises:
             ConfigurationError: The engine is not to be had here, or is lost.
@@ -48,10 +48,10 @@ class ThisProcess:
 
     def results(
         self, tasks: Sequence[Task], run: Callable[[Task], Result], died: Callable[[Task], Result]
-    ) -> Iterator[tuple[Task, Result]]:
+    ) -> Iterator[Sequence[tuple[Task, Result]]]:
         """As `Engine.results`."""
         del died
-        return ((task, run(task)) for task in tasks)
+        return ([(task, run(task))] for task in tasks)
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,9 +68,9 @@ class LocalProcesses:
 
     def results(
         self, tasks: Sequence[Task], run: Callable[[Task], Result], died: Callable[[Task], Result]
-    ) -> Iterator[tuple[Task, Result]]:
+    ) -> Iterator[Sequence[tuple[Task, Result]]]:
         """As `Engine.results`."""
-        return run_all(tasks, self.workers, run, died, self.limits)
+        return ([each] for each in run_all(tasks, self.workers, run, died, self.limits))
 
 
 def _processes(workers: int, tasks: int, limits: Limits) -> Engine:

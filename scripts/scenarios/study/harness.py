@@ -20,7 +20,7 @@ from scenarios.study.engines import Engine, engine_for
 from scenarios.study.loaded_code import digests, loaded_files, new_digests
 from scenarios.study.local_processes import NO_LIMITS
 from scenarios.study.options import PoolOptions
-from scenarios.study.row_log import KEY, METRICS, PAGE, TIMING, RowLog
+from scenarios.study.row_log import KEY, METRICS, PAGE, TIMING, RowLog, Timing
 from scenarios.study.row_table import Row, read_rows
 from scenarios.study.worker import Limits, TimeLimitError, within_time
 from sim.interfaces.errors import ConfigurationError, UuvError
@@ -239,17 +239,31 @@ class Study(Generic[Case]):
         run = partial(_timed, self.run_one, limits.time_s)
         with progress:
             bar = progress.add_task("runs", total=len(left))
-            for case, done in engine.results(list(left.values()), run, _died):
-                row = done.row
-                if row is None and self.failed is not None:
-                    row = as_json(self.failed(case, done.error))
-                elif row is None:
-                    raise ConfigurationError(f"{case}: {DIED}" if done.error == DIED else done.error)
-                log.depends_on(done.code)
-                log.add(key_of(case), row, {"wall_s": done.wall_s, "cpu_s": done.cpu_s})
-                progress.advance(bar)
-                if said := self.line(row):
-                    console.print(said, highlight=False, markup=False)
+            for found in engine.results(list(left.values()), run, _died):
+                rows, error = self._rows_of(found)
+                for _, done in found:
+                    log.depends_on(done.code)
+                log.add([(key_of(case), row, timing) for case, row, timing in rows])
+                if error:
+                    raise ConfigurationError(error)
+                progress.advance(bar, len(rows))
+                for _, row, _ in rows:
+                    if said := self.line(row):
+                        console.print(said, highlight=False, markup=False)
+
+    def _rows_of(self, found: Sequence[tuple[Case, _Done]]) -> tuple[list[tuple[Case, Row, Timing]], str]:
+        """Cases with rows and times of those that have a row; and the error of the first one that has none, or ""."""
+        rows: list[tuple[Case, Row, Timing]] = []
+        error = ""
+        for case, done in found:
+            row = done.row
+            if row is None and self.failed is None:
+                error = error or (f"{case}: {DIED}" if done.error == DIED else done.error)
+                continue
+            row = as_json(self.failed(case, done.error)) if row is None and self.failed is not None else row
+            assert row is not None
+            rows.append((case, row, {"wall_s": done.wall_s, "cpu_s": done.cpu_s}))
+        return rows, error
 
 
 def _console() -> Console:

@@ -54,7 +54,7 @@ class RayCluster:
 
     def results(
         self, tasks: Sequence[Task], run: Callable[[Task], Result], died: Callable[[Task], Result]
-    ) -> Iterator[tuple[Task, Result]]:
+    ) -> Iterator[Sequence[tuple[Task, Result]]]:
         """As `Engine.results`."""
         from scenarios import first_start
 
@@ -92,8 +92,8 @@ def _connected(workers: int) -> Iterator[None]:
 
 def _carried_out(
     tasks: Sequence[Task], run: Any, died: Callable[[Task], Result], limits: Limits
-) -> Iterator[tuple[Task, Result]]:
-    """Each task with its result; `run` is the reference of a function that the cluster holds."""
+) -> Iterator[Sequence[tuple[Task, Result]]]:
+    """The tasks with their results; `run` is the reference of a function that the cluster holds."""
     remote: Any = ray.remote(num_cpus=1, max_retries=0)(_one)  # again, if need be, by this loop: it counts the deaths
     waiting, deaths = deque(range(len(tasks))), [0] * len(tasks)
     under_way: dict[Any, int] = {}
@@ -106,6 +106,7 @@ def _carried_out(
             under_way[remote.remote(run, tasks[number], limits)] = number
         ray.wait(list(under_way), num_returns=1)
         done, _ = ray.wait(list(under_way), num_returns=len(under_way), timeout=0.0)
+        found: list[tuple[Task, Result]] = []
         for reference in done:
             number = under_way.pop(reference)
             try:
@@ -123,7 +124,9 @@ def _carried_out(
                     waiting.append(number)
                     continue
                 result = died(tasks[number])
-            yield tasks[number], result
+            found.append((tasks[number], result))
+        if found:
+            yield found
 
 
 def _one(run: Callable[[Task], Result], task: Task, limits: Limits) -> Result:

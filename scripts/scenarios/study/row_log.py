@@ -1,7 +1,7 @@
 """Rows of a study on disk, and what they depend on: one process writes, and rows of other code are refused."""
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Self
@@ -13,6 +13,7 @@ from sim.runs.provenance import versions
 from sim.runs.run_folder import alone_in
 from sim.runs.saving import write_json
 
+Timing = Mapping[str, float | None]  # wall and processor time of a run [s]; None: its process died
 KEY, TIMING = "case_id", "timing"  # entries that the log adds to a row
 METRICS, PAGE = "metrics.json", "report.html"  # files made from the rows of a log
 _EARLIER = "results.jsonl"  # rows before they were Parquet
@@ -115,20 +116,20 @@ class RowLog:
             self._settings = settings
             self._write_about()
 
-    def add(self, key: str, row: Row, timing: Mapping[str, float | None]) -> None:
-        """Adds a row, in place of one of the same case; it is on the disk when this returns.
+    def add(self, done: Iterable[tuple[str, Row, Timing]]) -> None:
+        """Adds rows, in place of those of the same cases; they are on the disk when this returns.
 
         Args:
-            key: Identifies the case.
-            row: Its result, of JSON types.
-            timing: Wall and processor time [s].
+            done: Key of a case, its result, of JSON types, and its times; for each.
 
         Raises:
-            ConfigurationError: The file cannot be written.
+            ConfigurationError: A file cannot be written.
         """
-        whole = {**row, KEY: key, TIMING: dict(timing)}
-        self._table.add(whole, at=list(self.rows).index(key) if key in self.rows else None)
-        self.rows[key] = whole
+        rows = {key: {**row, KEY: key, TIMING: dict(timing)} for key, row, timing in done}
+        for key in rows.keys() & self.rows.keys():
+            self._table.replace(list(self.rows).index(key), rows[key])
+        self._table.extend([row for key, row in rows.items() if key not in self.rows])
+        self.rows |= rows
 
     def _write_about(self) -> None:
         about = {"schema": SCHEMA_VERSION, "settings": self._settings, "versions": versions(), "code": self._code}

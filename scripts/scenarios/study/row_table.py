@@ -1,7 +1,7 @@
 """Rows of a study as Parquet files: typed columns with dotted names, whole at every moment, read back bit for bit."""
 
 import json
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -57,51 +57,55 @@ class RowTable:
         if len(self.rows) % CHUNK == 0:
             self._last = pa.table({})
 
-    def add(self, row: Row, *, at: int | None = None) -> None:
-        """Adds a row; it is on the disk when this returns.
-
-        Args:
-            row: The row.
-            at: Number of a row that it replaces; None: it is one more.
+    def extend(self, rows: Sequence[Row]) -> None:
+        """Adds rows; they are on the disk when this returns. Each file that they go to is written once.
 
         Raises:
-            ConfigurationError: The file cannot be written, or two values of the row have one name.
+            ConfigurationError: A file cannot be written, or two values of a row have one name.
         """
-        values = dict(_flat(row))
+        self._widen(rows)
+        for start in range(0, len(rows), CHUNK):
+            self._append(rows[start : start + CHUNK])
+
+    def replace(self, at: int, row: Row) -> None:
+        """Puts a row in the place of row number `at`; it is on the disk when this returns. Raises as `extend`."""
+        self._widen([row])
+        first = at - at % CHUNK
+        rows = self.rows[first : first + CHUNK]
+        rows[at - first] = row
+        table = self._table(rows)
+        self._write(at // CHUNK, table)
+        self.rows[at] = row
+        if table.num_rows < CHUNK:
+            self._last = table
+
+    def _widen(self, rows: Sequence[Row]) -> None:
+        """Makes the columns wide enough for new rows, in all files if there are some."""
         kinds = dict(self._kinds)
-        for name, value in values.items():
-            kinds[name] = _wider(kinds[name], _kind(value)) if name in kinds else _kind(value)
-        grown = bool(self.rows) and kinds != self._kinds
+        for row in rows:
+            for name, value in _flat(row):
+                kinds[name] = _wider(kinds[name], _kind(value)) if name in kinds else _kind(value)
+        if kinds == self._kinds:
+            return
         before, self._kinds = self._kinds, kinds
         try:
-            if grown:
-                self._write_all()
-            if at is None:
-                self._append(row)
-            else:
-                self._replace(at, row)
+            self._write_all()
         except ConfigurationError:
             self._kinds = before
             raise
 
-    def _append(self, row: Row) -> None:
-        last = self._table([row])
-        if self._last.num_rows:
-            last = pa.concat_tables([self._last, last]).combine_chunks()
-        self._write(len(self.rows) // CHUNK, last)
-        self.rows.append(row)
-        self._last = last if last.num_rows < CHUNK else pa.table({})
-
-    def _replace(self, at: int, row: Row) -> None:
-        number = at // CHUNK
-        first = number * CHUNK
-        rows = self.rows[first : first + CHUNK]
-        rows[at - first] = row
-        table = self._table(rows)
-        self._write(number, table)
-        self.rows[at] = row
-        if table.num_rows < CHUNK:
-            self._last = table
+    def _append(self, rows: Sequence[Row]) -> None:
+        """Adds at most CHUNK rows, to the file that is not full and to another one."""
+        room = CHUNK - len(self.rows) % CHUNK
+        for part in (rows[:room], rows[room:]):
+            if not part:
+                continue
+            last = self._table(part)
+            if self._last.num_rows:
+                last = pa.concat_tables([self._last, last]).combine_chunks()
+            self._write(len(self.rows) // CHUNK, last)
+            self.rows += part
+            self._last = last if last.num_rows < CHUNK else pa.table({})
 
     def _write_all(self) -> None:
         """Writes all files anew with the columns of now, the first one first: pandas takes the columns from it."""

@@ -28,7 +28,7 @@ VALUES = st.recursive(
 def filled(folder: Path, rows: list[Row]) -> RowTable:
     table = RowTable(folder)
     for row in rows:
-        table.add(row)
+        table.extend([row])
     return table
 
 
@@ -64,11 +64,27 @@ def test_a_row_takes_the_place_of_another(tmp_path_factory, rows, other, at):
         patch.setattr(row_table, "CHUNK", 2)
         folder = tmp_path_factory.mktemp("rows")
         table = filled(folder, rows)
-        table.add(other, at=at)
-        table.add({"a": 1})
+        table.replace(at, other)
+        table.extend([{"a": 1}])
         expected = [*rows[:at], other, *rows[at + 1 :], {"a": 1}]
         assert same(read_rows(folder), expected)
         assert same(RowTable(folder).rows, expected)
+
+
+@settings(max_examples=20, deadline=None)
+@given(sizes=st.lists(st.integers(0, 7), min_size=1, max_size=4))
+def test_rows_come_in_any_number_at_a_time(tmp_path_factory, sizes):
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(row_table, "CHUNK", 3)
+        folder = tmp_path_factory.mktemp("rows")
+        table, rows = RowTable(folder), []
+        for size in sizes:
+            more = [{"run": len(rows) + i, **({"rare": 1.0} if i == 2 else {})} for i in range(size)]
+            table.extend(more)
+            rows += more
+        assert same(read_rows(folder), rows)
+        full = [len(pq.read_table(file)) for file in sorted((folder / "rows").glob("*.parquet"))]
+        assert all(count == 3 for count in full[:-1])
 
 
 def test_columns_are_typed_and_named_by_dots(tmp_path):
@@ -96,12 +112,12 @@ def test_files_hold_a_number_of_rows_each_and_share_their_columns(tmp_path, monk
     monkeypatch.setattr(row_table, "CHUNK", 3)
     rows: list[Row] = [{"run": run, "value": float(run)} for run in range(7)]
     table = filled(tmp_path, rows)
-    table.add({"run": 7, "detail": "late"})
+    table.extend([{"run": 7, "detail": "late"}])
     files = sorted((tmp_path / "rows").iterdir())
     assert [pq.read_metadata(file).num_rows for file in files] == [3, 3, 2]
     assert len({tuple(pq.read_schema(file).names) for file in files}) == 1
     assert read_rows(tmp_path) == [*rows, {"run": 7, "detail": "late"}]
-    RowTable(tmp_path).add({"run": 8})
+    RowTable(tmp_path).extend([{"run": 8}])
     assert len(read_rows(tmp_path)) == 9
 
 
@@ -126,7 +142,7 @@ def test_readers_find_whole_rows_after_every_single_write(tmp_path, monkeypatch,
         with monkeypatch.context() as patched:
             patched.setattr(row_table, "write_whole", killed)
             try:
-                table.add({"run": 5, **change})
+                table.extend([{"run": 5, **change}])
             except KeyboardInterrupt:
                 assert allowed < 4
         assert pq.read_table(folder / "rows")["run"].to_pylist() == [0, 1, 2, 3, 4, 5][: 5 + (allowed == 4)]
@@ -153,9 +169,9 @@ def test_a_full_disk_costs_the_row_at_hand_only(tmp_path):
     table = filled(tmp_path, [{"run": 0}])
     (tmp_path / f".000000.parquet.{os.getpid()}").symlink_to("/dev/full")  # where the new file is written to
     with pytest.raises(ConfigurationError, match=r"000000.parquet: cannot be written \(No space left on device\)"):
-        table.add({"run": 1, "new": 1.0})
+        table.extend([{"run": 1, "new": 1.0}])
     assert read_rows(tmp_path) == [{"run": 0}]
-    table.add({"run": 1, "new": 1.0})
+    table.extend([{"run": 1, "new": 1.0}])
     assert read_rows(tmp_path) == [{"run": 0}, {"run": 1, "new": 1.0}]
 
 

@@ -174,7 +174,7 @@ def test_numbers_of_processes_are_checked(given, said):
 def begun(folder: Path) -> RowLog:
     log = RowLog(folder)
     for run in range(2):
-        log.add(str(run), {"run": run}, TIMED)
+        log.add([(str(run), {"run": run}, TIMED)])
     return log
 
 
@@ -249,7 +249,7 @@ def test_log_goes_on_where_it_was_cut(tmp_path):
     (tmp_path / ".000000.parquet.123").write_bytes(b"PAR1")  # of a process that was killed
     log = RowLog(tmp_path)
     assert [*log.rows] == ["0", "1"]
-    log.add("2", {"run": 2}, TIMED)
+    log.add([("2", {"run": 2}, TIMED)])
     assert [row["run"] for row in RowLog(tmp_path).rows.values()] == [0, 1, 2]
     assert {path.name for path in tmp_path.iterdir()} == {"rows", "study.json"}
 

@@ -83,7 +83,8 @@ def test_every_first_entry_can_be_made():
 
 @pytest.mark.long
 @pytest.mark.skipif(not Path("/proc/self/mem").exists(), reason="reads its memory by /proc")
-def test_the_truth_is_not_in_the_memory_of_the_entry(monkeypatch, tmp_path, rng):
+@pytest.mark.parametrize("estimator", ["", "good_estimators:given"])
+def test_the_truth_is_not_in_the_memory_of_the_entry(monkeypatch, tmp_path, rng, estimator):
     """The bytes of the object's true place are not found, nor random ones; those of limits that it was told are."""
     built = assemble(BenchmarkCase(index=0).scenario(Control()))
     told = np.array(built.own.vehicle.torque_limits[:3], dtype=np.float64)
@@ -93,7 +94,7 @@ def test_the_truth_is_not_in_the_memory_of_the_entry(monkeypatch, tmp_path, rng)
     np.save(tmp_path / "patterns.npy", masked)
     monkeypatch.setenv(bad_entries.PATTERNS, str(tmp_path / "patterns.npy"))
     monkeypatch.setenv(bad_entries.FOUND, str(tmp_path / "found"))
-    run_behind_door(Control(controller="bad_entries:SearchesItself"), 0.02)
+    run_behind_door(Control(controller="bad_entries:SearchesItself"), 0.02, estimator=estimator)
     of_truth, of_nothing, of_told = map(int, (tmp_path / "found").read_text().split())
     assert of_nothing == 0
     assert of_truth == 0

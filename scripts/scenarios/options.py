@@ -12,6 +12,7 @@ from scenarios.arm_identification.friction_run import GearIdentificationTask
 from scenarios.perturbations.vehicle import Gears
 from scenarios.scenario import AblatedMethod, Belief, Control, Method, PublishedMethod, Scenario, Sensing, VehicleSetup
 from scenarios.site import Barrel, Ground, HoleManifold, KnownObject, OpenWater, Pile, Site, SiteObject
+from scenarios.study.engines import EngineName
 from scenarios.study.options import at_least
 from scenarios.tasks.insertion import InsertionTask
 from scenarios.tasks.inspection import InspectionTask

@@ -262,7 +262,7 @@ def test_the_command_refuses_rows_of_another_version(script, tmp_path):
     file.write_text(FILE)
     table = RowTable(out)
     out.mkdir()
-    table.add({"case": 0})
+    table.extend([{"case": 0}])
     rows = out / "rows" / "000000.parquet"
     about = {"schema": SCHEMA_VERSION, "settings": {}, "versions": versions(), "code": {}}
     (out / "study.json").write_text(json.dumps(about))

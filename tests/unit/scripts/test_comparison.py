@@ -8,26 +8,26 @@ import numpy as np
 import pytest
 
 from scenarios.campaigns.comparison import Finished, PairedMetric, compared, mcnemar
-from scenarios.study.row_table import RowTable
+from scenarios.study.row_table import Row, RowTable
 from sim.interfaces.errors import ConfigurationError
 
 
 def folder(path: Path, lost: list[float | None], **other: Any) -> Path:
     """A finished campaign with one metric; `other` replaces entries of its metrics.json."""
     path.mkdir()
-    table = RowTable(path)
-    for case, value in enumerate(lost):
-        table.add(
-            {
-                "case": case,
-                "values": {"seed": case, "x": 0.1 * case},
-                "drawn": {},
-                "state": "done",
-                "code": "",
-                "accepted": True,
-                "metrics": {"lost_s": value},
-            }
-        )
+    rows: list[Row] = [
+        {
+            "case": case,
+            "values": {"seed": case, "x": 0.1 * case},
+            "drawn": {},
+            "state": "done",
+            "code": "",
+            "accepted": True,
+            "metrics": {"lost_s": value},
+        }
+        for case, value in enumerate(lost)
+    ]
+    RowTable(path).extend(rows)
     about = {"bounds": {"lost_s": 1.0}, "replay": "scripts/run_campaign.py mine.toml --replay", **other}
     (path / "metrics.json").write_text(json.dumps(about))
     return path

@@ -14,7 +14,7 @@ import resource
 import tempfile
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +24,7 @@ from rich.console import Console
 from scenarios.campaigns.campaign import Campaign, CampaignRun, crashed_row, one_run, read_campaign
 from scenarios.study import Row, Study, StudyOptions, Summary, Table, read_rows
 from scenarios.study.engines import EngineName, engine_for
+from scenarios.study.harness import key_of
 from scenarios.study.row_log import KEY, TIMING, RowLog
 from scenarios.study.row_table import CHUNK, ROWS
 from scenarios.study.worker import Limits
@@ -33,6 +34,7 @@ from sim.runs.saving import write_json
 OVERHEAD = 0.03  # goal: largest time of an engine's workers beside their runs, over that of the runs
 _SIZES = (0, 10_000)  # rows that are there when the time of another one is taken
 _ADDED = 100  # times that are taken, of which the median counts
+_PLANNED = 20_000  # runs that are drawn
 _BATCH = 50  # rows that come at once
 
 
@@ -109,6 +111,15 @@ def real_runs(engine: EngineName, campaign: Campaign, options: Options, folder: 
     return rows, {"wall_s": wall, "runs_s": spent, "beside_s": beside, "overhead": beside / spent}
 
 
+def plan_costs(campaign: Campaign) -> dict[str, float]:
+    """Time [s] and memory [B] that a run takes before it begins: its values drawn, its key."""
+    before, began = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss, time.perf_counter()
+    keyed = {key_of(run): run for run in campaign.runs(_PLANNED)}
+    took = time.perf_counter() - began
+    grown = 1024 * (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before)
+    return {"plan_s": took / len(keyed), "plan_b": grown / len(keyed)}
+
+
 def row_costs(rows: Sequence[Row]) -> dict[str, float]:
     """Median time to add a row alone, and in a batch [s], with so many there; and what one takes in memory [B].
 
@@ -133,6 +144,9 @@ def row_costs(rows: Sequence[Row]) -> dict[str, float]:
                 add(CHUNK)
             found[f"add_s_at_{size}"] = float(np.median([add(1) for _ in range(_ADDED)]))
         found["add_s_in_batch"] = float(np.median([add(_BATCH) for _ in range(_ADDED)]))
+        began = time.perf_counter()
+        count = len(read_rows(name))
+        found["read_s"] = (time.perf_counter() - began) / count
         found["memory_b"] = 1024 * (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) / len(log.rows)
     return found
 
@@ -165,6 +179,7 @@ def main() -> int:
     out = new_folder("campaign_engines", options.out)
     campaign = read_campaign(options.campaign)
     runs, tasks = campaign.runs(options.runs), campaign.runs(options.tasks)
+    of_plan = plan_costs(replace(campaign, cases=_PLANNED))  # first: memory is told by its peak
     costs: dict[str, dict[str, float]] = {}
     rows: dict[str, list[Row]] = {}
     for engine in options.engines:
@@ -180,11 +195,14 @@ def main() -> int:
         f"a row: {size:.0f} B on the disk, {1e-3 * of_rows['memory_b']:.1f} kB in the memory of the study; "
         f"{1e3 * of_rows['add_s_at_0']:.1f} ms to add the first ones, "
         f"{1e3 * of_rows[f'add_s_at_{_SIZES[-1]}']:.1f} ms to {_SIZES[-1]} others, "
-        f"{1e3 * of_rows['add_s_in_batch']:.2f} ms with {_BATCH} at once",
+        f"{1e3 * of_rows['add_s_in_batch']:.2f} ms with {_BATCH} at once, {1e3 * of_rows['read_s']:.2f} ms to read it; "
+        f"{1e3 * of_plan['plan_s']:.2f} ms and {1e-3 * of_plan['plan_b']:.1f} kB to draw a run",
         highlight=False,
     )
     console.print(f"{len(runs)} rows, {'equal to the bit' if equal else 'NOT EQUAL'} on all engines", highlight=False)
-    write_json(out / "campaign_engines.json", {"engines": costs, "row": {**of_rows, "row_b": size}, "equal": equal})
+    write_json(
+        out / "campaign_engines.json", {"engines": costs, "row": {**of_rows, **of_plan, "row_b": size}, "equal": equal}
+    )
     console.print(f"written to {out}/", highlight=False)
     return 0 if equal else 1
 

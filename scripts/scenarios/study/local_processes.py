@@ -78,5 +78,5 @@ def run_all(
 def _pool(workers: int, limits: Limits) -> ProcessPoolExecutor:
     os.environ.setdefault("OMP_NUM_THREADS", "1")  # one thread for each worker: the workers share the cores
     # loky replaces a worker that has grown by 300 MB, and says so; no run is lost by that.
-    warnings.filterwarnings("ignore", "A worker stopped while some jobs", UserWarning)
+    warnings.filterwarnings("ignore", "A worker (stopped|was restarted) while some jobs", UserWarning)
     return ProcessPoolExecutor(workers, initializer=begin, initargs=(os.getpid(), limits))

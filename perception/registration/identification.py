@@ -15,8 +15,10 @@ from scipy import ndimage
 
 from models.objects.targets import TargetModel
 from perception.clouds.scan import MIN_POINTS, Scan, SensorModel, background, near_any, without_flying_pixels
-from perception.registration.fine_fit import Evidence, IcpFit, ModelSurface, fine_fit, score
+from perception.registration.evidence import Evidence, score
+from perception.registration.fine_fit import IcpFit, fine_fit
 from perception.registration.initialiser import Expected, initial_poses
+from perception.registration.model_surface import ModelSurface
 from perception.registration.paper_check import published_criterion
 from perception.registration.paper_icp import laid_on, paper_fit, required_error
 from perception.registration.pose_check import Decision, PoseCheck, check, log_likelihood

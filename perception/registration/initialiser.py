@@ -16,7 +16,7 @@ from scipy import ndimage
 
 from models.meshes.closed_shells import sphere
 from perception.clouds.scan import Scan, SensorModel, connected_surfaces, facing_normals, voxel_means
-from perception.registration.fine_fit import ModelSurface
+from perception.registration.model_surface import ModelSurface
 from sim.interfaces.spatial import Array, exp_so3, rotation_from_z, transform_points
 
 _SPINS = 12  # rotations about the line of sight, for each view

@@ -26,7 +26,10 @@ import numpy as np
 from scipy import ndimage
 
 from perception.clouds.scan import connected_surfaces, distances_along, jump
-from perception.registration.fine_fit import Evidence, IcpFit, ModelSurface, edge_offsets, explained, fine_fit
+from perception.registration.evidence import Evidence, explained
+from perception.registration.fine_fit import IcpFit, fine_fit
+from perception.registration.model_surface import ModelSurface
+from perception.registration.pairing import edge_offsets
 from perception.registration.symmetry import ambiguous_poses, are_different
 from sim.interfaces.spatial import Array, inverse, transform_points
 

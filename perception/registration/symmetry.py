@@ -18,7 +18,8 @@ from scipy.spatial import cKDTree
 
 from models.objects.target_model import Symmetry
 from perception.clouds.nearest_point import NearestPoint
-from perception.registration.fine_fit import Evidence, ModelSurface
+from perception.registration.evidence import Evidence
+from perception.registration.model_surface import ModelSurface
 from sim.interfaces.spatial import Array, exp_so3, inverse, pose, transform_points
 
 # Near symmetry

@@ -12,8 +12,10 @@ import numpy as np
 from scipy import ndimage
 
 from perception.clouds.scan import MIN_POINTS, jump, without_flying_pixels
-from perception.registration.fine_fit import Evidence, ModelSurface, fine_fit
+from perception.registration.evidence import Evidence
+from perception.registration.fine_fit import fine_fit
 from perception.registration.identification import Identification
+from perception.registration.model_surface import ModelSurface
 from perception.registration.pose_check import OCCLUDER
 from perception.toolpath.path_deviation import POSE_ERROR, SEEN_WELL
 from sim.interfaces.errors import ConfigurationError, PerceptionError

@@ -23,9 +23,11 @@ import numpy as np
 
 from models.meshes import open3d_loader
 from perception.clouds.scan import facing_normals
-from perception.registration.fine_fit import Evidence, ModelSurface, fine_fit, score
+from perception.registration.evidence import Evidence, score
+from perception.registration.fine_fit import fine_fit
 from perception.registration.identification import identify
 from perception.registration.initialiser import Expected, initial_poses
+from perception.registration.model_surface import ModelSurface
 from scenarios.object_scenes import ObjectScene, object_scene, target_of
 from scenarios.start import parse, run_scenario
 from scenarios.study import Row, Study, StudyOptions, Summary, Table

@@ -12,8 +12,8 @@ from models.objects.targets import Symmetry, TargetModel, barrel
 from perception.clouds.cloud_files import load_cloud
 from perception.clouds.cloud_grid import lattice_grid, organised_grid, scatter_grid
 from perception.clouds.scan import Scan
-from perception.registration.fine_fit import ModelSurface
 from perception.registration.identification import identify
+from perception.registration.model_surface import ModelSurface
 from sim.interfaces.errors import PerceptionError
 from sim.interfaces.messages import DepthImage
 from sim.interfaces.spatial import Array, exp_so3

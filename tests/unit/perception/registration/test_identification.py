@@ -16,8 +16,8 @@ from depth_scenes import DEFAULT_NOISE, add_floor, coarse, look, random_view, se
 from models.meshes.closed_shells import box, joined, revolve
 from models.objects.targets import Symmetry, TargetModel, barrel
 from perception.clouds.scan import Scan, SensorModel, background, facing_normals
-from perception.registration.fine_fit import ModelSurface
 from perception.registration.identification import Identification, identify
+from perception.registration.model_surface import ModelSurface
 from perception.registration.pose_check import check
 from perception.target_finder import KnownObjectFinder
 from sim.interfaces.errors import ConfigurationError

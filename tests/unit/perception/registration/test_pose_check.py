@@ -9,8 +9,10 @@ import pytest
 from depth_scenes import dented_barrel, look, seen_from
 from models.objects.targets import Solid, barrel
 from perception.clouds.scan import Scan, SensorModel
-from perception.registration.fine_fit import Evidence, ModelSurface, fine_fit
+from perception.registration.evidence import Evidence
+from perception.registration.fine_fit import fine_fit
 from perception.registration.identification import segment
+from perception.registration.model_surface import ModelSurface
 from perception.registration.paper_check import published_criterion
 from perception.registration.pose_check import Decision, check
 from perception.registration.symmetry import ambiguous_poses

@@ -15,6 +15,7 @@ from perception.registration.model_surface import ModelSurface
 from perception.registration.pairing import Pairing
 from sim.interfaces.spatial import Array, exp_so3, pose, transform_points
 
+GATES = (8.0, 3.0)  # [spacings] distance within which points are paired, in the first and in the last round
 _AT_REST = 0.01  # [spacings] a step below which ICP with the same pairs has converged
 _STALE = 0.2  # [spacings] by which the model may move before nearest points are looked up again
 _FREE = 1e-4  # [-] eigenvalues of the normal equations below this share of the largest count as free
@@ -44,7 +45,7 @@ def fine_fit(evidence: Evidence, surface: ModelSurface, X_ST: Array, rounds: int
     Returns:
         The pose at convergence, its free twists, residual and best scale.
     """
-    gates = np.geomspace(8.0 * surface.spacing, 3.0 * surface.spacing, rounds)
+    gates = np.geomspace(*GATES, rounds) * surface.spacing
     pairing, X_paired = None, X_ST
     for gate in gates:
         pairing, X_paired = Pairing.of(evidence, surface, X_ST), X_ST
@@ -72,12 +73,13 @@ def _moved(X_ST: Array, H: Array, g: Array, surface: ModelSurface) -> tuple[Arra
     """One Gauss-Newton step in the directions that the data determine, and the free directions (k, 6)."""
     H, g, radius = H[:6, :6], g[:6], surface.radius
     center = transform_points(X_ST, surface.center)
-    axis = surface.target.symmetry.axis
-    spin = np.zeros((0, 6))
+    axis, spin = surface.symmetry.axis, np.zeros((0, 6))
     if axis is not None:
         # Free by declaration: the facets of the mesh would otherwise act as evidence of the angle.
         axis_S = X_ST[:3, :3] @ axis
-        spin = np.concatenate([np.cross(axis_S, center - X_ST[:3, 3]), radius * axis_S])[None]
+        spin = np.concatenate(
+            [np.cross(axis_S, center - transform_points(X_ST, surface.symmetry.center)), radius * axis_S]
+        )[None]
         spin /= np.linalg.norm(spin)
         P = np.eye(6) - spin.T @ spin
         H, g = P @ H @ P, P @ g

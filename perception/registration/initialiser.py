@@ -61,8 +61,8 @@ class Expected:
         """Mask (n,) of the attitudes R_ST (n, 3, 3) within 70 deg of the expected one, modulo declared symmetry."""
         if self.R is None:
             return np.ones(len(R_ST), dtype=bool)
-        axis, trace = surface.target.symmetry.axis, np.full(len(R_ST), -np.inf)
-        for G in surface.target.symmetry.rotations:
+        axis, trace = surface.symmetry.axis, np.full(len(R_ST), -np.inf)
+        for G in surface.symmetry.rotations:
             M = self.R.T @ R_ST @ G
             of_G = np.trace(M, axis1=1, axis2=2)
             if axis is not None:  # largest trace over all angles, in closed form as in `Symmetry.nearest`
@@ -199,7 +199,7 @@ def _some(values: np.ndarray, count: int) -> np.ndarray:
 
 def _differ(surface: ModelSurface, A: Array, B: Array) -> bool:
     moved = np.linalg.norm(transform_points(A, surface.center) - transform_points(B, surface.center))
-    return bool(moved > _APART[0] * surface.radius) or surface.target.symmetry.error(A, B)[1] > _APART[1]
+    return bool(moved > _APART[0] * surface.radius) or surface.symmetry.error(A, B)[1] > _APART[1]
 
 
 def _patches(points: Array, radius: float) -> list[np.ndarray]:

@@ -6,7 +6,8 @@ from functools import lru_cache
 import numpy as np
 
 from models.meshes.ray_casting import RayScene
-from models.objects.targets import TargetModel
+from models.objects.mesh_symmetry import mesh_symmetry
+from models.objects.target_model import Symmetry, TargetModel
 from perception.clouds.scan import Scan
 from sim.interfaces.spatial import Array, inverse, transform_points
 
@@ -22,6 +23,7 @@ class ModelSurface:
     center: Array  # (3,) [m], of the target's bounding box
     radius: float  # [m], of the sphere around it
     scene: RayScene
+    symmetry: Symmetry  # declared by the target, or else found in its mesh
 
     @classmethod
     def of(cls, target: TargetModel, seed: int = 0) -> "ModelSurface":
@@ -55,6 +57,9 @@ class ModelSurface:
             center=target.center,
             radius=target.radius,
             scene=RayScene(target.vertices, target.triangles),
+            symmetry=mesh_symmetry(target.vertices, target.triangles, rng)
+            if target.symmetry.is_none
+            else target.symmetry,
         )
 
     def visible(self, X_ST: Array, scan: Scan, max_incidence: float, step: int = 1) -> np.ndarray:

@@ -1,6 +1,6 @@
 """Pairs of scan and visible model in one round of ICP: points with planes, and depth edges; their normal equations."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -17,6 +17,7 @@ from sim.interfaces.spatial import Array, inverse, transform_points
 SHARP_EDGE = np.cos(np.deg2rad(60.0))  # where a surface turns away more slowly the sensor fails, it has no edge
 _WINDOW_PIXELS = 80_000  # pixels above which depth edges are taken from a thinned grid
 _RASTER = 32  # [px] to whose multiples the window of depth edges is extended, so that it seldom changes
+_EDGE_BIAS = 0.1  # [px] by which all depth edges may be seen aside, or outward
 _HALVINGS = 4  # bisections of a pixel, to locate a model's depth edge
 
 
@@ -29,6 +30,23 @@ class DepthEdges:
     model_points: Array  # (k, 3) [m] in T
     model_outward: Array  # (k, 2) unit
     model_sharp: np.ndarray  # (k,) bool: see SHARP_EDGE
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PairRows:
+    """Pairs of scan and model, one a row. A pair's score is J weight distance, with the derivative J slope J^T."""
+
+    J: Array  # (n, 7) derivative of the model's place along the pair's direction, by the unknowns of `Pairing.terms`
+    weight: Array  # (n,) [1/m^2]
+    slope: Array  # (n,) [1/m^2], negative for distances that are far outside the noise
+    distance: Array  # (n,) [m] of the scan from the model
+    tangents: Array  # (n, 2) x/z and y/z of the scan's reading
+    common: Array  # (n,) [m] standard deviation of the error that all depth edges share; 0 for planes
+
+    @classmethod
+    def joined(cls, *parts: "PairRows") -> "PairRows":
+        """The rows of several one after the other."""
+        return cls(*(np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(cls)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -69,9 +87,23 @@ class Pairing:
         evidence, surface = self.evidence, self.surface
         H, g, residual = _plane_terms(evidence, self.points, self.normals, index, X_ST, self._reach(gate), surface)
         if self.edges is not None:
-            H_edge, g_edge = _edge_terms(self.edges, evidence, X_ST, gate, surface)
-            H, g = H + H_edge, g + g_edge
+            edges = _edge_rows(self.edges, evidence, X_ST, gate, surface)
+            H, g = H + edges.J.T @ (edges.weight[:, None] * edges.J), g + edges.J.T @ (edges.weight * edges.distance)
         return H, g, residual
+
+    def rows(self, X_ST: Array, gate: float, index: np.ndarray) -> PairRows:
+        """The pairs themselves, planes first and then depth edges; arguments as those of `terms`."""
+        evidence, surface = self.evidence, self.surface
+        scan, model = _kernel_inputs(evidence, self.points, self.normals, surface)
+        center = transform_points(X_ST, surface.center)
+        J, values = _plane_rows(scan, model, index, X_ST, center, self._reach(gate))
+        paired = values[:, 0] > 0.0
+        points = evidence.points[paired]
+        weight, slope, distance = values[paired].T
+        planes = PairRows(J[paired], weight, slope, distance, points[:, :2] / points[:, 2:], np.zeros(len(points)))
+        if self.edges is None:
+            return planes
+        return PairRows.joined(planes, _edge_rows(self.edges, evidence, X_ST, gate, surface))
 
 
 def edge_offsets(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> tuple[Array, float, float]:
@@ -130,6 +162,13 @@ class _ModelPoints(NamedTuple):
     radius: float  # [m]
 
 
+def _kernel_inputs(
+    evidence: Evidence, points: Array, normals: Array, surface: ModelSurface
+) -> tuple[_Readings, _ModelPoints]:
+    scan = _Readings(evidence.points, evidence.normals, evidence.sigma, evidence.independent)
+    return scan, _ModelPoints(points, normals, surface.spacing, surface.radius)
+
+
 def _plane_terms(
     evidence: Evidence,
     model_points: Array,
@@ -140,10 +179,48 @@ def _plane_terms(
     surface: ModelSurface,
 ) -> tuple[Array, Array, float]:
     """Normal equations (7, 7), (7,) of the scan-to-model distances, and their robust rms [m]."""
-    readings = _Readings(evidence.points, evidence.normals, evidence.sigma, evidence.independent)
-    model = _ModelPoints(model_points, model_normals, surface.spacing, surface.radius)
-    H, g, sums = _plane_sums(readings, model, index, X_ST, transform_points(X_ST, surface.center), gate)
+    scan, model = _kernel_inputs(evidence, model_points, model_normals, surface)
+    H, g, sums = _plane_sums(scan, model, index, X_ST, transform_points(X_ST, surface.center), gate)
     return H, g, float(np.sqrt(sums[1] / sums[0])) if sums[0] > 0.0 else np.inf
+
+
+@njit(cache=True)
+def _pair(
+    scan: _Readings, model: _ModelPoints, n: int, i: int, X_ST: Array, center: Array, gate: float, J: Array
+) -> tuple[float, float, float]:
+    """Pair of scan point `n` and model point `i`: weight [1/m^2], its slope [1/m^2] and distance [m] along the normal.
+
+    Writes the Jacobian row `J` (7,). The weight is 0 where the pair does not count. Weight times distance is the score;
+    the slope is the score's derivative by the distance.
+    """
+    q, m = np.empty(3), np.empty(3)
+    for a in range(3):
+        q[a], m[a] = X_ST[a, 3], 0.0
+        for b in range(3):
+            q[a] += X_ST[a, b] * model.points[i, b]
+            m[a] += X_ST[a, b] * model.normals[i, b]
+    facing = -1.0 if m[0] * q[0] + m[1] * q[1] + m[2] * q[2] > 0.0 else 1.0
+    along, square, cosine = 0.0, 0.0, 0.0
+    for a in range(3):
+        m[a] *= facing
+        off = scan.points[n, a] - q[a]
+        along += m[a] * off
+        square += off * off
+        cosine += m[a] * scan.normals[n, a]
+    # Beyond the rim of the visible part the nearest point pulls sideways: such pairs are dropped.
+    if square >= gate**2 or square - along**2 >= (1.5 * model.spacing) ** 2 or cosine <= 0.5:
+        return 0.0, 0.0, 0.0
+    sigma = scan.sigma[n]
+    u = (along / max(2.0 * sigma, 0.25 * gate)) ** 2
+    full = scan.independent[n] / (sigma**2 + 1e-6)
+    for a in range(3):
+        q[a] = (q[a] - center[a]) / model.radius
+        J[a] = m[a]
+    J[3] = q[1] * m[2] - q[2] * m[1]
+    J[4] = q[2] * m[0] - q[0] * m[2]
+    J[5] = q[0] * m[1] - q[1] * m[0]
+    J[6] = q[0] * m[0] + q[1] * m[1] + q[2] * m[2]
+    return full / (1.0 + u) ** 2, full * (1.0 - 3.0 * u) / (1.0 + u) ** 3, along
 
 
 @njit(cache=True)
@@ -152,40 +229,14 @@ def _plane_sums(
 ) -> tuple[Array, Array, Array]:
     """Sums over the valid pairs: normal equations as in `_plane_terms`, and weights and weighted squares (2,) [m^2]."""
     H, g, sums, J = np.zeros((7, 7)), np.zeros(7), np.zeros(2), np.empty(7)
-    q, m = np.empty(3), np.empty(3)
-    points, normals, sigma, independent = scan.points, scan.normals, scan.sigma, scan.independent
-    model_points, model_normals, spacing, radius = model.points, model.normals, model.spacing, model.radius
     pairs = 0
-    for n in range(len(points)):
-        i = index[n]
-        if i >= len(model_points):
+    for n in range(len(scan.points)):
+        if index[n] >= len(model.points):
             continue
-        for a in range(3):
-            q[a], m[a] = X_ST[a, 3], 0.0
-            for b in range(3):
-                q[a] += X_ST[a, b] * model_points[i, b]
-                m[a] += X_ST[a, b] * model_normals[i, b]
-        facing = -1.0 if m[0] * q[0] + m[1] * q[1] + m[2] * q[2] > 0.0 else 1.0
-        along, square, cosine = 0.0, 0.0, 0.0
-        for a in range(3):
-            m[a] *= facing
-            off = points[n, a] - q[a]
-            along += m[a] * off
-            square += off * off
-            cosine += m[a] * normals[n, a]
-        # Beyond the rim of the visible part the nearest point pulls sideways: such pairs are dropped.
-        if square >= gate**2 or square - along**2 >= (1.5 * spacing) ** 2 or cosine <= 0.5:
+        weight, _, along = _pair(scan, model, n, index[n], X_ST, center, gate, J)
+        if weight == 0.0:
             continue
         pairs += 1
-        scale = max(2.0 * sigma[n], 0.25 * gate)
-        weight = independent[n] / (1.0 + (along / scale) ** 2) ** 2 / (sigma[n] ** 2 + 1e-6)
-        for a in range(3):
-            q[a] = (q[a] - center[a]) / radius
-        J[0], J[1], J[2] = m
-        J[3] = q[1] * m[2] - q[2] * m[1]
-        J[4] = q[2] * m[0] - q[0] * m[2]
-        J[5] = q[0] * m[1] - q[1] * m[0]
-        J[6] = q[0] * m[0] + q[1] * m[1] + q[2] * m[2]
         sums[0] += weight
         sums[1] += weight * along**2
         for a in range(7):
@@ -198,6 +249,18 @@ def _plane_sums(
         for b in range(a):
             H[b, a] = H[a, b]
     return H, g, sums
+
+
+@njit(cache=True)
+def _plane_rows(
+    scan: _Readings, model: _ModelPoints, index: np.ndarray, X_ST: Array, center: Array, gate: float
+) -> tuple[Array, Array]:
+    """Jacobian rows (n, 7), and weight, slope [1/m^2] and distance [m] (n, 3) of the pairs; 0 where none counts."""
+    rows, terms = np.zeros((len(scan.points), 7)), np.zeros((len(scan.points), 3))
+    for n in range(len(scan.points)):
+        if index[n] < len(model.points):
+            terms[n] = _pair(scan, model, n, index[n], X_ST, center, gate, rows[n])
+    return rows, terms
 
 
 def _rows(direction: Array, at: Array, X_ST: Array, surface: ModelSurface) -> Array:
@@ -272,10 +335,8 @@ def _scan_edges(evidence: Evidence, top: int, bottom: int, left: int, right: int
     return found, outward(mask, part.depth, found.rows, found.columns)
 
 
-def _edge_terms(
-    edges: DepthEdges, evidence: Evidence, X_ST: Array, gate: float, surface: ModelSurface
-) -> tuple[Array, Array]:
-    """Normal equations (7, 7), (7,) of the distances across depth edges in the image plane."""
+def _edge_rows(edges: DepthEdges, evidence: Evidence, X_ST: Array, gate: float, surface: ModelSurface) -> PairRows:
+    """Pairs of depth edges: distances across them in the image plane."""
     points = transform_points(X_ST, edges.model_points)
     tangents = points[:, :2] / points[:, 2:]
     distance, index = cKDTree(tangents).query(
@@ -287,7 +348,7 @@ def _edge_terms(
     paired &= np.abs(edges.scan.depth - points[index, 2]) < jump(points[index, 2])
     paired &= np.einsum("ij,ij->i", edges.scan_outward, edges.model_outward[index]) > 0.7
     if paired.sum() < 10:
-        return np.zeros((7, 7)), np.zeros(7)
+        paired[:] = False
     index, measured = index[paired], edges.scan.tangents[paired]
     P, m = points[index], edges.model_outward[index]
     across = np.einsum("ij,ij->i", measured - tangents[index], m) * P[:, 2]
@@ -296,6 +357,12 @@ def _edge_terms(
     pitch = evidence.scan.pitch * P[:, 2]
     # Mixed depths at an edge differ from pixel to pixel: each pixel is an independent reading.
     sigma = evidence.sensor.edge_sigma * pitch
-    weight = 1.0 / (1.0 + (across / np.maximum(3.0 * pitch, 0.25 * gate)) ** 2) ** 2 / sigma**2
-    J = _rows(direction, P, X_ST, surface)
-    return J.T @ (weight[:, None] * J), J.T @ (weight * across)
+    u = (across / np.maximum(3.0 * pitch, 0.25 * gate)) ** 2
+    return PairRows(
+        J=_rows(direction, P, X_ST, surface),
+        weight=1.0 / (1.0 + u) ** 2 / sigma**2,
+        slope=(1.0 - 3.0 * u) / (1.0 + u) ** 3 / sigma**2,
+        distance=across,
+        tangents=measured,
+        common=_EDGE_BIAS * pitch,
+    )

@@ -28,12 +28,11 @@ from scipy import ndimage
 from perception.clouds.scan import connected_surfaces, distances_along, jump
 from perception.registration.evidence import Evidence, explained
 from perception.registration.fine_fit import IcpFit, fine_fit
+from perception.registration.likelihood import OCCLUDER, log_likelihood
 from perception.registration.model_surface import ModelSurface
 from perception.registration.pairing import edge_offsets
-from perception.registration.symmetry import ambiguous_poses, are_different
 from sim.interfaces.spatial import Array, inverse, transform_points
 
-OCCLUDER = 0.06  # [m] in front of the model: nearer pixels show something else, not the object, fouled or not
 TRIM = 0.15  # [-] share of the largest distances left out of the figure
 MODEL_TOLERANCE = 0.001  # [m] accuracy of the model
 _SURFACE_PIXELS = 40_000  # pixels at most of the scan that is triangulated: finer than the rays lie
@@ -47,9 +46,6 @@ _PART = 0.1  # [-] explained share of a scanned surface, above which all of it s
 _PATCHES = 9.0  # [-] model radius over the edge of a patch
 _PATCH_RAYS = 5  # rays in a patch, at least
 _PATCH_TRIM = 0.25  # [-] share of patches that may be fouled or dented
-_LIKELIHOOD_PIXELS = 40_000  # pixels of the thinned scan that the likelihood counts, at most about
-_MOST_COST = 9.0  # [sigma^2] largest cost of a pixel that contradicts the model
-_UNEXPLAINED_COST = 4.0  # [sigma^2] cost of a masked pixel that the model does not cover
 # Limits on shares of rays and edges (0..1) and on figures in units of the noise. They lie between true poses (clean,
 # fouled, up to 66 % hidden) and poses 10 deg or 3 cm off; scripts/studies/decisions.py counts their errors.
 MAX_FIGURE = 1.0  # [sigma]; true poses reach 0.85
@@ -182,8 +178,8 @@ def check(
         move = _rms_distance(transform_points(rest.X_ST, points), transform_points(X_ST, points))
     move_threshold = MAX_MOVE[0] + MAX_MOVE[1] * float(np.linalg.norm(rays.C_model.mean(axis=0)))
     size_threshold = MAX_SIZE[0] + MAX_SIZE[1] * rest.size_sigma
-    margin = log_likelihood(evidence, surface, X_ST) - max(others, best_alternative(evidence, surface, X_ST))
-    undeclared = len(rest.free) - (surface.target.symmetry.axis is not None)
+    margin = log_likelihood(evidence, surface, X_ST) - others
+    undeclared = len(rest.free) - (surface.symmetry.axis is not None)
 
     against = [
         text
@@ -396,55 +392,6 @@ def _beyond(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> float:
     label = connected_surfaces(evidence.points, _TOGETHER * surface.spacing)
     taken = (np.bincount(label, weights=on_model) > _PART * np.bincount(label))[label]
     return float(1.0 - on_model[taken].mean()) if taken.any() else 0.0
-
-
-def log_likelihood(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> float:
-    """Log likelihood of the scan with the model at `X_ST`, up to a constant common to all poses.
-
-    Each pixel's depth is compared with the model's, in units of the sensor's noise. The cost is clipped, which leaves
-    room for growth and dents. A share of points within a tolerance cannot tell a plate from the same plate turned
-    round, because every single difference drowns in noise; a sum of squares over hundreds of pixels can.
-
-    Pixels without depth, and background pixels that the model does not cover, contribute nothing.
-
-    Args:
-        evidence: Scan and mask of the object.
-        surface: Sampled model.
-        X_ST: (4, 4) pose of T in S.
-
-    Returns:
-        The log likelihood [nat].
-    """
-    rows, columns = evidence.mask.shape
-    step = int(np.ceil(np.sqrt(max(1.0, rows * columns / _LIKELIHOOD_PIXELS))))
-    scan = evidence.scan.part((slice(0, rows, step), slice(0, columns, step)))
-    depth = surface.depth(X_ST, scan)
-    shown = np.isfinite(depth) & np.isfinite(scan.depth)
-    sigma = evidence.sensor.sigma(np.where(shown, depth, 1.0))
-    behind = np.where(shown, scan.depth - depth, 0.0)
-    shown &= behind > -np.maximum(OCCLUDER, 6.0 * sigma)  # pixels of an occluder carry no information on the model
-    cost = np.where(evidence.mask[::step, ::step] & np.isfinite(scan.depth), _UNEXPLAINED_COST, 0.0)
-    cost[shown] = np.minimum((behind[shown] / sigma[shown]) ** 2, _MOST_COST)
-    return -0.5 * float(evidence.sensor.independent(step) * cost.sum())
-
-
-def best_alternative(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> float:
-    """Log likelihood of the scan at the best fitted pose that looks nearly as `X_ST` does.
-
-    Args:
-        evidence: Scan of the object.
-        surface: Sampled model.
-        X_ST: (4, 4) pose of T in S.
-
-    Returns:
-        The log likelihood [nat]; -inf if no such pose exists.
-    """
-    best = -np.inf
-    for G in ambiguous_poses(surface):
-        fitted = fine_fit(evidence, surface, X_ST @ G, rounds=1).X_ST
-        if are_different(surface.target.symmetry, fitted, X_ST):  # else ICP has returned to X_ST
-            best = max(best, log_likelihood(evidence, surface, fitted))
-    return best
 
 
 def _unmade(reason: str) -> PoseCheck:

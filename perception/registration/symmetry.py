@@ -53,7 +53,7 @@ def ambiguous_poses(surface: ModelSurface) -> tuple[Array, ...]:
     """
     points = surface.points[:: max(1, len(surface.points) // _COMPARED)]
     tree = cKDTree(surface.points)
-    symmetry = surface.target.symmetry
+    symmetry = surface.symmetry
     found: list[tuple[float, Array]] = []
     for middle in (surface.points.mean(axis=0), surface.center):
         main = np.linalg.eigh(np.cov((surface.points - middle).T))[1].T
@@ -85,12 +85,18 @@ def are_different(symmetry: Symmetry, A: Array, B: Array) -> bool:
 @lru_cache(maxsize=16)
 def asymmetric_parts(surface: ModelSurface) -> Array:
     """Points (n, 3) [m] in T of parts that the declared rotations do not map onto the mesh; none without an axis."""
-    axis, points = surface.target.symmetry.axis, surface.points
-    if axis is None:
+    symmetry, points = surface.symmetry, surface.points
+    if symmetry.axis is None:
         return np.zeros((0, 3))
     least = max(_OFF, 1.2 * surface.spacing)
     grid = NearestPoint.of(points, surface.spacing)
-    off = np.median([grid.query(points @ exp_so3(angle * axis).T, 2.0 * least)[0] for angle in _PROBES], axis=0)
+    off = np.median(
+        [
+            grid.query(transform_points(symmetry.about_center(exp_so3(angle * symmetry.axis)), points), 2.0 * least)[0]
+            for angle in _PROBES
+        ],
+        axis=0,
+    )
     parts = points[off > least]
     if len(parts) > _MOST * len(points):
         return np.zeros((0, 3))
@@ -108,12 +114,12 @@ def resolve_symmetry(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> 
     Returns:
         The pose (4, 4), or None if the scan does not determine the angle.
     """
-    symmetry = surface.target.symmetry
+    symmetry = surface.symmetry
     if symmetry.axis is None or not len(asymmetric_parts(surface)):
         return None
 
     def turned(angles: Array, rotations: Array) -> list[Array]:
-        return [X_ST @ pose(G @ exp_so3(angle * symmetry.axis)) for G in rotations for angle in angles]
+        return [X_ST @ symmetry.about_center(G @ exp_so3(a * symmetry.axis)) for G in rotations for a in angles]
 
     angles = np.arange(0.0, 2.0 * np.pi, _STEP)
     poses = turned(angles, symmetry.rotations)

@@ -6,8 +6,8 @@ import pytest
 from models.objects.target_model import TargetModel
 from perception.clouds.scan import Scan, SensorModel, contour
 from perception.registration.evidence import Evidence
+from perception.registration.likelihood import log_likelihood
 from perception.registration.model_surface import ModelSurface
-from perception.registration.pose_check import log_likelihood
 from sim.interfaces.spatial import Array, pose
 
 SENSOR = SensorModel()

@@ -262,9 +262,12 @@ def _flange(rng: Rng, least: float) -> Solid3:
     parts = [extruded(circle(0.5, 72), thick, holes)]
     head, nut = size * rng.uniform(0.6, 1.1), size * rng.uniform(0.6, 1.4)
     for p in places[there]:
-        parts.append(moved(hexagon(size, head), _at(*p, 0.5 * (thick + head))))
-        parts.append(moved(cylinder(0.55 * size, 1.6 * nut, 20), _at(*p, -0.5 * thick - 0.8 * nut)))
-        parts.append(moved(hexagon(size, nut), _at(*p, -0.5 * (thick + nut))))
+        for part, z in (
+            (hexagon(size, head), 0.5 * (thick + head)),
+            (cylinder(0.55 * size, 1.6 * nut, 20), -0.5 * thick - 0.8 * nut),
+            (hexagon(size, nut), -0.5 * (thick + nut)),
+        ):
+            parts.append(moved(part, _at(p[0], p[1], z)))
     if rng.random() < 0.7:
         height, wide = rng.uniform(0.08, 0.5), bore + rng.uniform(0.3, 0.9) * (at - size - bore)
         low = 0.5 * thick - 0.01

@@ -4,7 +4,7 @@ All of it is measured on the surface that is visible from outside. Two surfaces 
 of each other.
 """
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -124,14 +124,14 @@ class Likeness:
         few = self.points[:: max(1, len(self.points) // _FEW)]
         first = _across(axis)
 
-        def off(angles: Iterable[float]) -> tuple[float, Array]:
-            turns = [(angle, exp_so3(np.pi * (exp_so3(angle * axis) @ first))) for angle in angles]
-            return min(((float(np.mean(self.distance(few @ R.T))), a) for a, R in turns), key=lambda item: item[0])[1]
+        def best(angles: np.ndarray) -> float:
+            turns = [exp_so3(np.pi * (exp_so3(angle * axis) @ first)) for angle in angles]
+            return float(angles[np.argmin([np.mean(self.distance(few @ R.T)) for R in turns])])
 
         step = np.pi / fold / 60.0
-        angle = off(np.arange(60) * step)
+        angle = best(np.arange(60) * step)
         for _ in range(3):
-            angle = off(angle + step * np.linspace(-1.0, 1.0, 11))
+            angle = best(angle + step * np.linspace(-1.0, 1.0, 11))
             step *= 0.2
         R = exp_so3(np.pi * (exp_so3(angle * axis) @ first))
         return R if self._maps(R) else None
@@ -189,7 +189,7 @@ class Likeness:
 def _across(axis: Array) -> Array:
     """Unit vector perpendicular to the unit vector `axis`."""
     hint = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
-    return hint / np.linalg.norm(hint)
+    return np.asarray(hint / np.linalg.norm(hint), dtype=np.float64)
 
 
 def _closed(rotations: list[Array]) -> list[Array]:

@@ -59,6 +59,8 @@ _LEAST_PIXELS = 1200  # of the object's image, occluded parts included
 _ATTEMPTS = 40  # draws of a scene until it meets its conditions
 _GOAL = 0.05  # [-] by which the occlusion may miss its goal
 _COARSE = 4  # [px] between the rays by which occluders are placed
+_AFAR = 4.0  # [m] from which a body is pushed towards the others
+_TRIES = 8  # places tried for each object of a pile
 _TOUCH = 600  # points of each body that look for the first contact
 
 
@@ -268,7 +270,7 @@ class _Draw:
         heading_camera = float(np.arctan2(away[1], away[0]))
         extent = float(np.ptp(body.solid[0], axis=0).max())
         bodies: list[_Body] = []
-        for k in range(int(self.others.integers(1, 4 if touching else 5))):
+        for _ in range(int(self.others.integers(1, 4 if touching else 5))):
             kind = self.kind if self.others.random() < 0.6 else _one_of(tuple(KINDS), self.others)
             size = float(np.clip(extent * self.others.uniform(0.4, 1.0), 0.15, 0.8))
             shape = unseen_shape(kind, self.others, (size, 1.01 * size))
@@ -279,11 +281,15 @@ class _Draw:
             spread = np.pi if self.case.hidden == "much" else 0.6 * np.pi
             heading = heading_camera + np.pi + self.others.uniform(-spread, spread)
             way = np.array([np.cos(heading), np.sin(heading), 0.0])
-            first = touching and k == 0
             gap = 0.0 if touching else float(self.others.uniform(0.02, 0.25))
-            placed = _slid(_Body.of((vertices, shape.triangles), self.others), [body, *bodies], -way, gap)
-            if placed is None and first:
-                placed = _slid(_Body.of((vertices, shape.triangles), self.others), [body], -way, gap, centred=True)
+            start = _Body.of((vertices, shape.triangles), self.others)
+            placed = _slid(start, [body, *bodies], -way, gap)
+            if placed is None and touching and not bodies:  # it passes the object, so it is lifted to its height
+                lift = float(np.mean(body.points[:, 2]) - np.mean(start.points[:, 2]))
+                placed = _slid(start.moved(np.array([0.0, 0.0, lift])), [body], -way, gap)
+            if placed is None and not touching:
+                reach = float(np.linalg.norm(body.solid[0][:, :2], axis=1).max())
+                placed = start.moved((reach + shape.radius + gap) * way)
             if placed is not None:
                 bodies.append(placed)
         return bodies
@@ -419,34 +425,45 @@ def _free_way(body: _Body, others: Sequence[_Body], way: Array) -> float:
     return free
 
 
-def _slid(body: _Body, others: Sequence[_Body], way: Array, gap: float, *, centred: bool = False) -> _Body | None:
+def _slid(body: _Body, others: Sequence[_Body], way: Array, gap: float) -> _Body | None:
     """A body pushed from afar along `way` up to `gap` [m] before the first of `others`; None if it passes them."""
-    start = body.moved(-4.0 * way)
-    if centred:  # at the height of the object, which it would pass below
-        start = start.moved(np.array([0.0, 0.0, float(np.mean(others[0].points[:, 2]) - np.mean(start.points[:, 2]))]))
+    start = body.moved(-_AFAR * way)
     free = _free_way(start, others, way)
     return start.moved((free - gap) * way) if np.isfinite(free) else None
 
 
 def _heaped(shapes: Sequence[UnseenShape], rng: Rng) -> list[Array]:
-    """Poses X_FT (4, 4) of shapes that lie on the ground, z = 0, and on each other, each where it falls lowest."""
+    """Poses X_FT (4, 4) of shapes that touch each other; each is let down on the others, or pushed against them."""
     poses: list[Array] = []
     bodies: list[_Body] = []
-    down = np.array([0.0, 0.0, -1.0])
     for shape in shapes:
-        options = []
-        for _ in range(6):
-            R = resting_attitude(shape, rng)
-            place = rng.normal(0.0, 0.16, 2) if bodies else np.zeros(2)
-            X = pose(R, [*place, 3.0])
-            body = _Body.of((transform_points(X, shape.vertices), shape.triangles), rng)
-            fall = min(float(body.solid[0][:, 2].min()), _free_way(body, bodies, down))
-            touches = fall < float(body.solid[0][:, 2].min()) - 1e-6 or not bodies
-            options.append((not touches, float(X[2, 3] - fall), pose(R, [*place, 3.0 - fall]), body.moved(fall * down)))
-        _, _, X, body = min(options, key=lambda option: option[:2])
+        R = resting_attitude(shape, rng)
+        standing = _Body.of((shape.vertices @ R.T, shape.triangles), rng)
+        standing = standing.moved(np.array([0.0, 0.0, -standing.solid[0][:, 2].min()]))
+        options: list[_Body] = []
+        for _ in range(_TRIES) if bodies else ():
+            if len(bodies) % 2 == 1:  # along the ground
+                heading = rng.uniform(-np.pi, np.pi)
+                way = np.array([np.cos(heading), np.sin(heading), 0.0])
+                pushed = _slid(standing, bodies, way, 0.0)
+            else:  # from above
+                aside = rng.normal(0.0, 0.3 * shape.extent, 2)
+                above = standing.moved(np.array([*aside, 3.0]))
+                fall = _free_way(above, bodies, np.array([0.0, 0.0, -1.0]))
+                pushed = above.moved(np.array([0.0, 0.0, -fall])) if fall < 3.0 else None
+            if pushed is not None:
+                options.append(pushed)
+        # The lowest one, and of those on the ground the one nearest to the middle.
+        body = min(options, key=_height_and_reach, default=standing)
+        X = pose(R, body.solid[0][0] - R @ shape.vertices[0])
         poses.append(X)
         bodies.append(body)
     return poses
+
+
+def _height_and_reach(body: _Body) -> tuple[float, float]:
+    middle = body.points.mean(axis=0)
+    return round(float(middle[2]), 6), float(np.hypot(*middle[:2]))
 
 
 def _occluder(rng: Rng, spread: float) -> Solid3:
@@ -462,12 +479,12 @@ def _occluder(rng: Rng, spread: float) -> Solid3:
 
 def _seabed(ground: float, rng: Rng) -> list[Solid3]:
     """Seabed at height `ground` [m] in F: flat, or with ripples below that height."""
-    count, half = 90, 3.5
+    count, half = 110, 3.0
     grid = np.linspace(-half, half, count)
     x, y = np.meshgrid(grid, grid)
     height = np.zeros_like(x)
     if rng.random() < 0.5:
-        deep, length = rng.uniform(0.003, 0.012), rng.uniform(0.2, 0.5)
+        deep, length = rng.uniform(0.003, 0.012), rng.uniform(0.25, 0.6)
         c, s = np.cos(turn := rng.uniform(0.0, np.pi)), np.sin(turn)
         wave = c * x + s * y + 0.05 * np.sin(3.0 * (c * y - s * x))
         height = deep * (np.sin(2.0 * np.pi * wave / length) - 1.0)
@@ -486,8 +503,8 @@ def _in_view(X_CF: Array, vertices: Array) -> bool:
 
 def pinhole(step: int) -> Array:
     """Lines of sight (h, w, 3) in C of every `step`-th pixel of the camera, scaled to a depth of 1."""
-    x, y = np.meshgrid(np.arange(0, 640, step) - 319.5, np.arange(0, 480, step) - 239.5)
-    return np.stack([x / FOCAL, y / FOCAL, np.ones_like(x)], axis=-1)
+    x, y = np.meshgrid((np.arange(0, 640, step) - 319.5) / FOCAL, (np.arange(0, 480, step) - 239.5) / FOCAL)
+    return np.asarray(np.stack([x, y, np.ones(x.shape)], axis=-1), dtype=np.float64)
 
 
 def _compiled(solids: Sequence[Solid3]) -> mujoco.MjModel:

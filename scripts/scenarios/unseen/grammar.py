@@ -182,10 +182,12 @@ def _plate(rng: Rng, least: float) -> Solid3:
     thick = max(least, _spread(rng, 0.015, 0.12))
     parts = [extruded(outline, thick, _holes(rng, outline, int(rng.integers(1, 8)), least))]
     for _ in range(_pick(rng, 0, 0, 1, 2)):
-        length, height = rng.uniform(0.25, 0.5), _spread(rng, 0.04, 0.2)
-        rib = box([length, max(least, 0.03), height], [0.0, 0.0, 0.5 * (thick + height)])
-        x, y = rng.uniform(-0.12, 0.12, 2)
-        parts.append(moved(rib, _at(x, y, 0.0, _about(2, rng.uniform(0.0, np.pi)))))
+        length, height, middle = rng.uniform(0.25, 0.5), _spread(rng, 0.04, 0.2), rng.uniform(-0.3, 0.3, 2)
+        turn = _about(2, rng.uniform(0.0, np.pi))
+        foot = middle + np.linspace(-0.5, 0.5, 5)[:, None] * length * turn[:2, 0]
+        if inside(foot, [outline]).all():
+            rib = box([length, max(least, 0.03), height], [0.0, 0.0, 0.5 * (thick + height)])
+            parts.append(moved(rib, _at(middle[0], middle[1], 0.0, turn)))
     return joined(parts)
 
 

@@ -3,19 +3,24 @@
 from dataclasses import dataclass
 
 import numpy as np
+from scipy import ndimage
 
 from models.meshes.ray_casting import RayScene
 from perception.clouds.scan import SensorModel
-from scenarios.unseen.likeness import DIFFERENT, Likeness
+from scenarios.object_scenes import FOCAL
+from scenarios.unseen.likeness import DIFFERENT
 from scenarios.unseen.scenes import UnseenScene, pinhole
 from sim.interfaces.spatial import Array, inverse, transform_points
 
 FOUND = (0.005, 0.003, 3.0)  # [m] and share of the range that a found position may be off, [deg] of attitude
 TELLING = 0.02  # [-] share of the surface in view from which on a view can tell two poses, or hands, apart
 SIZED = 0.015  # [-] standard deviation of the size from which on a view cannot tell 5 %
+SURE = 2.0  # [-] standard deviations of a pose that must lie within FOUND for a view to show it
 _STEP = 4  # [px] between the rays of a view
 _TURNED = np.deg2rad(3.0)  # [rad] least turn of a rival pose
-_FREE = 1e-9  # [-] eigenvalues below this share of the largest are symmetries
+_BEHIND = 0.02  # [m] least distance of what lies behind an edge of the object's image
+_SMOOTH = 2.0  # [px] of the Gaussian for the direction across such an edge
+_PRIOR = 1.0  # [1/m2], [1/rad2], [-] information without any view: 1 m, 1 rad, and a factor of e in size
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -40,6 +45,20 @@ def pose_error(scene: UnseenScene, X_CT: Array) -> PoseError:
     return PoseError(position_m=position, angle_deg=degrees, found=bool(near))
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ViewBounds:
+    """Cramer-Rao bounds of one view: least standard deviations that any unbiased estimate has."""
+
+    position_m: float  # [m] of the centroid, in its worst direction, the size being known
+    angle_deg: float  # [deg] of the attitude about its worst axis, a continuous symmetry left out
+    size: float  # [-] of the size, the pose being unknown
+
+    def shows_pose(self, range_m: float) -> bool:
+        """Whether SURE standard deviations of the pose lie within FOUND at the range `range_m` [m]."""
+        position = FOUND[0] + FOUND[1] * range_m
+        return SURE * self.position_m < position and SURE * self.angle_deg < FOUND[2]
+
+
 class ViewOfObject:
     """What the view of a scene tells about the object in it, from exact depth."""
 
@@ -58,7 +77,7 @@ class ViewOfObject:
         for rival in likeness.rivals:
             S = likeness.settled(rival, seen_T) if len(seen_T) else rival
             if likeness.symmetry.error(S, np.eye(4))[1] > _TURNED:
-                shares.append(self._contradicted(X_CT @ inverse(S), likeness))
+                shares.append(self.contradicted(X_CT @ inverse(S)))
         return min(shares)
 
     def mirror_share(self) -> float:
@@ -69,44 +88,70 @@ class ViewOfObject:
         shares = [1.0]
         for reflection in likeness.reflections:
             S = likeness.settled(reflection, seen_T)
-            shares.append(self._contradicted(X_CT @ mirror @ inverse(S), likeness))
+            shares.append(self.contradicted(X_CT @ mirror @ inverse(S)))
         return min(shares)
 
-    def _contradicted(self, X: Array, likeness: Likeness) -> float:
-        """Share of the pixels with the object, or with the model at `X` (4, 4), in which both lie apart."""
-        X_TC = inverse(X)
+    def contradicted(self, X_CT: Array) -> float:
+        """Share of the pixels with the object, or with the model at `X_CT` (4, 4), in which both lie apart."""
+        X_TC = inverse(X_CT)
+        likeness, shape = self._scene.likeness, self._scene.shape
         off = likeness.distance(transform_points(X_TC, self.points_C)) > DIFFERENT
-        shape = self._scene.shape
         t = RayScene(shape.vertices, shape.triangles).distance(X_TC[:3, 3], self._rays @ X_TC[:3, :3].T)
-        shown = t < self._exact - DIFFERENT  # the model would hide what is seen there
-        total = len(off) + int((shown & ~self._seen).sum())
-        return float((off.sum() + (shown & ~self._seen).sum()) / max(1, total))
+        hides = (t < self._exact - DIFFERENT) & ~self._seen  # the model would hide what is seen there
+        total = len(off) + int(hides.sum())
+        return float((off.sum() + hides.sum()) / max(1, total))
 
-    def size_sigma(self, sensor: SensorModel) -> float:
-        """Cramer-Rao bound [-] of the standard deviation of the object's size, from the surface in view.
-
-        The pose is unknown as well. Edges of the image are left out; they can only make the size better known.
+    def bounds(self, sensor: SensorModel) -> ViewBounds:
+        """Cramer-Rao bounds of pose and size, from the surface in view and the outline against what lies behind.
 
         Args:
-            sensor: Noise of the depth readings.
+            sensor: Noise of the depth readings and of the edges.
         """
-        scene = self._scene
-        shape = scene.there or scene.shape
-        X_TC = inverse(scene.X_CT)
-        rays = self._rays[self._seen]
-        if len(rays) < 8:
-            return np.inf
-        rays_T = rays @ X_TC[:3, :3].T
-        hit = RayScene(shape.vertices, shape.triangles).cast(X_TC[:3, 3], rays_T)
-        n = hit["normal"].astype(np.float64)
-        p = X_TC[:3, 3] + hit["t"][:, None] * rays_T
-        across = np.abs(np.einsum("ni,ni->n", n, rays_T))  # cosine of incidence times the length of the ray
-        good = np.isfinite(hit["t"]) & (across > np.cos(sensor.max_incidence) * np.linalg.norm(rays_T, axis=1))
-        n, p, across, z = n[good], p[good], across[good], hit["t"][good]
-        weight = np.sqrt(sensor.independent(_STEP)) / (sensor.sigma(z) * across)
-        J = weight[:, None] * np.column_stack([n, np.cross(p, n) / shape.radius, np.einsum("ni,ni->n", n, p)])
-        H = J.T @ J
-        values, axes = np.linalg.eigh(H[:6, :6])
-        inverse_pose = axes @ np.diag(np.where(values > _FREE * values[-1], 1.0 / values, 0.0)) @ axes.T
-        known = float(H[6, 6] - H[6, :6] @ inverse_pose @ H[:6, 6])
-        return float(1.0 / np.sqrt(known)) if known > 0.0 else np.inf
+        axis = self._scene.likeness.symmetry.axis
+        turns = np.eye(3) if axis is None else np.linalg.svd(axis[None])[2][1:]
+        rows = []
+        for p, n, sigma in (self._surface(sensor), self._outline(sensor)):
+            J = np.column_stack([n, np.cross(p, n) @ turns.T, np.einsum("ni,ni->n", n, p)])
+            rows.append(J / sigma[:, None])
+        J = np.vstack(rows)
+        H = J.T @ J + _PRIOR * np.eye(J.shape[1])
+        pose_covariance, covariance = np.linalg.inv(H[:-1, :-1]), np.linalg.inv(H)
+        return ViewBounds(
+            position_m=float(np.sqrt(np.linalg.eigvalsh(pose_covariance[:3, :3])[-1])),
+            angle_deg=float(np.rad2deg(np.sqrt(np.linalg.eigvalsh(pose_covariance[3:, 3:])[-1]))),
+            size=float(np.sqrt(covariance[-1, -1])),
+        )
+
+    def _surface(self, sensor: SensorModel) -> tuple[Array, Array, Array]:
+        """Points (n, 3) [m] in view, normals (n, 3), both in T, and standard deviations (n,) [m] along the normals."""
+        shape = self._scene.there or self._scene.shape
+        X_TC = inverse(self._scene.X_CT)
+        rays = self._rays[self._seen] @ X_TC[:3, :3].T
+        hit = RayScene(shape.vertices, shape.triangles).cast(X_TC[:3, 3], rays)
+        n, z = hit["normal"].astype(np.float64), hit["t"].astype(np.float64)
+        across = np.abs(np.einsum("ni,ni->n", n, rays))  # cosine of incidence times the length of the ray
+        good = np.isfinite(z) & (across > np.cos(sensor.max_incidence) * np.linalg.norm(rays, axis=1))
+        n, z, across, rays = n[good], z[good], across[good], rays[good]
+        share = sensor.independent(_STEP * sensor.focal / FOCAL)
+        return X_TC[:3, 3] + z[:, None] * rays, n, sensor.sigma(z) * across / np.sqrt(share)
+
+    def _outline(self, sensor: SensorModel) -> tuple[Array, Array, Array]:
+        """As `_surface`, for the pixels at the edge of the image, where something farther lies beside them."""
+        seen, depth = self._scene.seen, self._scene.exact
+        edge = np.zeros_like(seen)
+        for axis in (0, 1):
+            for step in (-1, 1):
+                beside = np.roll(depth, step, axis=axis)
+                edge |= seen & ~np.roll(seen, step, axis=axis) & (beside > depth + _BEHIND)
+        edge[[0, -1]] = edge[:, [0, -1]] = False  # the border of the image
+        smooth = ndimage.gaussian_filter(seen.astype(np.float64), _SMOOTH)
+        gy, gx = (slope[edge] for slope in np.gradient(smooth))
+        rays = pinhole(1)[edge]
+        n = np.cross(rays, np.column_stack([-gy, gx, np.zeros_like(gx)]))
+        length = np.linalg.norm(n, axis=1)
+        good = length > 0.0
+        n, rays, z = n[good] / length[good, None], rays[good], depth[edge][good].astype(np.float64)
+        X_TC = inverse(self._scene.X_CT)
+        share = min(1.0, sensor.focal / FOCAL / sensor.noise_length)
+        sigma = sensor.edge_sigma * z / sensor.focal / np.sqrt(share)
+        return transform_points(X_TC, rays * z[:, None]), n @ X_TC[:3, :3].T, sigma

@@ -45,6 +45,8 @@ def run(case: UnseenCase, known: Known) -> Row:
     error = pose_error(scene, found.X_sensor_target)
     view = ViewOfObject(scene)
     there = case.content in _THERE
+    bounds = view.bounds(scene.sensor.model) if scene.there is not None else None
+    rival_share = view.rival_share() if there else 1.0
     return {
         "content": case.content,
         "kind": scene.shape.kind,
@@ -60,9 +62,13 @@ def run(case: UnseenCase, known: Known) -> Row:
         "pixels": int(scene.seen.sum()),
         "declared": scene.declared,
         "symmetric": scene.likeness.symmetry.axis is not None or len(scene.likeness.symmetry.rotations) > 1,
-        "rival_share": view.rival_share() if there else 1.0,
+        "sigma_mm": None if bounds is None else 1e3 * bounds.position_m,
+        "sigma_deg": None if bounds is None else bounds.angle_deg,
+        "size_sigma": None if bounds is None else bounds.size,
+        "shown": bool(there and bounds is not None and bounds.shows_pose(scene.range_m) and rival_share >= TELLING),
+        "contradicted": view.contradicted(found.X_sensor_target),
+        "rival_share": rival_share,
         "mirror_share": view.mirror_share() if case.content == "mirrored" else 1.0,
-        "size_sigma": view.size_sigma(scene.sensor.model) if case.content != "absent" else None,
         "position_m": error.position_m,
         "angle_deg": error.angle_deg,
         "found": bool(there and error.found),
@@ -155,7 +161,8 @@ def _parts(rows: Sequence[Row], by_condition: bool) -> Iterator[tuple[str, list[
             ("no symmetry", lambda row: not row["symmetric"]),
             ("symmetry declared", lambda row: row["symmetric"] and row["declared"]),
             ("symmetry not declared", lambda row: row["symmetric"] and not row["declared"]),
-            ("view cannot tell the attitude", lambda row: row["rival_share"] < TELLING),
+            ("the view shows the pose", lambda row: row["shown"]),
+            ("the view does not show it", lambda row: not row["shown"]),
         ):
             if part := [row for row in rows if chosen(row)]:
                 yield label, part
@@ -210,15 +217,20 @@ def _recall_table(figures: Mapping[str, Mapping[str, float]], title: str) -> Tab
             f"{f['scenes']:.0f}",
             f"{f['found']:.0f}",
             f"{f['found_percent']:.0f}",
-            f"{f['accepted_of_found_percent']:.0f}",
+            _or_dash(f["accepted_of_found_percent"], 0),
             f"{f['false_accepts']:.0f}",
-            f"{f['median_mm']:.2f}",
-            f"{f['median_deg']:.2f}",
+            _or_dash(f["median_mm"], 2),
+            _or_dash(f["median_deg"], 2),
             f"{f['identify_ms']:.0f}, {f['identify_p95_ms']:.0f}",
         )
         for name, f in figures.items()
     ]
     return Table(title=title, columns=columns, rows=rows, caption="Errors are those of found poses.")
+
+
+def _or_dash(value: float, digits: int) -> str:
+    """A figure for a table; a dash where there was nothing to take it from."""
+    return f"{value:.{digits}f}" if np.isfinite(value) else "-"
 
 
 def _confusion_table(table: Mapping[str, Mapping[str, int]]) -> Table:

@@ -9,7 +9,8 @@ from models.meshes.ray_casting import RayScene
 from perception.clouds.scan import SensorModel
 from scenarios.object_scenes import FOCAL
 from scenarios.unseen.likeness import DIFFERENT
-from scenarios.unseen.scenes import UnseenScene, pinhole
+from scenarios.unseen.placing import pinhole
+from scenarios.unseen.scenes import UnseenScene
 from sim.interfaces.spatial import Array, inverse, transform_points
 
 FOUND = (0.005, 0.003, 3.0)  # [m] and share of the range that a found position may be off, [deg] of attitude

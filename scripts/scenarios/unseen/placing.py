@@ -4,7 +4,7 @@ Frame F stands at the object with z up, on or above a level seabed.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial import ConvexHull
@@ -30,11 +30,12 @@ _VEILS = 60  # occluders tried
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Body:
-    """A body in the scene: its surface, a ray caster, and points that look for contact."""
+    """A body in the scene: its surface, and points on it that look for contact."""
 
-    solid: Solid3  # in F
-    rays: RayScene
-    points: Array  # (n, 3) [m] on its surface, in F
+    p: Array  # (3,) [m] by which it was moved since it was made
+    _made: Solid3  # in F, before that
+    _rays: RayScene  # of that surface
+    _points: Array  # (n, 3) [m] on that surface
 
     @classmethod
     def of(cls, solid: Solid3, rng: Rng) -> "Body":
@@ -45,12 +46,25 @@ class Body:
         which = rng.choice(len(area), _TOUCH, p=area / area.sum())
         points = np.einsum("ni,nij->nj", rng.dirichlet(np.ones(3), _TOUCH), corner[which])
         some = rng.permutation(len(vertices))[:_TOUCH]
-        return cls(solid, RayScene(vertices, triangles), np.vstack([points, vertices[some]]))
+        return cls(np.zeros(3), solid, RayScene(vertices, triangles), np.vstack([points, vertices[some]]))
 
     def moved(self, p: Array) -> "Body":
         """The body shifted by `p` (3,) [m]."""
-        solid = moved(self.solid, pose(p=p))
-        return Body(solid, RayScene(*solid), self.points + p)
+        return replace(self, p=self.p + p)
+
+    def distance(self, origins: Array, directions: Array) -> np.ndarray:
+        """Distances (n,) from `origins`, (n, 3) or (3,) [m] in F, in units of the `directions` (n, 3)."""
+        return self._rays.distance(origins - self.p, directions)
+
+    @property
+    def solid(self) -> Solid3:
+        """Vertices (V, 3) [m] in F, and triangles (T, 3)."""
+        return self._made[0] + self.p, self._made[1]
+
+    @property
+    def points(self) -> Array:
+        """Points (n, 3) [m] on the surface, in F."""
+        return self._points + self.p
 
     @property
     def reach(self) -> float:
@@ -67,11 +81,11 @@ def resting_attitude(shape: UnseenShape, rng: Rng) -> Array:
     """Rotation (3, 3) in which a shape rests on flat ground, z up: on a side of its convex hull that carries it."""
     hull = ConvexHull(shape.vertices)
     normals, offsets = hull.equations[:, :3], -hull.equations[:, 3]
-    for k in np.argsort(-normals @ any_rotation(rng)[0]):
-        foot = offsets[k] * normals[k]  # of the centroid, which is the origin, on that side
-        if (normals @ foot <= offsets + _CARRIED * shape.radius).all():
-            break
-    R = rotation_from_z(-normals[k], np.eye(3)[np.argmin(np.abs(normals[k]))]).T
+    # The foot of the centroid, which is the origin, must lie on the side. On the nearest side it does.
+    way = any_rotation(rng)[0]
+    limits = offsets + _CARRIED * shape.radius
+    down = next(normals[k] for k in np.argsort(-normals @ way) if (normals @ (offsets[k] * normals[k]) <= limits).all())
+    R = rotation_from_z(-down, np.eye(3)[np.argmin(np.abs(down))]).T
     return exp_so3([0.0, 0.0, rng.uniform(-np.pi, np.pi)]) @ R
 
 
@@ -79,8 +93,8 @@ def free_way(body: Body, others: Sequence[Body], way: Array) -> float:
     """Distance [m] by which a body can move along the unit vector `way` until it meets another; inf if it does not."""
     free = np.inf
     for other in others:
-        free = min(free, float(other.rays.distance(body.points, np.broadcast_to(way, body.points.shape)).min()))
-        back = body.rays.distance(other.points, np.broadcast_to(-way, other.points.shape))
+        free = min(free, float(other.distance(body.points, np.broadcast_to(way, body.points.shape)).min()))
+        back = body.distance(other.points, np.broadcast_to(-way, other.points.shape))
         free = min(free, float(back.min()))
     return free
 
@@ -175,12 +189,12 @@ def hidden_by(body: Body, others: Sequence[Body], X_CF: Array) -> tuple[Array, n
     """
     eye = inverse(X_CF)
     ways = pinhole(COARSE).reshape(-1, 3) @ eye[:3, :3].T
-    t = body.rays.distance(eye[:3, 3], ways)
+    t = body.distance(eye[:3, 3], ways)
     on = np.isfinite(t)
     ways, t = ways[on], t[on]
     hidden = np.zeros(len(t), dtype=bool)
     for other in others:
-        hidden |= other.rays.distance(eye[:3, 3], ways) < t
+        hidden |= other.distance(eye[:3, 3], ways) < t
     return eye[:3, 3] + t[:, None] * ways, hidden
 
 
@@ -213,7 +227,7 @@ def veil(body: Body, others: Sequence[Body], X_CF: Array, share: tuple[float, fl
         nearness = rng.uniform(0.45, 0.85)
         at = eye + nearness * (seen[rng.integers(len(seen))] - eye)
         new = Body.of(moved(_occluder(rng, nearness * spread), pose(any_rotation(rng), at)), rng)
-        now = hidden | (new.rays.distance(eye, seen - eye) < 1.0)
+        now = hidden | (new.distance(eye, seen - eye) < 1.0)
         if now.mean() <= goal + 0.8 * _GOAL:
             hidden = now
             found.append(new)

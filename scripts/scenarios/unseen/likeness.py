@@ -27,6 +27,7 @@ _EYES = 3.0  # [radii] distance of the viewpoints around the shape
 _THINNED = 3  # of the points, every third counts for a share
 _FEW = 120  # points by which most candidates are excluded
 _SETTLING = 12  # iterations of an alignment
+_SLOWLY = 4  # alignments in a row, for what must be exact
 _TURNS = 24  # angles about an axis at which an alignment begins
 _APART = np.deg2rad(3.0)  # [rad] least turn between two poses that count as different
 _KEPT = 6  # reflections, and rivals, at most
@@ -145,7 +146,8 @@ class Likeness:
                 R = exp_so3(2.0 * np.pi / fold * axis)
                 few = self.points[:: max(1, len(self.points) // 40)]
                 if np.mean(self.distance(few @ R.T)) < 0.08 * self.shape.radius:
-                    R = self.settled(R)[:3, :3]
+                    for _ in range(_SLOWLY):
+                        R = self.settled(R)[:3, :3]
                     if all(np.linalg.norm(R - known) > 0.05 for known in found) and self._maps(R):
                         found.append(R)
         return Symmetry(rotations=np.array(_closed(found)))

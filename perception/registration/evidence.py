@@ -10,6 +10,7 @@ from perception.clouds.scan import Scan, SensorModel, facing_normals, hashed_sub
 from perception.registration.model_surface import ModelSurface
 from sim.interfaces.spatial import Array, transform_points
 
+_GRAZING = np.deg2rad(88.0)  # [rad] of incidence, up to which the model explains what was scanned
 _MAX_SCAN_POINTS = 4000  # scan points used in ICP, at most about: more add time
 
 
@@ -18,7 +19,8 @@ class Evidence:
     """The part of a scan that takes part in ICP."""
 
     scan: Scan
-    mask: np.ndarray  # (h, w) pixels that may belong to the object
+    mask: np.ndarray  # (h, w) pixels around the initial poses that may belong to the object
+    standing: np.ndarray  # (h, w) all pixels that stand out from the background, wherever the model may be put
     points: Array  # (n, 3) [m] thinned, in S
     normals: Array  # (n, 3) unit, towards the sensor
     sigma: Array  # (n,) [m] standard deviation of depth
@@ -26,7 +28,9 @@ class Evidence:
     sensor: SensorModel
 
     @classmethod
-    def of(cls, scan: Scan, mask: np.ndarray, spacing: float, sensor: SensorModel) -> "Evidence":
+    def of(
+        cls, scan: Scan, mask: np.ndarray, spacing: float, sensor: SensorModel, standing: np.ndarray | None = None
+    ) -> "Evidence":
         """Thin the masked pixels to one point per cube and estimate normals.
 
         Args:
@@ -34,6 +38,7 @@ class Evidence:
             mask: (h, w) pixels that may belong to the object.
             spacing: [m] edge of the cubes.
             sensor: Accuracy of the sensor.
+            standing: (h, w) all pixels that stand out from the background; None: `mask`.
 
         Returns:
             The evidence, at most about _MAX_SCAN_POINTS points.
@@ -43,7 +48,16 @@ class Evidence:
         kept = hashed_subset(step, points, spacing)
         normals, points = facing_normals(points, at=kept), points[kept]
         apart = np.sqrt(step) * spacing / (scan.pitch * points[:, 2])  # [px]
-        return cls(scan, mask, points, normals, sensor.sigma(points[:, 2]), sensor.independent(apart), sensor)
+        return cls(
+            scan=scan,
+            mask=mask,
+            standing=mask if standing is None else standing,
+            points=points,
+            normals=normals,
+            sigma=sensor.sigma(points[:, 2]),
+            independent=sensor.independent(apart),
+            sensor=sensor,
+        )
 
 
 def score(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> float:
@@ -90,7 +104,7 @@ def explained(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> np.ndar
 @lru_cache(maxsize=4)  # the accepted pose is judged by the check and by its score
 def _explained(evidence: Evidence, surface: ModelSurface, pose_bytes: bytes) -> np.ndarray:
     X_ST = np.frombuffer(pose_bytes).reshape(4, 4)
-    visible = surface.visible(X_ST, evidence.scan, evidence.sensor.max_incidence)
+    visible = surface.visible(X_ST, evidence.scan, _GRAZING)  # an echo there is not expected, but may come
     if not visible.any():
         return np.zeros(len(evidence.points), dtype=bool)
     points = transform_points(X_ST, surface.points[visible])

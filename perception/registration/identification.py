@@ -157,9 +157,9 @@ def identify(
             given = [X_prior] if p_approach is not None and R_prior is not None else []
         else:
             starts, given = [laid_on(scan.points[mask], surface, X_prior[:3, :3])], []
-        mask &= _around(starts or given, surface, scan)
+        standing, mask = mask, mask & _around(starts or given, surface, scan)
         _need(mask, "lie where the object could be")
-        evidence = Evidence.of(scan, mask, 0.8 * surface.spacing, sensor)
+        evidence = Evidence.of(scan, mask, 0.8 * surface.spacing, sensor, standing)
         if len(evidence.points) < MIN_POINTS:
             raise PerceptionError(f"only {len(evidence.points)} points are left of the object; need {MIN_POINTS}")
     except PerceptionError as error:
@@ -175,7 +175,10 @@ def identify(
     if X_told is not None:
         X_ST = X_told
     second = found.others[0].log_likelihood if found.others else -np.inf
-    verdict = check(evidence, surface, X_ST, found.fit, second)
+    doubt = None
+    if found.fit is not None:
+        doubt = pose_covariance(evidence, surface, X_ST, found.fit.free)
+    verdict = check(evidence, surface, X_ST, found.fit, second, doubt)
     if method == "paper-q":
         verdict = _by_criterion(verdict, evidence, surface, X_ST)
     if found.asks and verdict.decision is Decision.ACCEPT:
@@ -189,7 +192,7 @@ def identify(
         accepted=not reason,
         reason=reason,
         check=verdict,
-        covariance=pose_covariance(evidence, surface, X_ST, verdict.free),
+        covariance=doubt,
         symmetry=_free_motion(surface, verdict.free, X_told is not None, R_prior is not None),
         X_sensor_start=readonly(X_start),
         cloud=readonly(evidence.points),

@@ -38,7 +38,7 @@ def log_likelihood(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> fl
         for a, b in zip(box, model, strict=True)
     )
     window = rows, columns
-    scan, mask = evidence.scan.part(window), evidence.mask[window]
+    scan, mask = evidence.scan.part(window), evidence.standing[window]
     depth = surface.depth(X_ST, scan)
     shown = np.isfinite(depth) & np.isfinite(scan.depth)
     sigma = evidence.sensor.sigma(np.where(shown, depth, 1.0))
@@ -51,8 +51,8 @@ def log_likelihood(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> fl
 
 @lru_cache(maxsize=4)
 def _box(evidence: Evidence) -> tuple[tuple[slice, slice], int]:
-    """Rows and columns around the mask, and the step [px] to which they are thinned."""
-    rows, columns = (np.flatnonzero(evidence.mask.any(axis=axis)) for axis in (1, 0))
+    """Rows and columns around all that stands out, and the step [px] to which they are thinned."""
+    rows, columns = (np.flatnonzero(evidence.standing.any(axis=axis)) for axis in (1, 0))
     area = float(np.ptp(rows) + 1) * float(np.ptp(columns) + 1)
     step = int(np.ceil(np.sqrt(max(1.0, area / _PIXELS))))
     box = tuple(slice(int(each[0]) // step * step, int(each[-1]) + 1, step) for each in (rows, columns))

@@ -17,6 +17,7 @@ from sim.interfaces.spatial import Array, inverse, transform_points
 SHARP_EDGE = np.cos(np.deg2rad(60.0))  # where a surface turns away more slowly the sensor fails, it has no edge
 _WINDOW_PIXELS = 80_000  # pixels above which depth edges are taken from a thinned grid
 _RASTER = 32  # [px] to whose multiples the window of depth edges is extended, so that it seldom changes
+_BESIDE = (1.5, 3.0, 4.5)  # [px] beyond an edge, where the background is looked at
 _EDGE_BIAS = 0.1  # [px] by which all depth edges may be seen aside, or outward
 _HALVINGS = 4  # bisections of a pixel, to locate a model's depth edge
 
@@ -125,9 +126,12 @@ def edge_offsets(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> tupl
     points = transform_points(X_ST, edges.model_points[sharp])
     tangents = points[:, :2] / points[:, 2:]
     normal = edges.model_outward[sharp]
-    reach = 0.06 / points[:, 2]
+    seen = ~_resting(evidence, points, normal)
+    if seen.sum() < 20:
+        return np.zeros(0), np.nan, np.nan
+    points, tangents, normal = points[seen], tangents[seen], normal[seen]
     tree = cKDTree(edges.scan.tangents)
-    distance, index = tree.query(tangents, distance_upper_bound=float(reach.max()))
+    distance, index = tree.query(tangents, distance_upper_bound=0.06 / float(points[:, 2].min()))
     paired = np.isfinite(distance)
     index = np.where(paired, index, 0)
     paired &= np.abs(edges.scan.depth[index] - points[:, 2]) < 2.0 * jump(points[:, 2])
@@ -142,6 +146,21 @@ def edge_offsets(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> tupl
         goes_on &= np.abs(evidence.scan.depth[row, column] - points[:, 2]) < step
         goes_on &= ~surface.covers(X_ST, probe)  # one part of the model in front of another does not end it
     return offsets[paired], float(paired.mean()), float((goes_on & ~paired).mean())
+
+
+def _resting(evidence: Evidence, points: Array, normal: Array) -> np.ndarray:
+    """Mask (n,) of the model's edges (n, 3) [m] in S that cannot show: the background behind them is as near.
+
+    `normal` (n, 2): unit directions across the edges, outward in the image.
+    """
+    resting = np.zeros(len(points), dtype=bool)
+    for pixels in _BESIDE:
+        beyond = points[:, :2] / points[:, 2:] + pixels * evidence.scan.pitch * normal
+        row, column, inside = evidence.scan.pixels(np.column_stack([beyond, np.ones(len(beyond))]) * points[:, 2:])
+        step = evidence.scan.depth[row, column] - points[:, 2]
+        with np.errstate(invalid="ignore"):
+            resting |= inside & ~evidence.standing[row, column] & (np.abs(step) < jump(points[:, 2]))
+    return resting
 
 
 class _Readings(NamedTuple):

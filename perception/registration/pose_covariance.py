@@ -50,6 +50,13 @@ class PoseCovariance:
         return 6 - len(self.free)
 
     @property
+    def held_sigmas(self) -> tuple[float, float]:
+        """Largest standard deviations of position [m] and rotation [rad] among the twists that are held."""
+        parts = (self.matrix[:3, :3], self.matrix[3:, 3:])
+        position, turn = (float(np.sqrt(max(0.0, np.linalg.eigvalsh(part)[-1]))) for part in parts)
+        return position, turn / self.radius
+
+    @property
     def position_sigma(self) -> float:
         """Standard deviation [m] of the centre along its least certain direction; inf if it can slide."""
         return self._largest(slice(0, 3))

@@ -1,6 +1,7 @@
 """Search for the pose that gives the scan the highest likelihood: ICP from several starts, and from look-alikes."""
 
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -8,14 +9,16 @@ from perception.registration.evidence import Evidence, score
 from perception.registration.fine_fit import IcpFit, fine_fit
 from perception.registration.likelihood import log_likelihood
 from perception.registration.model_surface import ModelSurface
+from perception.registration.pose_covariance import pose_covariance
 from perception.registration.symmetry import ambiguous_poses
-from sim.interfaces.spatial import Array, pose, readonly
+from sim.interfaces.spatial import Array, exp_so3, pose, readonly
 
-_REFINED = 3  # initial poses that get a full ICP, at first
-_HOPELESS = 0.4  # [-] score below the best one from which on an initial pose gets no ICP at first
-_POOR = 1.2  # [-] score of the likeliest pose below which all initial poses get an ICP
+_REFINED = 3  # initial poses that get a full ICP
+_ALIKE = 3  # poses that look like the likeliest one that get a full ICP
 _SLIDING = 0.7  # [-] translational share of a free twist, from which on it is searched by translation
 _SLIDES = (-0.4, -0.2, -0.1, 0.1, 0.2, 0.4)  # [radii] of the model: translations tried along a free twist
+_LOOSE = 0.002  # [m] standard deviation of a twist from which on it is polished
+_STEPS = (-2.0, -1.0, -0.5, 0.5, 1.0, 2.0)  # [sigma] tried
 _ADOPTED = 4  # look-alikes adopted one after the other, at most
 
 
@@ -51,40 +54,34 @@ class _Candidate:
 
 
 def likeliest_pose(evidence: Evidence, surface: ModelSurface, starts: list[Array], given: list[Array]) -> Found:
-    """ICP from the best-scored starts, then from poses that look like the likeliest one, until none is likelier.
+    """ICP from the likeliest starts, then from poses that look like the likeliest one, until none is likelier.
 
     Args:
         evidence: Scan of the object.
         surface: Sampled model.
         starts: Initial poses (4, 4) of the search; at least one here or among `given`.
-        given: Initial poses (4, 4) from prior knowledge, which are tried whatever their score.
+        given: Initial poses (4, 4) from prior knowledge, which are tried whatever their likelihood.
     """
 
     def fitted(X: Array, X_start: Array, rounds: int = 2) -> _Candidate:
         fit = fine_fit(evidence, surface, X, rounds)
         return _Candidate(fit, X_start, log_likelihood(evidence, surface, fit.X_ST))
 
-    ranked = sorted(((score(evidence, surface, X), X) for X in starts), key=lambda item: -item[0])
-    first = [X for s, X in ranked[:_REFINED] if s > ranked[0][0] - _HOPELESS]
-    tried = [fitted(X, X) for X in [*first, *given]]
+    def best_of(poses: Iterable[Array], most: int) -> list[Array]:
+        return sorted(poses, key=lambda X: -log_likelihood(evidence, surface, X))[:most]
+
+    tried = [fitted(X, X) for X in [*best_of(starts, _REFINED), *given]]
     best = _likeliest(tried)
-    for X in _slides(evidence, surface, best.fit):
-        tried.append(fitted(X, best.X_start))
+    tried += [fitted(X, best.X_start) for X in _slides(evidence, surface, best.fit)]
     best = _likeliest(tried)
-    if score(evidence, surface, best.X_ST) < _POOR:
-        tried += [fitted(X, X) for _, X in ranked[len(first) :]]
-        best = _likeliest(tried)
     for _ in range(_ADOPTED):
-        alike = [fitted(best.X_ST @ G, best.X_start, rounds=1) for G in ambiguous_poses(surface)]
-        tried += alike
-        if not alike or _likeliest(alike).log_likelihood <= best.log_likelihood:
+        alike = best_of((best.X_ST @ G for G in ambiguous_poses(surface)), _ALIKE)
+        tried += [fitted(X, best.X_start) for X in alike]
+        likelier = _likeliest(tried)
+        if not _differ(surface, likelier.X_ST, best.X_ST):
             break
-        likelier = _likeliest(alike)
-        tried.append(fitted(likelier.X_ST, likelier.X_start))
-        if not _differ(surface, tried[-1].X_ST, best.X_ST):
-            break  # ICP has returned to where it came from
-        best = _likeliest(tried)
-    best = _likeliest(tried)
+        best = likelier
+    best = _polished(evidence, surface, _likeliest(tried))
     return Found(best.X_ST, best.fit, best.X_start, best.log_likelihood, _others(surface, tried, best))
 
 
@@ -107,6 +104,29 @@ def _differ(surface: ModelSurface, A: Array, B: Array) -> bool:
     """True if two poses (4, 4) are not the same up to the declared symmetry and the ends of ICP's valley."""
     off, angle = surface.symmetry.error(A, B)
     return bool(off > 2.0 * surface.spacing or angle > np.deg2rad(5.0))
+
+
+def _polished(evidence: Evidence, surface: ModelSurface, best: _Candidate) -> _Candidate:
+    """The likeliest pose along the twists that ICP holds least: the outline may say more of them than any pair does."""
+    covariance = pose_covariance(evidence, surface, best.X_ST, best.fit.free)
+    if covariance is None:
+        return best
+    variances, axes = np.linalg.eigh(covariance.matrix)
+    middle, radius = covariance.center, surface.radius
+    X, top = best.X_ST, best.log_likelihood
+    for variance, axis in zip(variances[::-1], axes.T[::-1], strict=True):
+        sigma = float(np.sqrt(max(variance, 0.0)))
+        if sigma < _LOOSE:
+            break
+        for step in _STEPS:
+            R = exp_so3(step * sigma * axis[3:] / radius)
+            moved = pose(R, middle + step * sigma * axis[:3] - R @ middle) @ best.X_ST
+            likelihood = log_likelihood(evidence, surface, moved)
+            if likelihood > top:
+                X, top = moved, likelihood
+        if X is not best.X_ST:
+            return _polished(evidence, surface, _Candidate(replace(best.fit, X_ST=X), best.X_start, top))
+    return best
 
 
 def _slides(evidence: Evidence, surface: ModelSurface, fit: IcpFit) -> list[Array]:

@@ -24,10 +24,11 @@ from sim.interfaces.spatial import Array, exp_so3, inverse, pose, transform_poin
 
 # Near symmetry
 _FOLDS = (2, 3, 4, 5, 6, 8)  # n of the rotations by multiples of 360/n deg
-_ALIKE = 0.06  # [-] rms distance between the surfaces, as a share of the radius, up to which a rotation is tried
+_ALIKE = 0.08  # [-] rms distance between the surfaces, as a share of the radius, up to which a rotation is tried
+_ROUND = np.deg2rad(10.0) * np.arange(1, 36)  # [rad] tried where all folds look alike: a flange with its bolts
 _COMPARED = 600  # model points compared, about
 _FEW = 10  # shares in which these points are compared, until they exclude the rotation
-_TRIED = 6  # rotations kept, the most similar first
+_TRIED = 48  # rotations kept, the most similar first
 # Broken symmetry
 _STEP = np.deg2rad(3.0)  # [rad] between the angles tried
 _FINE = np.linspace(-1.0, 1.0, 13)  # [steps] angles tried around the best one
@@ -48,33 +49,40 @@ _OTHER = np.deg2rad(15.0)  # [rad] beyond which two angles count as different
 def ambiguous_poses(surface: ModelSurface) -> tuple[Array, ...]:
     """Poses G (4, 4) in T such that the model at X G looks nearly as at X, most similar first; may be empty.
 
-    Rotations by multiples of 360/n deg, n from `_FOLDS` (2 to 8), about the principal axes and the axes of T. They pass
-    through the centroid of the surface and through the centre of its bounding box.
+    Rotations by multiples of 360/n deg, n from `_FOLDS` (2 to 8), and where all of these look alike, of 10 deg, about
+    the principal axes and the axes of T. They pass through the centroid of the surface and through the centre of its
+    bounding box.
     """
     points = surface.points[:: max(1, len(surface.points) // _COMPARED)]
     tree = cKDTree(surface.points)
-    symmetry = surface.symmetry
+    folds = sorted({2.0 * np.pi * k / n for n in _FOLDS for k in range(1, n)})
     found: list[tuple[float, Array]] = []
     for middle in (surface.points.mean(axis=0), surface.center):
         main = np.linalg.eigh(np.cov((surface.points - middle).T))[1].T
         for axis in np.vstack([main, np.eye(3)]):
-            for angle in sorted({2.0 * np.pi * k / n for n in _FOLDS for k in range(1, n)}):
-                R = exp_so3(angle * axis)
-                G = pose(R, middle - R @ middle)
-                if not all(are_different(symmetry, G, Y) for Y in (np.eye(4), *(Y for _, Y in found))):
+            turns = [pose(R, middle - R @ middle) for R in (exp_so3(angle * axis) for angle in (*folds, *_ROUND))]
+            alike = 0
+            for k, G in enumerate(turns):
+                if k == len(folds) and alike < len(folds):
+                    break  # not nearly round
+                unlike = _unlikeness(tree, points, G, _ALIKE * surface.radius)
+                if unlike is None:
                     continue
-                moved = transform_points(G, points)
-                distance, total = np.empty(len(moved)), 0.0
-                for k in range(_FEW):  # the distances of a few points alone exclude most rotations
-                    distance[k::_FEW] = tree.query(moved[k::_FEW])[0]
-                    total += float(np.sum(distance[k::_FEW] ** 2))
-                    if total > 1.01 * len(moved) * (_ALIKE * surface.radius) ** 2:
-                        break
-                else:
-                    unlike = float(np.sqrt(np.mean(distance**2)))
-                    if unlike <= _ALIKE * surface.radius:
-                        found.append((unlike, G))
+                alike += 1
+                if all(are_different(surface.symmetry, G, Y) for Y in (np.eye(4), *(Y for _, Y in found))):
+                    found.append((unlike, G))
     return tuple(G for _, G in sorted(found, key=lambda item: item[0]))[:_TRIED]
+
+
+def _unlikeness(tree: cKDTree, points: Array, G: Array, limit: float) -> float | None:
+    """Rms distance [m] of the points (n, 3) moved by `G` (4, 4) from those of the tree; None above `limit`."""
+    moved = transform_points(G, points)
+    total = 0.0
+    for k in range(_FEW):  # the distances of a few points alone exclude most rotations
+        total += float(np.sum(tree.query(moved[k::_FEW])[0] ** 2))
+        if total > len(moved) * limit**2:
+            return None
+    return float(np.sqrt(total / len(moved)))
 
 
 def are_different(symmetry: Symmetry, A: Array, B: Array) -> bool:

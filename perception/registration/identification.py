@@ -18,6 +18,7 @@ from perception.clouds.scan import MIN_POINTS, Scan, SensorModel, background, ne
 from perception.registration.evidence import Evidence, score
 from perception.registration.initialiser import Expected, initial_poses
 from perception.registration.likelihood import log_likelihood
+from perception.registration.mirror_image import MIN_HAND, mirrored_log_likelihood
 from perception.registration.model_surface import ModelSurface
 from perception.registration.paper_check import published_criterion
 from perception.registration.paper_icp import laid_on, paper_fit, required_error
@@ -183,6 +184,11 @@ def identify(
         verdict = _by_criterion(verdict, evidence, surface, X_ST)
     if found.asks and verdict.decision is Decision.ACCEPT:
         verdict = replace(verdict, decision=Decision.RESCAN, reason=found.asks)
+    if method == "planes" and verdict.decision is Decision.ACCEPT:
+        hand = log_likelihood(evidence, surface, X_ST) - mirrored_log_likelihood(evidence, surface, X_ST)
+        if hand < MIN_HAND:
+            said = "better" if hand < -MIN_HAND else "as well"
+            verdict = replace(verdict, decision=Decision.RESCAN, reason=f"its mirror image fits {said}")
     reason = verdict.reason
     if not reason and not expected.admits(X_ST[None], surface)[0]:
         reason = "what was found lies, or is turned, too far from what was expected"

@@ -31,13 +31,7 @@ def log_likelihood(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> fl
     Returns:
         The log likelihood [nat].
     """
-    box, step = _box(evidence)
-    model = evidence.scan.window(transform_points(X_ST, surface.target.vertices), 0.0, evidence.mask.size)
-    rows, columns = (
-        slice(min(a.start, b.start) // step * step, max(a.stop, b.stop), step) if b.stop > b.start else a
-        for a, b in zip(box, model, strict=True)
-    )
-    window = rows, columns
+    window, step = _window(evidence, surface, X_ST)
     scan, mask = evidence.scan.part(window), evidence.standing[window]
     depth = surface.depth(X_ST, scan)
     shown = np.isfinite(depth) & np.isfinite(scan.depth)
@@ -47,6 +41,38 @@ def log_likelihood(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> fl
     cost = np.where(mask & np.isfinite(scan.depth), _UNEXPLAINED_COST, 0.0)
     cost[shown] = np.minimum((behind[shown] / sigma[shown]) ** 2, _MOST_COST)
     return -0.5 * float(evidence.sensor.independent(step) * cost.sum())
+
+
+def difference(evidence: Evidence, one: tuple[ModelSurface, Array], other: tuple[ModelSurface, Array]) -> float:
+    """Log likelihood [nat] by which two models at their poses are expected to differ on this scan's pixels.
+
+    Args:
+        evidence: Scan and sensor.
+        one: A sampled model and its pose X_ST (4, 4).
+        other: Another.
+
+    Returns:
+        The expected log likelihood ratio [nat], 0 where both look the same; occluded pixels do not count.
+    """
+    window, step = _window(evidence, *one)
+    scan = evidence.scan.part(window)
+    a, b = (surface.depth(X_ST, scan) for surface, X_ST in (one, other))
+    z = np.where(np.isfinite(a), a, np.where(np.isfinite(b), b, 1.0))
+    sigma = evidence.sensor.sigma(z)
+    seen = (np.isfinite(a) | np.isfinite(b)) & (scan.depth > z - np.maximum(OCCLUDER, 6.0 * sigma))
+    cost = np.where(np.isfinite(a) & np.isfinite(b), np.minimum(((a - b) / sigma) ** 2, _MOST_COST), _MOST_COST)
+    return 0.5 * float(evidence.sensor.independent(step) * cost[seen].sum())
+
+
+def _window(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> tuple[tuple[slice, slice], int]:
+    """Rows and columns around all that stands out and the model, and the step [px] to which they are thinned."""
+    box, step = _box(evidence)
+    model = evidence.scan.window(transform_points(X_ST, surface.target.vertices), 0.0, evidence.mask.size)
+    rows, columns = (
+        slice(min(a.start, b.start) // step * step, max(a.stop, b.stop), step) if b.stop > b.start else a
+        for a, b in zip(box, model, strict=True)
+    )
+    return (rows, columns), step
 
 
 @lru_cache(maxsize=4)

@@ -42,6 +42,10 @@ _LINES = 8  # straight lines through the centre, evenly distributed over 180 deg
 _CIRCLES = (0.35, 0.7)  # [-] radii as a share of the object's extent across the line of sight
 _ACROSS_EDGES = 1.5  # [px] by which a ray is moved aside to detect a nearby edge
 _MIN_RAYS = 40  # rays without which there is no verdict
+_RIM = 1.0  # [noise lengths] width below which a missing part is the error of an edge
+_FEATURE = 2.0  # [noise lengths^2] largest part that may be missing by chance
+_AGREES = 1.5  # [sigma] within which scan and model agree
+_ABRUPT = 0.6  # [-] share of such pixels among those within 3 sigma around a missing part, of a dent less
 _FEW_RAYS = 120  # parallel rays below which lines of sight replace them
 _THIN = 0.75  # [-] share of the parallel rays that stay clear of edges, below which lines of sight replace them
 _SIGHTS = 1000  # lines of sight, about
@@ -64,7 +68,8 @@ WHOLE = 0.5  # [-] coverage above which another scan is not expected to remove a
 MAX_MOVE = (0.003, 0.005)  # [m] and share of the range by which another ICP may move the pose
 # [m], share of the range and [rad]: half of what still counts as found, 5 mm + 0.3 % and 3 deg
 MAX_SIGMA = (0.0025, 0.0015, np.deg2rad(1.5))
-MAX_SIZE = (0.03, 3.0)  # [-] by which the best scale may differ from 1, plus so many of its sigma
+MAX_SIZE = 0.025  # [-] by which the best scale may differ from 1: midway to an object 5 % larger or smaller
+MAX_SIZE_SIGMA = 0.02  # [-] standard deviation of the scale above which this does not tell it from 1
 MIN_MARGIN = 6.0  # [nat] over every other pose; right poses among near twins (an uneven starfish) reach 8
 
 
@@ -189,8 +194,10 @@ def check(
     if fit is None:
         move = _rms_distance(transform_points(rest.X_ST, points), transform_points(X_ST, points))
     move_threshold = MAX_MOVE[0] + MAX_MOVE[1] * float(np.linalg.norm(rays.C_model.mean(axis=0)))
-    size_threshold = MAX_SIZE[0] + MAX_SIZE[1] * rest.size_sigma
+    size_threshold = MAX_SIZE
     margin = log_likelihood(evidence, surface, X_ST) - others
+    missing, least = _missing(evidence, surface, X_ST)
+    size_sigma = covariance.size_sigma if covariance is not None else rest.size_sigma
     loose, doubt = _looseness(covariance, float(np.linalg.norm(rays.C_model.mean(axis=0))))
     undeclared = len(rest.free) - (surface.symmetry.axis is not None)
 
@@ -210,6 +217,7 @@ def check(
             ),
             (abs(rest.size - 1.0) > size_threshold, f"at {rest.size:.2f} times its size it fits better"),
             (margin < -MIN_MARGIN, "another pose fits better"),
+            (missing > least, f"{missing} connected pixels of the model are missing, at most {least} may be"),
         )
         if failed
     ]
@@ -220,6 +228,7 @@ def check(
             (edge_share < MIN_EDGE_SHARE, f"only {edge_share:.0%} of the model's edges are in the scan"),
             (undeclared > 0, "this view does not hold the whole pose: the model can slide or turn on what is seen"),
             (abs(margin) <= MIN_MARGIN, "another pose fits as well"),
+            (size_sigma > MAX_SIZE_SIGMA, f"its size is seen to {size_sigma:.1%} only, need {MAX_SIZE_SIGMA:.1%}"),
             (loose, f"this view holds the pose to {doubt} only, one standard deviation"),
         )
         if failed
@@ -252,6 +261,33 @@ def check(
         ),
         reason="; ".join(against + lacking),
     )
+
+
+def _missing(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> tuple[int, int]:
+    """Pixels of the largest part of the model that the scan sees through, and how many may be by chance.
+
+    The part is a connected region of pixels in which the scan lies behind the model by 3 sigma or more, wider than the
+    errors at an edge. At its rim the distance must jump: a dent begins gently.
+    """
+    window = evidence.scan.window(transform_points(X_ST, surface.points), 0.05, _SURFACE_PIXELS)
+    scan = evidence.scan.part(window)
+    depth = surface.depth(X_ST, scan)
+    shown = np.isfinite(depth) & np.isfinite(scan.depth)
+    sigma = evidence.sensor.sigma(np.where(shown, depth, 1.0))
+    behind = np.where(shown, scan.depth - depth, 0.0) / sigma
+    cell = evidence.sensor.noise_length * evidence.scan.pitch / scan.pitch  # [px] of one independent reading
+    wide = 2 * int(np.ceil(0.5 * _RIM * cell)) + 1
+    label, count = ndimage.label(ndimage.binary_opening(behind > 3.0, np.ones((wide, wide))))
+    least = round(_FEATURE * cell**2)
+    rough, agrees = shown & (np.abs(behind) < 3.0), shown & (np.abs(behind) < _AGREES)
+    largest = 0
+    for part in range(1, count + 1):
+        inside = label == part
+        rim = ndimage.binary_dilation(inside, iterations=wide) & shown & ~inside
+        deep = np.median((behind * sigma)[inside]) > OCCLUDER  # deeper than any dent
+        if inside.sum() > max(largest, least) and (deep or agrees[rim].sum() > _ABRUPT * max(1, rough[rim].sum())):
+            largest = int(inside.sum())
+    return largest, least
 
 
 def _looseness(covariance: PoseCovariance | None, range_m: float) -> tuple[bool, str]:

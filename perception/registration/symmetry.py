@@ -26,6 +26,10 @@ from sim.interfaces.spatial import Array, exp_so3, inverse, pose, transform_poin
 _FOLDS = (2, 3, 4, 5, 6, 8)  # n of the rotations by multiples of 360/n deg
 _ALIKE = 0.08  # [-] rms distance between the surfaces, as a share of the radius, up to which a rotation is tried
 _ROUND = np.deg2rad(10.0) * np.arange(1, 36)  # [rad] tried where all folds look alike: a flange with its bolts
+_PERIODS = (0.05, 0.8)  # [radii] range of the periods sought
+_OVERLAP = 0.4  # [-] share of the points that a translation by a period leaves within the model's length, at least
+_PERIODIC = 0.6  # [-] rms distance after a period over the largest one before it, at most
+_MOST_PERIODS = 3  # along each axis
 _COMPARED = 600  # model points compared, about
 _FEW = 10  # shares in which these points are compared, until they exclude the rotation
 _TRIED = 48  # rotations kept, the most similar first
@@ -71,7 +75,29 @@ def ambiguous_poses(surface: ModelSurface) -> tuple[Array, ...]:
                 alike += 1
                 if all(are_different(surface.symmetry, G, Y) for Y in (np.eye(4), *(Y for _, Y in found))):
                     found.append((unlike, G))
-    return tuple(G for _, G in sorted(found, key=lambda item: item[0]))[:_TRIED]
+    turned = tuple(G for _, G in sorted(found, key=lambda item: item[0]))[:_TRIED]
+    return turned + tuple(_shifts(surface, points, tree))
+
+
+def _shifts(surface: ModelSurface, points: Array, tree: cKDTree) -> list[Array]:
+    """Translations G (4, 4) along the principal axes by a period of the model, such as that of a grid or a spring."""
+    middle = surface.points.mean(axis=0)
+    found: list[Array] = []
+    for axis in np.linalg.eigh(np.cov((surface.points - middle).T))[1].T:
+        along = points @ axis
+        steps = np.arange(_PERIODS[0], _PERIODS[1], surface.spacing / surface.radius) * surface.radius
+        off = np.full(len(steps), np.inf)
+        for k, step in enumerate(steps):
+            inner = points[along + step < along.max()] + step * axis
+            if len(inner) > _OVERLAP * len(points):
+                off[k] = np.sqrt(np.mean(tree.query(inner)[0] ** 2))
+        if not np.isfinite(off).any():
+            continue
+        # A period brings the surfaces together again, after they have been apart.
+        lowest = (off[1:-1] <= off[:-2]) & (off[1:-1] < off[2:]) & (off[1:-1] < _PERIODIC * off[np.isfinite(off)].max())
+        for step in steps[1:-1][lowest][:_MOST_PERIODS]:
+            found += [pose(p=step * axis), pose(p=-step * axis)]
+    return found
 
 
 def _unlikeness(tree: cKDTree, points: Array, G: Array, limit: float) -> float | None:

@@ -1,5 +1,6 @@
 """Symmetry of a mesh, found by turning it: the rotations under which no sensor can tell it from itself."""
 
+from collections.abc import Sequence
 from itertools import combinations
 
 import numpy as np
@@ -59,6 +60,32 @@ def mesh_symmetry(vertices: Array, triangles: np.ndarray, rng: np.random.Generat
     return Symmetry(rotations=_group(shape, candidates), center=shape.center)
 
 
+def has_mirror_plane(vertices: Array, triangles: np.ndarray, rng: np.random.Generator) -> bool:
+    """Whether a reflection maps a mesh onto itself within 0.6 % of its radius; such a mesh has no other hand.
+
+    Args:
+        vertices: (V, 3) [m].
+        triangles: (T, 3) indices.
+        rng: Draws the points that are compared.
+    """
+    shape = _Shape(vertices, triangles, rng)
+    moments, axes = np.linalg.eigh(shape.inertia)
+    if any(shape.is_like(_reflection(axis)) for axis in axes.T):
+        return True
+    equal = np.diff(moments) < _EQUAL * moments[-1]
+    if not equal.any():
+        return False
+    main, side = (axes[:, 0] if equal[1] else axes[:, 2]), axes[:, 1]
+    normals = _hemisphere(_SPHERE)
+    if not equal.all():
+        normals = np.array([exp_so3(angle * main) @ side for angle in np.arange(0.0, np.pi, _SCANNED)])
+    return bool(shape.settled([_reflection(normal) for normal in normals]))
+
+
+def _reflection(normal: Array) -> Array:
+    return np.eye(3) - 2.0 * np.outer(normal, normal)
+
+
 class _Shape:
     """A mesh with points on it that are turned and compared with it."""
 
@@ -94,20 +121,22 @@ class _Shape:
 
     def half_turns(self, axes: Array) -> list[Array]:
         """Axes of half turns that map the shape onto itself, found by ICP from the best of `axes` (n, 3)."""
-        points = self.points[:_FIRST]
-        off = [np.mean(self.surface.query(points @ exp_so3(np.pi * axis).T).distance ** 2) for axis in axes]
-        found = _distinct([self._refined(axes[k]) for k in np.argsort(off, kind="stable")[:_REFINED]])
-        return [axis for axis in found if self.is_like(exp_so3(np.pi * axis))]
+        return _distinct([np.linalg.eigh(R + R.T)[1][:, -1] for R in self.settled([exp_so3(np.pi * a) for a in axes])])
 
-    def _refined(self, axis: Array) -> Array:
-        """Axis near `axis` whose half turn maps the mesh best onto itself: ICP of the turned mesh [Arun 1987]."""
-        R = exp_so3(np.pi * axis)
-        points = self.points[: 5 * _FIRST]
-        for _ in range(_ITERATIONS):
-            turned = points @ R.T
-            U, _, Vt = np.linalg.svd(self.surface.query(turned).point.T @ turned)
-            R = U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt @ R
-        return np.linalg.eigh(R + R.T)[1][:, -1]  # of a rotation: its axis
+    def settled(self, maps: Sequence[Array]) -> list[Array]:
+        """Orthogonal maps (3, 3) of the shape onto itself, found by ICP from the best of `maps` [Arun 1987]."""
+        few, more = self.points[:_FIRST], self.points[: 5 * _FIRST]
+        off = [np.mean(self.surface.query(few @ R.T).distance ** 2) for R in maps]
+        found: list[Array] = []
+        for k in np.argsort(off, kind="stable")[:_REFINED]:
+            R = maps[k]
+            for _ in range(_ITERATIONS):
+                turned = more @ R.T
+                U, _, Vt = np.linalg.svd(self.surface.query(turned).point.T @ turned)
+                R = U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt @ R
+            if self.is_like(R):
+                found.append(R)
+        return found
 
 
 def _of_revolution(shape: _Shape, axis: Array) -> Symmetry:

@@ -29,7 +29,13 @@ class Evidence:
 
     @classmethod
     def of(
-        cls, scan: Scan, mask: np.ndarray, spacing: float, sensor: SensorModel, standing: np.ndarray | None = None
+        cls,
+        scan: Scan,
+        mask: np.ndarray,
+        spacing: float,
+        sensor: SensorModel,
+        standing: np.ndarray | None = None,
+        most: int = _MAX_SCAN_POINTS,
     ) -> "Evidence":
         """Thin the masked pixels to one point per cube and estimate normals.
 
@@ -39,12 +45,13 @@ class Evidence:
             spacing: [m] edge of the cubes.
             sensor: Accuracy of the sensor.
             standing: (h, w) all pixels that stand out from the background; None: `mask`.
+            most: Number of points, at most about.
 
         Returns:
-            The evidence, at most about _MAX_SCAN_POINTS points.
+            The evidence.
         """
         points = voxel_means(scan.points[mask], spacing)
-        step = max(1, -(-len(points) // _MAX_SCAN_POINTS))
+        step = max(1, -(-len(points) // most))
         kept = hashed_subset(step, points, spacing)
         normals, points = facing_normals(points, at=kept), points[kept]
         apart = np.sqrt(step) * spacing / (scan.pitch * points[:, 2])  # [px]

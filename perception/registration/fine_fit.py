@@ -30,6 +30,7 @@ class IcpFit:
     residual: float  # [m] robust rms of the point-to-plane distance
     size: float  # [-] scale of the object against the model that would minimise the residual
     size_sigma: float  # [-] standard deviation of `size`, from the sensor's noise
+    pairing: Pairing | None = None  # the last one; None if the model is out of view
 
 
 def fine_fit(evidence: Evidence, surface: ModelSurface, X_ST: Array, rounds: int = 2, inner: int = 5) -> IcpFit:
@@ -66,7 +67,7 @@ def fine_fit(evidence: Evidence, surface: ModelSurface, X_ST: Array, rounds: int
     if pairing is None:
         return IcpFit(X_ST, np.zeros((0, 6)), np.inf, 1.0, np.inf)
     H, g, residual = pairing.terms(X_ST, gates[-1], pairing.nearest(X_ST, gates[-1]))
-    return IcpFit(X_ST, _moved(X_ST, H, g, surface)[1], residual, *_size(H, g, surface))
+    return IcpFit(X_ST, _moved(X_ST, H, g, surface)[1], residual, *_size(H, g, surface), pairing)
 
 
 def _moved(X_ST: Array, H: Array, g: Array, surface: ModelSurface) -> tuple[Array, Array]:

@@ -5,8 +5,8 @@ from functools import lru_cache
 
 import numpy as np
 
-from models.meshes.nearest_surface import NearestSurface
 from models.meshes.ray_casting import RayScene
+from models.objects.mesh_symmetry import has_mirror_plane
 from models.objects.target_model import Symmetry, TargetModel
 from perception.registration.evidence import Evidence
 from perception.registration.likelihood import difference
@@ -15,8 +15,6 @@ from perception.registration.pose_search import likeliest_pose
 from sim.interfaces.spatial import Array, pose
 
 MIN_HAND = 3.0  # [nat] of log likelihood above that of the mirror image: odds of 20
-_SAME = 0.006  # [radii] distance from the model up to which a reflected point lies on it
-_COMPARED = 500  # points reflected, about
 _ALIKE = 2.0  # [nat] expected difference of log likelihood, below which this view does not tell one from the other
 
 
@@ -42,15 +40,10 @@ def mirrored_log_likelihood(evidence: Evidence, surface: ModelSurface, X_ST: Arr
 
 @lru_cache(maxsize=16)
 def mirror_image(surface: ModelSurface) -> ModelSurface | None:
-    """The model reflected in the plane x = 0 of T; None if a reflection in a principal plane maps it onto itself."""
+    """The model reflected in the plane x = 0 of T; None if it has a plane of symmetry."""
     vertices, triangles = surface.target.vertices, surface.target.triangles
-    middle, axes = _principal(surface)
-    nearest = NearestSurface.of(vertices, triangles)
-    points = surface.points[:: max(1, len(surface.points) // _COMPARED)]
-    for axis in axes:
-        reflected = points - 2.0 * np.outer((points - middle) @ axis, axis)
-        if nearest.query(reflected).distance.max() < _SAME * surface.radius:
-            return None
+    if has_mirror_plane(vertices, triangles, np.random.default_rng(0)):
+        return None
     flip = np.array([-1.0, 1.0, 1.0])
     symmetry = surface.symmetry
     return replace(

@@ -102,9 +102,14 @@ class Pairing:
         points = evidence.points[paired]
         weight, slope, distance = values[paired].T
         planes = PairRows(J[paired], weight, slope, distance, points[:, :2] / points[:, 2:], np.zeros(len(points)))
+        return PairRows.joined(planes, self.edge_rows(X_ST, gate))
+
+    def edge_rows(self, X_ST: Array, gate: float) -> PairRows:
+        """The pairs of depth edges; arguments as those of `terms`."""
         if self.edges is None:
-            return planes
-        return PairRows.joined(planes, _edge_rows(self.edges, evidence, X_ST, gate, surface))
+            none = np.zeros(0)
+            return PairRows(np.zeros((0, 7)), none, none, none, np.zeros((0, 2)), none)
+        return _edge_rows(self.edges, self.evidence, X_ST, gate, self.surface)
 
 
 def edge_offsets(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> tuple[Array, float, float]:

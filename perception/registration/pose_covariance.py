@@ -27,7 +27,7 @@ from sim.interfaces.spatial import (
 
 _TILE = 4.0  # [noise lengths] edge of a tile
 _DRAWN = 20.0  # tiles that the assumption of equal, independent errors counts for
-_FEWEST = 8  # tiles, below which nothing is said: a variance of 6 numbers needs more than 6 of them
+_FEWEST = 4  # tiles, below which nothing is said
 _RESISTED = 0.02  # [-] share of a free twist in a motion, below which the motion counts as resisted
 
 
@@ -102,7 +102,9 @@ class PoseCovariance:
         return float(np.sqrt(np.linalg.eigvalsh(self.matrix[part, part])[-1]))
 
 
-def pose_covariance(evidence: Evidence, surface: ModelSurface, X_ST: Array, free: Array) -> PoseCovariance | None:
+def pose_covariance(
+    evidence: Evidence, surface: ModelSurface, X_ST: Array, free: Array, pairing: Pairing | None = None
+) -> PoseCovariance | None:
     """Covariance of a pose to which ICP has converged.
 
     Args:
@@ -110,11 +112,12 @@ def pose_covariance(evidence: Evidence, surface: ModelSurface, X_ST: Array, free
         surface: Sampled model.
         X_ST: (4, 4) the pose.
         free: (k, 6) free twists as in `IcpFit`.
+        pairing: That of the last round of ICP at this pose; None: it is made.
 
     Returns:
         The covariance; None if the object covers too few tiles of the image to estimate one.
     """
-    pairing = Pairing.of(evidence, surface, X_ST)
+    pairing = pairing or Pairing.of(evidence, surface, X_ST)
     if pairing is None:
         return None
     gate = GATES[-1] * surface.spacing
@@ -134,7 +137,7 @@ def pose_covariance(evidence: Evidence, surface: ModelSurface, X_ST: Array, free
         free=readonly(free),
         center=readonly(transform_points(X_ST, surface.center)),
         radius=surface.radius,
-        size_sigma=float(np.sqrt(growth)) / surface.radius,
+        size_sigma=float(np.sqrt(growth)) / surface.radius if growth > 0.0 else np.inf,
     )
 
 

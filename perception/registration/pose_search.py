@@ -10,6 +10,7 @@ from perception.registration.fine_fit import IcpFit, fine_fit
 from perception.registration.likelihood import log_likelihood
 from perception.registration.model_surface import ModelSurface
 from perception.registration.pose_covariance import pose_covariance
+from perception.registration.projective_fit import polished
 from perception.registration.symmetry import ambiguous_poses
 from sim.interfaces.spatial import Array, exp_so3, pose, readonly
 
@@ -81,7 +82,9 @@ def likeliest_pose(evidence: Evidence, surface: ModelSurface, starts: list[Array
         if not _differ(surface, likelier.X_ST, best.X_ST):
             break
         best = likelier
-    best = _polished(evidence, surface, _likeliest(tried))
+    best = _slackened(evidence, surface, _likeliest(tried))
+    X_ST, likelihood = polished(evidence, surface, best.fit, best.log_likelihood)
+    best = _Candidate(replace(best.fit, X_ST=X_ST), best.X_start, likelihood)
     return Found(best.X_ST, best.fit, best.X_start, best.log_likelihood, _others(surface, tried, best))
 
 
@@ -106,9 +109,9 @@ def _differ(surface: ModelSurface, A: Array, B: Array) -> bool:
     return bool(off > 2.0 * surface.spacing or angle > np.deg2rad(5.0))
 
 
-def _polished(evidence: Evidence, surface: ModelSurface, best: _Candidate) -> _Candidate:
+def _slackened(evidence: Evidence, surface: ModelSurface, best: _Candidate) -> _Candidate:
     """The likeliest pose along the twists that ICP holds least: the outline may say more of them than any pair does."""
-    covariance = pose_covariance(evidence, surface, best.X_ST, best.fit.free)
+    covariance = pose_covariance(evidence, surface, best.X_ST, best.fit.free, best.fit.pairing)
     if covariance is None:
         return best
     variances, axes = np.linalg.eigh(covariance.matrix)
@@ -125,7 +128,7 @@ def _polished(evidence: Evidence, surface: ModelSurface, best: _Candidate) -> _C
             if likelihood > top:
                 X, top = moved, likelihood
         if X is not best.X_ST:
-            return _polished(evidence, surface, _Candidate(replace(best.fit, X_ST=X), best.X_start, top))
+            return _slackened(evidence, surface, _Candidate(replace(best.fit, X_ST=X), best.X_start, top))
     return best
 
 

@@ -29,8 +29,10 @@ _ROUND = np.deg2rad(10.0) * np.arange(1, 36)  # [rad] tried where all folds look
 _PERIODS = (0.05, 0.8)  # [radii] range of the periods sought
 _OVERLAP = 0.4  # [-] share of the points that a translation by a period leaves within the model's length, at least
 _PERIODIC = 0.6  # [-] rms distance after a period over the largest one before it, at most
-_MOST_PERIODS = 3  # along each axis
-_COMPARED = 600  # model points compared, about
+_MOST_PERIODS = 3  # along an axis
+_SCREWS = np.arange(1, 7) / 12.0  # [turns] of a screw that are tried, either way
+_SHIFTED = 100  # points compared, about
+_COMPARED = 200  # model points compared, about
 _FEW = 10  # shares in which these points are compared, until they exclude the rotation
 _TRIED = 48  # rotations kept, the most similar first
 # Broken symmetry
@@ -80,24 +82,38 @@ def ambiguous_poses(surface: ModelSurface) -> tuple[Array, ...]:
 
 
 def _shifts(surface: ModelSurface, points: Array, tree: cKDTree) -> list[Array]:
-    """Translations G (4, 4) along the principal axes by a period of the model, such as that of a grid or a spring."""
+    """Poses G (4, 4) by which a periodic model looks alike: along a principal axis by a period, or as a screw."""
     middle = surface.points.mean(axis=0)
+    some = points[:: max(1, len(points) // _SHIFTED)]
+    steps = np.arange(*_PERIODS, surface.spacing / surface.radius) * surface.radius
     found: list[Array] = []
     for axis in np.linalg.eigh(np.cov((surface.points - middle).T))[1].T:
-        along = points @ axis
-        steps = np.arange(_PERIODS[0], _PERIODS[1], surface.spacing / surface.radius) * surface.radius
-        off = np.full(len(steps), np.inf)
-        for k, step in enumerate(steps):
-            inner = points[along + step < along.max()] + step * axis
-            if len(inner) > _OVERLAP * len(points):
-                off[k] = np.sqrt(np.mean(tree.query(inner)[0] ** 2))
+        length = float(np.ptp(surface.points @ axis))
+        off = np.array([_overlap(tree, some, step * axis, length) for step in steps])
         if not np.isfinite(off).any():
             continue
         # A period brings the surfaces together again, after they have been apart.
-        lowest = (off[1:-1] <= off[:-2]) & (off[1:-1] < off[2:]) & (off[1:-1] < _PERIODIC * off[np.isfinite(off)].max())
-        for step in steps[1:-1][lowest][:_MOST_PERIODS]:
-            found += [pose(p=step * axis), pose(p=-step * axis)]
-    return found
+        limit = min(_PERIODIC * off[np.isfinite(off)].max(), _ALIKE * surface.radius)
+        periods = steps[1:-1][(off[1:-1] <= off[:-2]) & (off[1:-1] < off[2:]) & (off[1:-1] < limit)]
+        for period in periods[:_MOST_PERIODS]:
+            found += [pose(p=sign * period * axis) for sign in (1.0, -1.0)]
+            for share in _SCREWS:
+                for turn in (share, -share):
+                    R = exp_so3(2.0 * np.pi * turn * axis)
+                    G = pose(R, middle - R @ middle)
+                    for shift in (turn * period * axis, -turn * period * axis):  # of either hand
+                        if _overlap(tree, transform_points(G, some), shift, length) < limit:
+                            found.append(pose(p=shift) @ G)
+    return found[:_TRIED]
+
+
+def _overlap(tree: cKDTree, points: Array, shift: Array, length: float) -> float:
+    """Rms distance [m] of the shifted points (n, 3) that stay within the model; inf if too few do."""
+    share = 1.0 - np.linalg.norm(shift) / length
+    if share < _OVERLAP:
+        return np.inf
+    distance = np.sort(tree.query(points + shift)[0])[: int(share * len(points))]
+    return float(np.sqrt(np.mean(distance**2)))
 
 
 def _unlikeness(tree: cKDTree, points: Array, G: Array, limit: float) -> float | None:

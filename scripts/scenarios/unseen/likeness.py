@@ -85,6 +85,10 @@ class Likeness:
         """Share (0..1) of the surface that differs from the mirror image, laid on it as well as possible."""
         return min(self.share_apart(S) for S in self.reflections)
 
+    def has_hand(self, least: float) -> bool:
+        """Whether the mirror image differs in at least the share `least` of the surface; sooner said than the share."""
+        return all(self.share_apart(self.settled(-R)) >= least for R in self._turns())
+
     @cached_property
     def reflections(self) -> tuple[Array, ...]:
         """Reflections S (4, 4) with a rotation, in T, that map the surface nearly onto itself; the best first."""

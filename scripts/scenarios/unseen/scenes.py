@@ -191,7 +191,7 @@ class _Draw:
         case, rng = self.case, self.model
         shape, there = self._shapes()
         likeness = Likeness(shape)
-        if case.content == "mirrored" and likeness.mirror_share < _HAND:
+        if case.content == "mirrored" and not likeness.has_hand(_HAND):
             return None
         stand_in = there or shape  # where nothing is, it is as if the object were taken away
         rests = case.around == "touching" or rng.random() < _RESTS

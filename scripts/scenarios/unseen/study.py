@@ -1,6 +1,6 @@
 """Study of identification on unseen objects: one scene, and recall, accepts and false accepts over many."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from time import process_time
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -11,14 +11,17 @@ from perception.registration.identification import identify
 from perception.registration.pose_check import Decision
 from scenarios.study import Row, Summary, Table
 from scenarios.unseen.judge import SIZED, TELLING, ViewOfObject, pose_error
-from scenarios.unseen.scenes import UnseenCase, build
+from scenarios.unseen.pictures import gallery, recall_chart
+from scenarios.unseen.scenes import UnseenCase, build, present
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 Known = Literal["coarse", "place", "any"]
 _THERE = ("present", "pile")  # contents of a scene in which the object can be found
-_HARD = {"present": "object present", "pile": "pile of five"}
+_SMALL, _FAR = 0.4, 1.5  # [m] extent, range: bounds of two lines of the table
+_SHOWN = 10  # scenes in the report's picture: one of each class
+_TITLES = {"present": "object present", "pile": "pile of five"}
 
 
 def run(case: UnseenCase, known: Known) -> Row:
@@ -103,7 +106,7 @@ def outcome(row: Row) -> str:
     """Kind of scene and pose in the confusion table."""
     content = row["content"]
     if content in _THERE:
-        return f"{_HARD[content]}, {'found' if row['found'] else 'not found'}"
+        return f"{_TITLES[content]}, {'found' if row['found'] else 'not found'}"
     if content == "mirrored":
         return f"mirrored, {'>=' if row['mirror_share'] >= TELLING else '<'} {100 * TELLING:.0f} % of the view differ"
     if content == "resized":
@@ -158,6 +161,8 @@ def _parts(rows: Sequence[Row], by_condition: bool) -> Iterator[tuple[str, list[
                 yield label.format(value), [row for row in rows if row[key] == value]
     if by_condition:
         for label, chosen in (
+            (f"smaller than {_SMALL} m", lambda row: row["extent_m"] < _SMALL),
+            (f"farther than {_FAR} m", lambda row: row["range_m"] > _FAR),
             ("no symmetry", lambda row: not row["symmetric"]),
             ("symmetry declared", lambda row: row["symmetric"] and row["declared"]),
             ("symmetry not declared", lambda row: row["symmetric"] and not row["declared"]),
@@ -240,31 +245,6 @@ def _confusion_table(table: Mapping[str, Mapping[str, int]]) -> Table:
 
 
 def _pictures(rows: Sequence[Row]) -> Iterator[tuple[str, str, "Figure"]]:
-    yield "Recall", "Scenes with the object, by class of shape and of occlusion.", picture(rows)
-
-
-def picture(rows: Sequence[Row]) -> "Figure":
-    """Bar chart of what became of the scenes with the object, by class of shape and of occlusion."""
-    from matplotlib.figure import Figure
-
-    labels: Mapping[str, tuple[str, Callable[[Row], bool]]] = {
-        "found, accepted": ("C2", lambda row: row["found"] and row["decision"] == Decision.ACCEPT),
-        "found, not accepted": ("C1", lambda row: row["found"] and row["decision"] != Decision.ACCEPT),
-        "not found": ("0.75", lambda row: not row["found"] and row["decision"] != Decision.ACCEPT),
-        "wrong, accepted": ("C3", is_false_accept),
-    }
-    figure = Figure(figsize=(9.0, 3.8), layout="constrained")
-    axes = figure.subplots(1, 2, width_ratios=(10, 3), sharey=False)
-    for panel, key in zip(axes, ("kind", "hidden_class"), strict=True):
-        names = list(dict.fromkeys(row[key] for row in rows))
-        low = np.zeros(len(names))
-        for label, (colour, chosen) in labels.items():
-            count = np.array([sum(chosen(row) for row in rows if row[key] == name) for name in names])
-            panel.bar(names, count, bottom=low, color=colour, label=label)
-            low += count
-        panel.tick_params(axis="x", rotation=30)
-        panel.set_ylabel("scenes")
-    axes[0].legend(fontsize="small", ncols=4, loc="lower center", bbox_to_anchor=(0.5, 1.0))
-    axes[0].set_title("")
-    axes[1].set_xlabel("hidden")
-    return figure
+    yield "Recall", "Scenes with the object, by class of shape and of occlusion.", recall_chart(rows)
+    cases = [present(row["seed"], row["index"]) for row in rows[:_SHOWN]]
+    yield "Scenes", "The first of them: the object in colour, and the depth that the sensor reads.", gallery(cases)

@@ -34,3 +34,9 @@ def test_all_kinds_of_scenes(script, tmp_path: Path):
     wrong = [row for row in rows if row["decision"] == "accept" and not row["found"]]
     assert metrics["false_accepts"] == len(wrong)
     assert sum(sum(counts.values()) for counts in metrics["confusion"].values()) == len(rows)
+
+
+def test_no_scenes_at_all_are_refused(script):
+    run = script("studies.unseen", "--runs", 0, "--wrong", 0)
+    assert run.returncode == 2
+    assert "no scenes" in run.stderr

@@ -1,6 +1,7 @@
 """Study of identification on unseen objects: one scene, and recall, accepts and false accepts over many."""
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from time import process_time
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -24,14 +25,17 @@ _SHOWN = 10  # scenes in the report's picture: one of each class
 _TITLES = {"present": "object present", "pile": "pile of five"}
 
 
-def run(case: UnseenCase, known: Known) -> Row:
-    """Row of one scene.
+@dataclass(frozen=True, slots=True)
+class UnseenTrial:
+    """One identification; a case of the study."""
 
-    Args:
-        case: The scene.
-        known: Prior knowledge of the pose: position within 0.3 m and attitude within 45 deg (coarse), position only
-            (place), or none (any).
-    """
+    scene: UnseenCase
+    known: Known  # beforehand: position within 0.3 m and attitude within 45 deg (coarse), position only, or nothing
+
+
+def run(trial: UnseenTrial) -> Row:
+    """Row of one scene: truth, what its view can tell, errors, verdict and computing times."""
+    case, known = trial.scene, trial.known
     began = process_time()
     scene = build(case)
     built = process_time()
@@ -122,27 +126,31 @@ def summarise(rows: list[Row], title: str) -> Summary:
         rows: Rows of all scenes.
         title: Title of the tables.
     """
-    depth = [row for row in rows if row["sensor"] != "sonar"]
+    depth, sonar = ([row for row in rows if (row["sensor"] == "sonar") is by_sonar] for by_sonar in (False, True))
     there = [row for row in depth if row["content"] == "present"]
     tables: list[Table] = []
     metrics: dict[str, Any] = {}
     for name, part in (
         ("present", there),
-        ("sonar", [row for row in rows if row["sensor"] == "sonar" and row["content"] == "present"]),
+        ("sonar", sonar),
         ("piles", [row for row in depth if row["content"] == "pile"]),
     ):
         if part:
             metrics[name] = {label: figures_of(some) for label, some in _parts(part, name == "present")}
             tables.append(_recall_table(metrics[name], f"{name.capitalize()}: {title}"))
-    metrics["confusion"] = confusion(rows)
-    tables.append(_confusion_table(metrics["confusion"]))
-    metrics["false_accepts"] = sum(map(is_false_accept, rows))
-    metrics["false_accept_percent"] = 100.0 * metrics["false_accepts"] / len(rows)
+    metrics["confusion"] = confusion(depth)
+    tables.append(_confusion_table(metrics["confusion"], "Verdicts"))
+    if sonar:
+        metrics["confusion_sonar"] = confusion(sonar)
+        tables.append(_confusion_table(metrics["confusion_sonar"], "Verdicts, sonar"))
+    false = [row for row in depth if is_false_accept(row)]
+    metrics["false_accepts"] = len(false)
+    metrics["false_accept_percent"] = 100.0 * len(false) / max(1, len(depth))
     metrics["scene_s"] = float(np.mean([row["scene_s"] for row in rows]))
     said = [
-        f"false accepts: {metrics['false_accepts']} of {len(rows)} verdicts ({metrics['false_accept_percent']:.1f} %)",
+        f"false accepts: {len(false)} of {len(depth)} verdicts ({metrics['false_accept_percent']:.1f} %); sonar apart",
         f"processor time of a scene {metrics['scene_s']:.2f} s (mean)",
-        *(f"false accept: {line(row)}" for row in rows if is_false_accept(row)),
+        *(f"false accept: {line(row)}" for row in false),
     ]
     return Summary(metrics=metrics, tables=tables, lines=said, pictures=_pictures(there) if there else ())
 
@@ -238,10 +246,10 @@ def _or_dash(value: float, digits: int) -> str:
     return f"{value:.{digits}f}" if np.isfinite(value) else "-"
 
 
-def _confusion_table(table: Mapping[str, Mapping[str, int]]) -> Table:
+def _confusion_table(table: Mapping[str, Mapping[str, int]], title: str) -> Table:
     decisions = [str(d) for d in Decision]
     rows = [(name, *(str(counts[d]) for d in decisions)) for name, counts in table.items()]
-    return Table(title="Verdicts", columns=("scene and pose", *decisions), rows=rows)
+    return Table(title=title, columns=("scene and pose", *decisions), rows=rows)
 
 
 def _pictures(rows: Sequence[Row]) -> Iterator[tuple[str, str, "Figure"]]:

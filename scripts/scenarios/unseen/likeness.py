@@ -19,6 +19,7 @@ from sim.interfaces.spatial import Array, exp_so3, pose, readonly, rotation_from
 
 SAME = 0.005  # [-] of the radius: distance up to which a rotation maps the surface onto itself
 DIFFERENT = 0.005  # [m] distance from which two surfaces differ for the work
+APART = np.deg2rad(8.0)  # [rad] least turn between two poses that are rivals, not one pose with an error
 _STRAY = 0.002  # [-] share of the surface that a symmetry may miss: below it lies sampling at edges
 _FOLDS = 48  # highest order of a rotation that is told from a turn by any angle
 _EQUAL = 0.01  # [-] by which second moments about two axes may differ for a rotation of order above 2
@@ -29,7 +30,6 @@ _FEW = 120  # points by which most candidates are excluded
 _SETTLING = 12  # iterations of an alignment
 _SLOWLY = 4  # alignments in a row, for what must be exact
 _TURNS = 24  # angles about an axis at which an alignment begins
-_APART = np.deg2rad(3.0)  # [rad] least turn between two poses that count as different
 _KEPT = 6  # reflections, and rivals, at most
 _RIVAL = 0.5  # [-] largest share of the surface in which a rival pose may differ
 
@@ -101,7 +101,7 @@ class Likeness:
         found: list[Array] = []
         for R in self._turns():
             S = self.settled(R)
-            new = all(self.symmetry.error(S, other)[1] > _APART for other in (np.eye(4), *found))
+            new = all(self.symmetry.error(S, other)[1] > APART for other in (np.eye(4), *found))
             if new and self.share_apart(S) < _RIVAL:
                 found.append(S)
         return tuple(sorted(found, key=self.share_apart)[:_KEPT])

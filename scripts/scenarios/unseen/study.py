@@ -11,7 +11,7 @@ from perception.registration.fine_fit import ModelSurface
 from perception.registration.identification import identify
 from perception.registration.pose_check import Decision
 from scenarios.study import Row, Summary, Table
-from scenarios.unseen.judge import SIZED, TELLING, ViewOfObject, pose_error
+from scenarios.unseen.judge import RIVAL_GAIN, SIZED, TELLING, ViewOfObject, pose_error
 from scenarios.unseen.pictures import gallery, recall_chart
 from scenarios.unseen.scenes import UnseenCase, build, present
 
@@ -53,7 +53,7 @@ def run(trial: UnseenTrial) -> Row:
     view = ViewOfObject(scene)
     there = case.content in _THERE
     bounds = view.bounds(scene.sensor.model) if scene.there is not None else None
-    rival_share = view.rival_share() if there else 1.0
+    rival_nats = view.rival_nats(scene.sensor.model) if there else np.inf
     return {
         "content": case.content,
         "kind": scene.shape.kind,
@@ -72,9 +72,9 @@ def run(trial: UnseenTrial) -> Row:
         "sigma_mm": None if bounds is None else 1e3 * bounds.position_m,
         "sigma_deg": None if bounds is None else bounds.angle_deg,
         "size_sigma": None if bounds is None else bounds.size,
-        "shown": bool(there and bounds is not None and bounds.shows_pose(scene.range_m) and rival_share >= TELLING),
+        "shown": bounds is not None and bounds.shows_pose(scene.range_m) and rival_nats >= RIVAL_GAIN,
         "contradicted": view.contradicted(found.X_sensor_target),
-        "rival_share": rival_share,
+        "rival_nats": rival_nats,
         "mirror_share": view.mirror_share() if case.content == "mirrored" else 1.0,
         "position_m": error.position_m,
         "angle_deg": error.angle_deg,

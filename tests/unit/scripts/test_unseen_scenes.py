@@ -13,7 +13,7 @@ from models.meshes.ray_casting import RayScene
 from perception.clouds.scan import SensorModel
 from scenarios.object_scenes import FOCAL
 from scenarios.unseen.grammar import KINDS, unseen_shape
-from scenarios.unseen.judge import FOUND, TELLING, ViewOfObject, pose_error
+from scenarios.unseen.judge import FOUND, RIVAL_GAIN, TELLING, ViewOfObject, pose_error
 from scenarios.unseen.placing import Body, hidden_by, pinhole, resting_attitude, slid, veil
 from scenarios.unseen.scenes import (
     DEPTH_SENSORS,
@@ -252,6 +252,12 @@ def test_edges_and_better_sensors_tell_more():
     plain, blind, fine = (view.bounds(s) for s in (SensorModel(), NO_EDGES, SensorModel(disparity_sigma=0.05)))
     for name in ("position_m", "angle_deg", "size"):
         assert getattr(fine, name) < getattr(plain, name) < getattr(blind, name)
+
+
+def test_a_better_sensor_tells_more_rivals_apart():
+    view = ViewOfObject(scene_of(present(0, 7)))
+    plain, fine = (view.rival_nats(SensorModel(disparity_sigma=sigma)) for sigma in (0.25, 0.1))
+    assert RIVAL_GAIN < plain < fine < np.inf
 
 
 def test_unknown_names_are_refused():

@@ -52,6 +52,7 @@ def run(trial: UnseenTrial) -> Row:
     error = pose_error(scene, found.X_sensor_target)
     view = ViewOfObject(scene)
     there = case.content in _THERE
+    contradicted = view.contradicted(found.X_sensor_target)
     bounds = view.bounds(scene.sensor.model) if scene.there is not None else None
     rival_nats = view.rival_nats(scene.sensor.model) if there else np.inf
     return {
@@ -73,9 +74,9 @@ def run(trial: UnseenTrial) -> Row:
         "sigma_deg": None if bounds is None else bounds.angle_deg,
         "size_sigma": None if bounds is None else bounds.size,
         "shown": bounds is not None and bounds.shows_pose(scene.range_m) and rival_nats >= RIVAL_GAIN,
-        "contradicted": view.contradicted(found.X_sensor_target),
+        "contradicted": contradicted,
         "rival_nats": rival_nats,
-        "mirror_share": view.mirror_share() if case.content == "mirrored" else 1.0,
+        "mirror_share": min(view.mirror_share(), contradicted) if case.content == "mirrored" else 1.0,
         "position_m": error.position_m,
         "angle_deg": error.angle_deg,
         "found": bool(there and error.found),

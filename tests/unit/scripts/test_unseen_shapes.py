@@ -123,7 +123,7 @@ def test_inside_counts_a_hole_out():
     [
         (box([0.2, 0.3, 0.5], np.zeros(3)), False, 4),
         (box([0.3, 0.3, 0.5], np.zeros(3)), False, 8),
-        (box([0.4, 0.4, 0.4], np.zeros(3)), False, 24),
+        pytest.param(box([0.4, 0.4, 0.4], np.zeros(3)), False, 24, marks=pytest.mark.long),  # every rotation is tried
         (hexagon(0.2, 0.5), False, 12),
         (cylinder(0.2, 0.5), True, 2),
         (turned([(-0.2, 0.0), (-0.2, 0.3), (0.3, 0.1), (0.3, 0.0)]), True, 1),
@@ -152,7 +152,7 @@ def test_a_spring_has_a_hand():
     twin = Likeness(found.shape.mirrored())
     assert volume(twin.shape.vertices, twin.shape.triangles) > 0.0
     assert orders(twin.symmetry) == (False, 2)
-    assert twin.mirror_share == pytest.approx(found.mirror_share, abs=0.1)
+    assert twin.has_hand(0.2)
 
 
 def test_a_missing_bolt_leaves_rivals_of_which_one_differs_by_two_bolts():

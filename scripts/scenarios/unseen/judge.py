@@ -8,7 +8,7 @@ from scipy import ndimage
 from models.meshes.ray_casting import RayScene
 from perception.clouds.scan import SensorModel
 from scenarios.object_scenes import FOCAL
-from scenarios.unseen.likeness import APART, DIFFERENT
+from scenarios.unseen.likeness import DIFFERENT
 from scenarios.unseen.placing import pinhole
 from scenarios.unseen.scenes import UnseenScene
 from sim.interfaces.spatial import Array, inverse, transform_points
@@ -84,7 +84,7 @@ class ViewOfObject:
         gains = [np.inf]
         for rival in likeness.rivals if len(seen_T) else ():
             S = likeness.settled(rival, seen_T)
-            if likeness.symmetry.error(S, np.eye(4))[1] > APART:
+            if likeness.are_rivals(S, np.eye(4)):
                 gains.append(self._gain(X_CT @ inverse(S), sensor))
         return min(gains)
 

@@ -14,7 +14,8 @@ from functools import partial
 from scenarios.study import Study, StudyOptions
 from scenarios.study.options import at_least
 from scenarios.unseen.scenes import PILE, piled, present, wrong
-from scenarios.unseen.study import Known, line, run, summarise
+from scenarios.unseen.study import Known, UnseenTrial, line, run, summarise
+from sim.interfaces.errors import ConfigurationError
 
 
 @dataclass(kw_only=True)
@@ -36,6 +37,8 @@ class Options(StudyOptions):
 
     def __post_init__(self) -> None:
         at_least(self, runs=0, wrong=0, piles=0, sonar=0, workers=0)
+        if not any((self.runs, self.wrong, self.piles, self.sonar)):
+            raise ConfigurationError("no scenes: one of --runs, --wrong, --piles and --sonar must be positive")
 
 
 def main() -> int:
@@ -49,9 +52,8 @@ def main() -> int:
         *(present(seed, k, "sonar") for k in range(options.sonar)),
     ]
     title = {"coarse": "coarse pose known", "place": "position known", "any": "nothing known"}[options.start]
-    study = Study(
-        cases=cases, run_one=partial(run, known=options.start), summarise=partial(summarise, title=title), line=line
-    )
+    trials = [UnseenTrial(case, options.start) for case in cases]
+    study = Study(cases=trials, run_one=run, summarise=partial(summarise, title=title), line=line)
     return study.carry_out("study_unseen", options, "Identification of unseen objects")
 
 

@@ -348,7 +348,7 @@ def _grid(rng: Rng, least: float) -> Solid3:
         depth = max(least, width * rng.uniform(0.6, 2.0))
         rails = [box([1.0, width, depth], [0.0, y, 0.0]) for y in (-0.5 * across, 0.5 * across)]
         count = int(rng.integers(4, 11))
-        rungs = [box([width, across, depth], [x, 0.0, 0.0]) for x in np.linspace(-0.5 + 0.5 * width, 0.5, count)]
+        rungs = [box([width, across, depth], [x, 0.0, 0.0]) for x in np.linspace(-0.5, 0.5, count) * (1.0 - width)]
         if form == "grating":
             more = int(rng.integers(1, 7))
             rails += [box([1.0, width, depth], [0.0, y, 0.0]) for y in np.linspace(-0.5, 0.5, more + 2)[1:-1] * across]

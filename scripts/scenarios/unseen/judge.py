@@ -14,11 +14,14 @@ from scenarios.unseen.scenes import UnseenScene
 from sim.interfaces.spatial import Array, inverse, transform_points
 
 FOUND = (0.005, 0.003, 3.0)  # [m] and share of the range that a found position may be off, [deg] of attitude
-TELLING = 0.02  # [-] share of the surface in view from which on a view can tell two poses, or hands, apart
+TELLING = 0.02  # [-] share of the view from which on it can tell a shape from its mirror image
+# Expected gain over the best rival pose from which on a view can tell the pose: the gain is normal with a variance of
+# twice its mean, so that noise makes the rival more likely in 4 % of the views.
+RIVAL_GAIN = 6.0  # [nat]
 SIZED = 0.015  # [-] standard deviation of the size from which on a view cannot tell 5 %
 SURE = 2.0  # [-] standard deviations of a pose that must lie within FOUND for a view to show it
 _STEP = 4  # [px] between the rays of a view
-_TURNED = np.deg2rad(3.0)  # [rad] least turn of a rival pose
+_OUTLIER = 3.0  # [sigma] beyond which a reading counts as an outlier
 _BEHIND = 0.02  # [m] least distance of what lies behind an edge of the object's image
 _SMOOTH = 2.0  # [px] of the Gaussian for the direction across such an edge
 _PRIOR = 1.0  # [1/m2], [1/rad2], [-] information without any view: 1 m, 1 rad, and a factor of e in size
@@ -70,16 +73,37 @@ class ViewOfObject:
         self._seen = scene.seen[::_STEP, ::_STEP]
         self.points_C = self._rays[self._seen] * self._exact[self._seen][:, None]  # (n, 3) [m]
 
-    def rival_share(self) -> float:
-        """Least share of the view in which another attitude of the model contradicts the scene; 1 if none is alike."""
+    def rival_nats(self, sensor: SensorModel) -> float:
+        """Expected gain [nat] in log likelihood of the true pose over the best rival; inf if there is no rival.
+
+        Args:
+            sensor: Noise of the depth readings.
+        """
         likeness, X_CT = self._scene.likeness, self._scene.X_CT
         seen_T = transform_points(inverse(X_CT), self.points_C)
-        shares = [1.0]
-        for rival in likeness.rivals:
-            S = likeness.settled(rival, seen_T) if len(seen_T) else rival
-            if likeness.symmetry.error(S, np.eye(4))[1] > _TURNED:
-                shares.append(self.contradicted(X_CT @ inverse(S)))
-        return min(shares)
+        gains = [np.inf]
+        for rival in likeness.rivals if len(seen_T) else ():
+            S = likeness.settled(rival, seen_T)
+            if likeness.are_rivals(S, np.eye(4)):
+                gains.append(self._gain(X_CT @ inverse(S), sensor))
+        return min(gains)
+
+    def _gain(self, X_CT: Array, sensor: SensorModel) -> float:
+        """Expected gain [nat] in log likelihood of the scene as it is over the model at `X_CT` (4, 4)."""
+        t, exact = self._model_depth(X_CT), self._exact
+        hit = np.isfinite(t)
+        off = np.full(t.shape, _OUTLIER)  # also where the model would hide what is seen, or is missing
+        both = hit & self._seen
+        off[both] = np.minimum(np.abs(t[both] - exact[both]) / sensor.sigma(exact[both]), _OUTLIER)
+        hides = hit & ~self._seen
+        hides[hides] = t[hides] < exact[hides] - _OUTLIER * sensor.sigma(t[hides])
+        cost = 0.5 * np.square(off[self._seen | hides])
+        return float(sensor.independent(_STEP * sensor.focal / FOCAL) * cost.sum())
+
+    def _model_depth(self, X_CT: Array) -> np.ndarray:
+        """Depth (h, w) [m] of the model at `X_CT` (4, 4) alone, inf where it is missed."""
+        X_TC, shape = inverse(X_CT), self._scene.shape
+        return RayScene(shape.vertices, shape.triangles).distance(X_TC[:3, 3], self._rays @ X_TC[:3, :3].T)
 
     def mirror_share(self) -> float:
         """Least share of the view in which the model contradicts the scene, where its mirror image stands."""
@@ -94,11 +118,8 @@ class ViewOfObject:
 
     def contradicted(self, X_CT: Array) -> float:
         """Share of the pixels with the object, or with the model at `X_CT` (4, 4), in which both lie apart."""
-        X_TC = inverse(X_CT)
-        likeness, shape = self._scene.likeness, self._scene.shape
-        off = likeness.distance(transform_points(X_TC, self.points_C)) > DIFFERENT
-        t = RayScene(shape.vertices, shape.triangles).distance(X_TC[:3, 3], self._rays @ X_TC[:3, :3].T)
-        hides = (t < self._exact - DIFFERENT) & ~self._seen  # the model would hide what is seen there
+        off = self._scene.likeness.distance(transform_points(inverse(X_CT), self.points_C)) > DIFFERENT
+        hides = (self._model_depth(X_CT) < self._exact - DIFFERENT) & ~self._seen  # it would hide what is seen there
         total = len(off) + int(hides.sum())
         return float((off.sum() + hides.sum()) / max(1, total))
 

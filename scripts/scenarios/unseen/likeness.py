@@ -1,4 +1,4 @@
-"""Likeness of a shape to itself: its rotations, its mirror image, and turns after which it looks nearly the same.
+"""Likeness of a shape to itself: its rotations, its mirror image, and motions after which it looks nearly alike.
 
 All of it is measured on the surface that is visible from outside. Two surfaces agree where they lie within a tolerance
 of each other.
@@ -29,7 +29,8 @@ _FEW = 120  # points by which most candidates are excluded
 _SETTLING = 12  # iterations of an alignment
 _SLOWLY = 4  # alignments in a row, for what must be exact
 _TURNS = 24  # angles about an axis at which an alignment begins
-_APART = np.deg2rad(3.0)  # [rad] least turn between two poses that count as different
+_SLIDES = (-0.4, -0.3, -0.2, -0.15, -0.1, 0.1, 0.15, 0.2, 0.3, 0.4)  # [extents] along an axis, likewise
+_APART, _SLID = np.deg2rad(8.0), 0.1  # [rad], [radii] turn and shift from which on poses are rivals
 _KEPT = 6  # reflections, and rivals, at most
 _RIVAL = 0.5  # [-] largest share of the surface in which a rival pose may differ
 
@@ -85,6 +86,10 @@ class Likeness:
         """Share (0..1) of the surface that differs from the mirror image, laid on it as well as possible."""
         return min(self.share_apart(S) for S in self.reflections)
 
+    def has_hand(self, least: float) -> bool:
+        """Whether the mirror image differs in at least the share `least` of the surface; sooner said than the share."""
+        return all(self.share_apart(self.settled(-R)) >= least for R in self._turns())
+
     @cached_property
     def reflections(self) -> tuple[Array, ...]:
         """Reflections S (4, 4) with a rotation, in T, that map the surface nearly onto itself; the best first."""
@@ -94,13 +99,20 @@ class Likeness:
     @cached_property
     def rivals(self) -> tuple[Array, ...]:
         """Motions S (4, 4) in T that are no symmetry and leave at least half of the surface where one was."""
+        axes = self._moments[1].T
+        slides = [pose(p=share * self.shape.extent * axis) for axis in axes for share in _SLIDES]
         found: list[Array] = []
-        for R in self._turns():
-            S = self.settled(R)
-            new = all(self.symmetry.error(S, other)[1] > _APART for other in (np.eye(4), *found))
-            if new and self.share_apart(S) < _RIVAL:
+        for begun in (*map(pose, self._turns()), *slides):
+            S = self.settled(begun)
+            if self.are_rivals(S, np.eye(4)) and all(self.are_rivals(S, other) for other in found):
                 found.append(S)
-        return tuple(sorted(found, key=self.share_apart)[:_KEPT])
+        shares = [self.share_apart(S) for S in found]
+        return tuple(found[k] for k in np.argsort(shares)[:_KEPT] if shares[k] < _RIVAL)
+
+    def are_rivals(self, S: Array, other: Array) -> bool:
+        """Whether two motions (4, 4) in T are apart by more than an error, modulo symmetry: turned, or slid."""
+        position, angle = self.symmetry.error(S, other)
+        return bool(angle > _APART or position > _SLID * self.shape.radius)
 
     @cached_property
     def _moments(self) -> tuple[Array, Array]:

@@ -3,7 +3,7 @@
 Frame F stands at the object with z up, on or above a level seabed.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -114,25 +114,36 @@ def heaped(shapes: Sequence[UnseenShape], rng: Rng) -> list[Array]:
         R = resting_attitude(shape, rng)
         standing = Body.of((shape.vertices @ R.T, shape.triangles), rng)
         standing = standing.moved(np.array([0.0, 0.0, -standing.solid[0][:, 2].min()]))
-        options: list[Body] = []
-        for _ in range(_TRIES) if bodies else ():
-            if len(bodies) % 2 == 1:  # along the ground
-                heading = rng.uniform(-np.pi, np.pi)
-                way = np.array([np.cos(heading), np.sin(heading), 0.0])
-                pushed = slid(standing, bodies, way, 0.0)
-            else:  # from above
-                aside = rng.normal(0.0, 0.3 * shape.extent, 2)
-                above = standing.moved(np.array([*aside, 3.0]))
-                fall = free_way(above, bodies, np.array([0.0, 0.0, -1.0]))
-                pushed = above.moved(np.array([0.0, 0.0, -fall])) if fall < 3.0 else None
-            if pushed is not None:
-                options.append(pushed)
+        options = [standing]
+        if bodies:
+            place = _let_down if len(bodies) % 2 == 0 else _pushed
+            options = _tried(place, standing, bodies, rng) or _tried(_pushed, standing, bodies, rng)
         # The lowest one, and of those on the ground the one nearest to the middle.
-        body = min(options, key=_height_and_reach, default=standing)
+        body = min(options, key=_height_and_reach)
         X = pose(R, body.solid[0][0] - R @ shape.vertices[0])
         poses.append(X)
         bodies.append(body)
     return poses
+
+
+def _let_down(body: Body, others: Sequence[Body], rng: Rng) -> Body | None:
+    """A body let down on others, near the middle; None if it passes them."""
+    above = body.moved(np.array([*rng.normal(0.0, 0.3 * body.extent, 2), _AFAR]))
+    fall = free_way(above, others, np.array([0.0, 0.0, -1.0]))
+    return above.moved(np.array([0.0, 0.0, -fall])) if fall < _AFAR else None
+
+
+def _pushed(body: Body, others: Sequence[Body], rng: Rng) -> Body | None:
+    """A body pushed along the ground against others, from any side; None if it passes them."""
+    heading = rng.uniform(-np.pi, np.pi)
+    return slid(body, others, np.array([np.cos(heading), np.sin(heading), 0.0]), 0.0)
+
+
+def _tried(
+    place: Callable[[Body, Sequence[Body], Rng], Body | None], body: Body, others: Sequence[Body], rng: Rng
+) -> list[Body]:
+    """What became of several tries to place a body against others."""
+    return [placed for _ in range(_TRIES) if (placed := place(body, others, rng)) is not None]
 
 
 def _height_and_reach(body: Body) -> tuple[float, float]:

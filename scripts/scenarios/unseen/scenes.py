@@ -161,8 +161,7 @@ class _Layout:
     likeness: Likeness  # of the shape that is searched for
     there: UnseenShape | None  # in its place
     body: Body  # the object, or where it is absent the one that was taken away
-    others: Sequence[Body]  # all others
-    seabed: Sequence[Solid3]  # one or none
+    visible: Sequence[Solid3]  # everything in the scene, in F
     X_CF: Array
     X_FT: Array
 
@@ -191,7 +190,7 @@ class _Draw:
         case, rng = self.case, self.model
         shape, there = self._shapes()
         likeness = Likeness(shape)
-        if case.content == "mirrored" and likeness.mirror_share < _HAND:
+        if case.content == "mirrored" and not likeness.has_hand(_HAND):
             return None
         stand_in = there or shape  # where nothing is, it is as if the object were taken away
         rests = case.around == "touching" or rng.random() < _RESTS
@@ -208,12 +207,12 @@ class _Draw:
         occluders = veil(body, others, X_CF, HIDDEN[case.hidden], self.veil)
         if occluders is None:
             return None
+        floor = [seabed(ground, self.around)] if on_ground else []
         return _Layout(
             likeness=likeness,
             there=there,
             body=body,
-            others=[*others, *occluders],
-            seabed=[seabed(ground, self.around)] if on_ground else [],
+            visible=[*([] if there is None else [body.solid]), *(each.solid for each in (*others, *occluders)), *floor],
             X_CF=X_CF,
             X_FT=pose(R),
         )
@@ -238,14 +237,12 @@ class _Draw:
             seen, hidden = hidden_by(body, [*bodies[:k], *bodies[k + 1 :]], X_CF)
             if len(seen) * COARSE**2 < _LEAST_PIXELS or hidden.mean() > HIDDEN["much"][1]:
                 return None
-        ground = seabed(0.0, self.around)
         k = self.case.member
         return _Layout(
             likeness=Likeness(shapes[k]),
             there=shapes[k],
             body=bodies[k],
-            others=[*bodies[:k], *bodies[k + 1 :]],
-            seabed=[ground],
+            visible=[*(body.solid for body in bodies), seabed(0.0, self.around)],  # the same order for all its members
             X_CF=X_CF,
             X_FT=poses[k],
         )
@@ -297,12 +294,10 @@ class _Draw:
     def _taken(self, layout: _Layout) -> UnseenScene | None:
         """The frame and its truth; None if occlusion or size of the image are not those of the case."""
         case, X_CF, likeness, there = self.case, layout.X_CF, layout.likeness, layout.there
-        solids = [] if there is None else [layout.body.solid]
-        solids += [*(other.solid for other in layout.others), *layout.seabed]
-        model = _compiled([moved(solid, X_CF) for solid in solids])
+        model = _compiled([moved(solid, X_CF) for solid in layout.visible])
         exact, alone = _depth(model), _depth(_compiled([moved(layout.body.solid, X_CF)]))
         image = np.isfinite(alone)
-        if image.sum() < _LEAST_PIXELS:
+        if case.content != "pile" and image.sum() < _LEAST_PIXELS:
             return None
         seen, hidden = np.zeros_like(image), 0.0
         if there is not None:

@@ -1,6 +1,7 @@
 """Study of identification on unseen objects: one scene, and recall, accepts and false accepts over many."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from time import process_time
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -10,25 +11,31 @@ from perception.registration.fine_fit import ModelSurface
 from perception.registration.identification import identify
 from perception.registration.pose_check import Decision
 from scenarios.study import Row, Summary, Table
-from scenarios.unseen.judge import SIZED, TELLING, ViewOfObject, pose_error
-from scenarios.unseen.scenes import UnseenCase, build
+from scenarios.unseen.judge import RIVAL_GAIN, SIZED, TELLING, ViewOfObject, pose_error
+from scenarios.unseen.pictures import gallery, recall_chart
+from scenarios.unseen.scenes import UnseenCase, build, present
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 Known = Literal["coarse", "place", "any"]
 _THERE = ("present", "pile")  # contents of a scene in which the object can be found
-_HARD = {"present": "object present", "pile": "pile of five"}
+_SMALL, _FAR = 0.4, 1.5  # [m] extent, range: bounds of two lines of the table
+_SHOWN = 10  # scenes in the report's picture: one of each class
+_TITLES = {"present": "object present", "pile": "pile of five"}
 
 
-def run(case: UnseenCase, known: Known) -> Row:
-    """Row of one scene.
+@dataclass(frozen=True, slots=True)
+class UnseenTrial:
+    """One identification; a case of the study."""
 
-    Args:
-        case: The scene.
-        known: Prior knowledge of the pose: position within 0.3 m and attitude within 45 deg (coarse), position only
-            (place), or none (any).
-    """
+    scene: UnseenCase
+    known: Known  # beforehand: position within 0.3 m and attitude within 45 deg (coarse), position only, or nothing
+
+
+def run(trial: UnseenTrial) -> Row:
+    """Row of one scene: truth, what its view can tell, errors, verdict and computing times."""
+    case, known = trial.scene, trial.known
     began = process_time()
     scene = build(case)
     built = process_time()
@@ -45,8 +52,9 @@ def run(case: UnseenCase, known: Known) -> Row:
     error = pose_error(scene, found.X_sensor_target)
     view = ViewOfObject(scene)
     there = case.content in _THERE
+    contradicted = view.contradicted(found.X_sensor_target)
     bounds = view.bounds(scene.sensor.model) if scene.there is not None else None
-    rival_share = view.rival_share() if there else 1.0
+    rival_nats = view.rival_nats(scene.sensor.model) if there else np.inf
     return {
         "content": case.content,
         "kind": scene.shape.kind,
@@ -65,10 +73,10 @@ def run(case: UnseenCase, known: Known) -> Row:
         "sigma_mm": None if bounds is None else 1e3 * bounds.position_m,
         "sigma_deg": None if bounds is None else bounds.angle_deg,
         "size_sigma": None if bounds is None else bounds.size,
-        "shown": bool(there and bounds is not None and bounds.shows_pose(scene.range_m) and rival_share >= TELLING),
-        "contradicted": view.contradicted(found.X_sensor_target),
-        "rival_share": rival_share,
-        "mirror_share": view.mirror_share() if case.content == "mirrored" else 1.0,
+        "shown": bounds is not None and bounds.shows_pose(scene.range_m) and rival_nats >= RIVAL_GAIN,
+        "contradicted": contradicted,
+        "rival_nats": rival_nats,
+        "mirror_share": min(view.mirror_share(), contradicted) if case.content == "mirrored" else 1.0,
         "position_m": error.position_m,
         "angle_deg": error.angle_deg,
         "found": bool(there and error.found),
@@ -103,7 +111,7 @@ def outcome(row: Row) -> str:
     """Kind of scene and pose in the confusion table."""
     content = row["content"]
     if content in _THERE:
-        return f"{_HARD[content]}, {'found' if row['found'] else 'not found'}"
+        return f"{_TITLES[content]}, {'found' if row['found'] else 'not found'}"
     if content == "mirrored":
         return f"mirrored, {'>=' if row['mirror_share'] >= TELLING else '<'} {100 * TELLING:.0f} % of the view differ"
     if content == "resized":
@@ -119,27 +127,31 @@ def summarise(rows: list[Row], title: str) -> Summary:
         rows: Rows of all scenes.
         title: Title of the tables.
     """
-    depth = [row for row in rows if row["sensor"] != "sonar"]
+    depth, sonar = ([row for row in rows if (row["sensor"] == "sonar") is by_sonar] for by_sonar in (False, True))
     there = [row for row in depth if row["content"] == "present"]
     tables: list[Table] = []
     metrics: dict[str, Any] = {}
     for name, part in (
         ("present", there),
-        ("sonar", [row for row in rows if row["sensor"] == "sonar" and row["content"] == "present"]),
+        ("sonar", sonar),
         ("piles", [row for row in depth if row["content"] == "pile"]),
     ):
         if part:
             metrics[name] = {label: figures_of(some) for label, some in _parts(part, name == "present")}
             tables.append(_recall_table(metrics[name], f"{name.capitalize()}: {title}"))
-    metrics["confusion"] = confusion(rows)
-    tables.append(_confusion_table(metrics["confusion"]))
-    metrics["false_accepts"] = sum(map(is_false_accept, rows))
-    metrics["false_accept_percent"] = 100.0 * metrics["false_accepts"] / len(rows)
+    metrics["confusion"] = confusion(depth)
+    tables.append(_confusion_table(metrics["confusion"], "Verdicts"))
+    if sonar:
+        metrics["confusion_sonar"] = confusion(sonar)
+        tables.append(_confusion_table(metrics["confusion_sonar"], "Verdicts, sonar"))
+    false = [row for row in depth if is_false_accept(row)]
+    metrics["false_accepts"] = len(false)
+    metrics["false_accept_percent"] = 100.0 * len(false) / max(1, len(depth))
     metrics["scene_s"] = float(np.mean([row["scene_s"] for row in rows]))
     said = [
-        f"false accepts: {metrics['false_accepts']} of {len(rows)} verdicts ({metrics['false_accept_percent']:.1f} %)",
+        f"false accepts: {len(false)} of {len(depth)} verdicts ({metrics['false_accept_percent']:.1f} %); sonar apart",
         f"processor time of a scene {metrics['scene_s']:.2f} s (mean)",
-        *(f"false accept: {line(row)}" for row in rows if is_false_accept(row)),
+        *(f"false accept: {line(row)}" for row in false),
     ]
     return Summary(metrics=metrics, tables=tables, lines=said, pictures=_pictures(there) if there else ())
 
@@ -158,6 +170,8 @@ def _parts(rows: Sequence[Row], by_condition: bool) -> Iterator[tuple[str, list[
                 yield label.format(value), [row for row in rows if row[key] == value]
     if by_condition:
         for label, chosen in (
+            (f"smaller than {_SMALL} m", lambda row: row["extent_m"] < _SMALL),
+            (f"farther than {_FAR} m", lambda row: row["range_m"] > _FAR),
             ("no symmetry", lambda row: not row["symmetric"]),
             ("symmetry declared", lambda row: row["symmetric"] and row["declared"]),
             ("symmetry not declared", lambda row: row["symmetric"] and not row["declared"]),
@@ -233,38 +247,13 @@ def _or_dash(value: float, digits: int) -> str:
     return f"{value:.{digits}f}" if np.isfinite(value) else "-"
 
 
-def _confusion_table(table: Mapping[str, Mapping[str, int]]) -> Table:
+def _confusion_table(table: Mapping[str, Mapping[str, int]], title: str) -> Table:
     decisions = [str(d) for d in Decision]
     rows = [(name, *(str(counts[d]) for d in decisions)) for name, counts in table.items()]
-    return Table(title="Verdicts", columns=("scene and pose", *decisions), rows=rows)
+    return Table(title=title, columns=("scene and pose", *decisions), rows=rows)
 
 
 def _pictures(rows: Sequence[Row]) -> Iterator[tuple[str, str, "Figure"]]:
-    yield "Recall", "Scenes with the object, by class of shape and of occlusion.", picture(rows)
-
-
-def picture(rows: Sequence[Row]) -> "Figure":
-    """Bar chart of what became of the scenes with the object, by class of shape and of occlusion."""
-    from matplotlib.figure import Figure
-
-    labels: Mapping[str, tuple[str, Callable[[Row], bool]]] = {
-        "found, accepted": ("C2", lambda row: row["found"] and row["decision"] == Decision.ACCEPT),
-        "found, not accepted": ("C1", lambda row: row["found"] and row["decision"] != Decision.ACCEPT),
-        "not found": ("0.75", lambda row: not row["found"] and row["decision"] != Decision.ACCEPT),
-        "wrong, accepted": ("C3", is_false_accept),
-    }
-    figure = Figure(figsize=(9.0, 3.8), layout="constrained")
-    axes = figure.subplots(1, 2, width_ratios=(10, 3), sharey=False)
-    for panel, key in zip(axes, ("kind", "hidden_class"), strict=True):
-        names = list(dict.fromkeys(row[key] for row in rows))
-        low = np.zeros(len(names))
-        for label, (colour, chosen) in labels.items():
-            count = np.array([sum(chosen(row) for row in rows if row[key] == name) for name in names])
-            panel.bar(names, count, bottom=low, color=colour, label=label)
-            low += count
-        panel.tick_params(axis="x", rotation=30)
-        panel.set_ylabel("scenes")
-    axes[0].legend(fontsize="small", ncols=4, loc="lower center", bbox_to_anchor=(0.5, 1.0))
-    axes[0].set_title("")
-    axes[1].set_xlabel("hidden")
-    return figure
+    yield "Recall", "Scenes with the object, by class of shape and of occlusion.", recall_chart(rows)
+    cases = [present(row["seed"], row["index"]) for row in rows[:_SHOWN]]
+    yield "Scenes", "The first of them: the object in colour, and the depth that the sensor reads.", gallery(cases)

@@ -8,12 +8,13 @@ import mujoco
 import numpy as np
 import pytest
 
+from models.meshes.closed_shells import box
 from models.meshes.ray_casting import RayScene
 from perception.clouds.scan import SensorModel
 from scenarios.object_scenes import FOCAL
 from scenarios.unseen.grammar import KINDS, unseen_shape
-from scenarios.unseen.judge import FOUND, TELLING, ViewOfObject, pose_error
-from scenarios.unseen.placing import pinhole, resting_attitude
+from scenarios.unseen.judge import FOUND, RIVAL_GAIN, TELLING, ViewOfObject, pose_error
+from scenarios.unseen.placing import Body, hidden_by, pinhole, resting_attitude, slid, veil
 from scenarios.unseen.scenes import (
     DEPTH_SENSORS,
     HIDDEN,
@@ -26,6 +27,7 @@ from scenarios.unseen.scenes import (
     present,
     wrong,
 )
+from scenarios.unseen.solids import ball, moved
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array, exp_so3, inverse, pose, transform_points
 
@@ -64,7 +66,7 @@ def test_cases_are_balanced_and_named():
 
 
 def test_a_case_gives_one_scene():
-    scene, again, other = scene_of(present(0, 7)), build(present(0, 7)), scene_of(present(1, 7))
+    scene, again, other = scene_of(present(0, 7)), build(present(0, 7)), scene_of(present(0, 8))
     for name in ("exact", "seen", "X_CT", "approach", "orientation"):
         assert np.array_equal(getattr(scene, name), getattr(again, name)), name
     assert np.array_equal(scene.scan.points, again.scan.points, equal_nan=True)
@@ -115,14 +117,20 @@ def test_occlusion_is_measured_and_in_its_class(index: int):
 
 
 def test_what_stands_in_the_place_is_what_the_case_says():
-    absent, other, resized = (scene_of(wrong(0, k)) for k in (0, 1, 3))
+    absent, resized = scene_of(wrong(0, 0)), scene_of(wrong(0, 3))
     assert absent.there is None
     assert not absent.seen.any()
-    assert other.there is not None
-    assert other.there.kind == other.shape.kind
-    assert ViewOfObject(other).contradicted(other.X_CT) > TELLING
     assert resized.there is not None
     assert abs(resized.there.extent / resized.shape.extent - 1.0) == pytest.approx(RESIZED)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("index", range(1, 41, 4))
+def test_another_object_differs(index: int):
+    scene = scene_of(wrong(0, index))
+    assert scene.there is not None
+    assert scene.there.kind == scene.shape.kind
+    assert ViewOfObject(scene).contradicted(scene.X_CT) > TELLING
 
 
 @pytest.mark.long
@@ -173,6 +181,36 @@ def test_a_resting_shape_is_carried_by_what_it_touches():
         assert (base @ np.array([np.cos(angle), np.sin(angle)])).max(axis=0).min() >= -1e-6
 
 
+def test_bodies_meet_where_spheres_do(within):
+    """A ball pushed past another at an offset stops where their centres are two radii apart."""
+    rng, radius = np.random.default_rng(0), 0.2
+    first = Body.of(ball(radius), rng)
+    for aside in (0.0, 0.1, 0.3):
+        second = first.moved(np.array([0.0, aside, 0.0]))
+        met = slid(second, [first], np.array([-1.0, 0.0, 0.0]), 0.0)
+        assert met is not None
+        within("distance [m]", np.linalg.norm(met.p) - 2.0 * radius, 9e-3)  # 0.9 mm: a ball of 1280 triangles
+        kept = slid(second, [first], np.array([-1.0, 0.0, 0.0]), 0.05)
+        assert kept is not None
+        assert kept.p[0] - met.p[0] == pytest.approx(0.05)
+    assert slid(first.moved(np.array([0.0, 0.5, 0.0])), [first], np.array([-1.0, 0.0, 0.0]), 0.0) is None
+
+
+def test_a_veil_hides_what_it_should():
+    rng = np.random.default_rng(1)
+    X_CF = pose(p=[0.0, 0.0, 1.5])  # a camera before the ball
+    body = Body.of(ball(0.3), rng)
+    for share in ((0.005, 0.2), (0.2, 0.6)):
+        before = veil(body, [], X_CF, share, rng)
+        assert before
+        hidden = hidden_by(body, before, X_CF)[1].mean()
+        assert share[0] <= hidden <= share[1]
+    assert veil(body, [], X_CF, (0.0, 0.005), rng) == []
+    wall = Body.of(moved(box([2.0, 2.0, 0.01], np.zeros(3)), pose(p=[0.0, 0.0, -0.5])), rng)
+    assert hidden_by(body, [wall], X_CF)[1].all()
+    assert veil(body, [wall], X_CF, (0.2, 0.6), rng) is None
+
+
 def test_found_means_near_modulo_symmetry():
     scene = scene_of(present(0, 7))  # a bar
     turns = scene.likeness.symmetry.rotations
@@ -220,6 +258,12 @@ def test_edges_and_better_sensors_tell_more():
     plain, blind, fine = (view.bounds(s) for s in (SensorModel(), NO_EDGES, SensorModel(disparity_sigma=0.05)))
     for name in ("position_m", "angle_deg", "size"):
         assert getattr(fine, name) < getattr(plain, name) < getattr(blind, name)
+
+
+def test_a_better_sensor_tells_more_rivals_apart():
+    view = ViewOfObject(scene_of(present(0, 7)))
+    plain, fine = (view.rival_nats(SensorModel(disparity_sigma=sigma)) for sigma in (0.25, 0.1))
+    assert RIVAL_GAIN < plain < fine < np.inf
 
 
 def test_unknown_names_are_refused():

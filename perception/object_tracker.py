@@ -15,8 +15,8 @@ from sim.interfaces.messages import DepthImage, StateEstimate
 from sim.interfaces.spatial import Array, checked_pose, finite_number, inverse, log_so3, readonly, transform_points
 
 _SETTLING = 3  # frames whose mean is where the object was at first
-_SURE = 1e-6  # probability of a false alarm in a frame, if errors are as stated
-_IN_A_ROW = 2  # frames that must say that the object has moved
+_SURE = 1e-3  # probability of a false alarm in a frame, if errors are as stated
+_IN_A_ROW = 2  # frames that must say that the object has moved: one false alarm in a million
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -51,7 +51,7 @@ class ObjectTracker:
         X_WT: ArrayLike,
         *,
         sensor: SensorModel | None = None,
-        drift: float = 0.002,
+        drift: float = 0.001,
     ) -> None:
         """Prepare to follow `target`.
 

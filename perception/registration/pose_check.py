@@ -32,6 +32,7 @@ from perception.registration.likelihood import OCCLUDER, log_likelihood
 from perception.registration.model_surface import ModelSurface
 from perception.registration.pairing import edge_offsets
 from perception.registration.pose_covariance import PoseCovariance
+from perception.registration.pose_search import best_alternative
 from sim.interfaces.spatial import Array, inverse, transform_points
 
 TRIM = 0.15  # [-] share of the largest distances left out of the figure
@@ -148,7 +149,7 @@ def check(
     surface: ModelSurface,
     X_ST: Array,
     fit: IcpFit | None = None,
-    others: float = -np.inf,
+    others: float | None = None,
     covariance: PoseCovariance | None = None,
 ) -> PoseCheck:
     """Verify the pose `X_ST` of the model against the scan.
@@ -159,7 +160,7 @@ def check(
         X_ST: (4, 4) pose of T in S.
         fit: Result of `fine_fit` at `X_ST`, or at a pose equal to it by declared symmetry. None: ICP is run from
             `X_ST`.
-        others: [nat] log likelihood of the best other hypothesis.
+        others: [nat] log likelihood of the best other hypothesis; None: of the best pose that looks alike.
         covariance: Of the pose; None: it is not judged.
 
     Returns:
@@ -195,6 +196,8 @@ def check(
         move = _rms_distance(transform_points(rest.X_ST, points), transform_points(X_ST, points))
     move_threshold = MAX_MOVE[0] + MAX_MOVE[1] * float(np.linalg.norm(rays.C_model.mean(axis=0)))
     size_threshold = MAX_SIZE
+    if others is None:
+        others = best_alternative(evidence, surface, X_ST)
     margin = log_likelihood(evidence, surface, X_ST) - others
     missing, least = _missing(evidence, surface, X_ST)
     size_sigma = covariance.size_sigma if covariance is not None else rest.size_sigma

@@ -27,6 +27,8 @@ from sim.interfaces.spatial import (
 
 _TILE = 4.0  # [noise lengths] edge of a tile
 _DRAWN = 20.0  # tiles that the assumption of equal, independent errors counts for
+_LEAST_SLOPE = 0.2  # [-] of the score over the weight
+_LEFT_OUT = 0.9  # [-] of a tile's hold: the last tile that holds a motion is not left out wholly
 _FEWEST = 4  # tiles, below which nothing is said
 _RESISTED = 0.02  # [-] share of a free twist in a motion, below which the motion counts as resisted
 
@@ -145,8 +147,13 @@ def _of_tiles(rows: PairRows, tiles: np.ndarray) -> tuple[Array, Array]:
     """Derivatives of the scores (g, 7, 7), and scores (g, 7), summed over each of the g tiles."""
     order = np.argsort(tiles, kind="stable")
     first = np.flatnonzero(np.diff(tiles[order], prepend=-1))
-    J = rows.J[order]
-    H = np.add.reduceat(rows.slope[order, None, None] * J[:, :, None] * J[:, None, :], first)
+    J, edge = rows.J[order], rows.common > 0.0
+    slope = np.empty(len(rows.J))
+    for kind in (edge, ~edge):
+        # Slopes of single pairs may be negative: their mean ratio to the weights keeps every part positive.
+        ratio = float(rows.slope[kind].sum() / max(rows.weight[kind].sum(), 1e-300))
+        slope[kind] = max(ratio, _LEAST_SLOPE) * rows.weight[kind]
+    H = np.add.reduceat(slope[order, None, None] * J[:, :, None] * J[:, None, :], first)
     return H, np.add.reduceat((rows.weight * rows.distance)[order, None] * J, first)
 
 
@@ -168,7 +175,8 @@ def _spread(H: Array, s: Array, common: Array, held: Array) -> Array:
     H, s = held @ H @ held.T, s @ held.T
     g, k = s.shape
     total = H.sum(axis=0) + 1e-9 * np.trace(H.sum(axis=0)) / k * np.eye(k)
-    alone = np.linalg.solve(total - H, (s - s.mean(axis=0))[..., None])[..., 0]  # moved by leaving one tile out
+    moved = np.linalg.solve(total - _LEFT_OUT * H, (s - s.mean(axis=0))[..., None])  # by leaving one tile out
+    alone = moved[..., 0]
     shared = np.linalg.solve(total, (common @ held.T).T)
     drawn, ideal = (g - 1) / g * alone.T @ alone, np.linalg.inv(total)
     # A few tiles give a rough covariance: it is drawn towards that of equal, independent errors of the same size.

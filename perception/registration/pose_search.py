@@ -88,6 +88,13 @@ def likeliest_pose(evidence: Evidence, surface: ModelSurface, starts: list[Array
     return Found(best.X_ST, best.fit, best.X_start, best.log_likelihood, _others(surface, tried, best))
 
 
+def best_alternative(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> float:
+    """Log likelihood [nat] of the scan at the best fitted pose that looks nearly as `X_ST` does; -inf without any."""
+    ranked = sorted((X_ST @ G for G in ambiguous_poses(surface)), key=lambda X: -log_likelihood(evidence, surface, X))
+    fitted = (fine_fit(evidence, surface, X).X_ST for X in ranked[:_ALIKE])
+    return max((log_likelihood(evidence, surface, X) for X in fitted if _differ(surface, X, X_ST)), default=-np.inf)
+
+
 def _likeliest(candidates: list[_Candidate]) -> _Candidate:
     return max(candidates, key=lambda each: each.log_likelihood)
 

@@ -9,7 +9,7 @@ from perception.registration.evidence import Evidence, score
 from perception.registration.fine_fit import IcpFit, fine_fit
 from perception.registration.likelihood import log_likelihood
 from perception.registration.model_surface import ModelSurface
-from perception.registration.pose_covariance import pose_covariance
+from perception.registration.pose_covariance import PoseCovariance, pose_covariance
 from perception.registration.projective_fit import polished
 from perception.registration.symmetry import ambiguous_poses
 from sim.interfaces.spatial import Array, exp_so3, pose, readonly
@@ -19,6 +19,7 @@ _ALIKE = 3  # poses that look like the likeliest one that get a full ICP
 _SLIDING = 0.7  # [-] translational share of a free twist, from which on it is searched by translation
 _SLIDES = (-0.4, -0.2, -0.1, 0.1, 0.2, 0.4)  # [radii] of the model: translations tried along a free twist
 _LOOSE = 0.002  # [m] standard deviation of a twist from which on it is polished
+_SLACKENED = 2  # twists polished one after the other, at most
 _STEPS = (-2.0, -1.0, -0.5, 0.5, 1.0, 2.0)  # [sigma] tried
 _ADOPTED = 4  # look-alikes adopted one after the other, at most
 
@@ -118,24 +119,33 @@ def _differ(surface: ModelSurface, A: Array, B: Array) -> bool:
 
 def _slackened(evidence: Evidence, surface: ModelSurface, best: _Candidate) -> _Candidate:
     """The likeliest pose along the twists that ICP holds least: the outline may say more of them than any pair does."""
-    covariance = pose_covariance(evidence, surface, best.X_ST, best.fit.free, best.fit.pairing)
-    if covariance is None:
-        return best
+    for _ in range(_SLACKENED):
+        covariance = pose_covariance(evidence, surface, best.X_ST, best.fit.free, best.fit.pairing)
+        moved = best if covariance is None else _along_loosest(evidence, surface, best, covariance)
+        if moved is best:
+            break
+        best = moved
+    return best
+
+
+def _along_loosest(
+    evidence: Evidence, surface: ModelSurface, best: _Candidate, covariance: PoseCovariance
+) -> _Candidate:
+    """The likeliest of a few poses along the loosest twist that has a likelier one; `best` itself if none has."""
     variances, axes = np.linalg.eigh(covariance.matrix)
-    middle, radius = covariance.center, surface.radius
-    X, top = best.X_ST, best.log_likelihood
     for variance, axis in zip(variances[::-1], axes.T[::-1], strict=True):
         sigma = float(np.sqrt(max(variance, 0.0)))
         if sigma < _LOOSE:
             break
+        found = best
         for step in _STEPS:
-            R = exp_so3(step * sigma * axis[3:] / radius)
-            moved = pose(R, middle + step * sigma * axis[:3] - R @ middle) @ best.X_ST
-            likelihood = log_likelihood(evidence, surface, moved)
-            if likelihood > top:
-                X, top = moved, likelihood
-        if X is not best.X_ST:
-            return _slackened(evidence, surface, _Candidate(replace(best.fit, X_ST=X), best.X_start, top))
+            R = exp_so3(step * sigma * axis[3:] / surface.radius)
+            X = pose(R, covariance.center + step * sigma * axis[:3] - R @ covariance.center) @ best.X_ST
+            likelihood = log_likelihood(evidence, surface, X)
+            if likelihood > found.log_likelihood:
+                found = _Candidate(replace(best.fit, X_ST=X), best.X_start, likelihood)
+        if found is not best:
+            return found
     return best
 
 

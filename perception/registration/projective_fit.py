@@ -12,7 +12,7 @@ from perception.registration.likelihood import OCCLUDER, log_likelihood
 from perception.registration.model_surface import ModelSurface
 from sim.interfaces.spatial import Array, exp_so3, pose, transform_points
 
-_STEPS = 3
+_STEPS = 3  # of Gauss-Newton at most
 _PIXELS = 10_000  # of the object that are compared, about
 _OUTSIDE = 3.0  # [sigma] beyond which a pixel shows something else
 _STEEP = np.cos(np.deg2rad(75.0))  # cosine of incidence below which a depth says little

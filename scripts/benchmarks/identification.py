@@ -12,7 +12,7 @@ depth frame. A pose counts as found within 1 % of the range and 5 deg, modulo de
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from importlib import import_module
 from importlib.util import find_spec
@@ -211,14 +211,12 @@ def fit_times(case: SceneInput, rng: np.random.Generator) -> dict[str, float]:
     evidence, scene = case.evidence, case.scene
     points = evidence.scan.points[evidence.mask]
     points = points[rng.choice(len(points), FIT_POINTS, replace=len(points) < FIT_POINTS)]
-    dense = Evidence(
-        evidence.scan,
-        evidence.mask,
-        points,
-        facing_normals(points),
-        evidence.sensor.sigma(points[:, 2]),
-        np.ones(FIT_POINTS),
-        evidence.sensor,
+    dense = replace(
+        evidence,
+        points=points,
+        normals=facing_normals(points),
+        sigma=evidence.sensor.sigma(points[:, 2]),
+        independent=np.ones(FIT_POINTS),
     )
     turn, aside = rng.normal(size=(2, 3))
     X_near = scene.X_CT @ pose(exp_so3(FIT_START[1] * turn / np.linalg.norm(turn)))

@@ -39,7 +39,7 @@ def test_a_bolt_breaks_it():
     plate = trimesh.creation.box((0.6, 0.4, 0.02))
     bolt = trimesh.creation.cylinder(0.015, 0.03)
     bolt.apply_translation([0.2, 0.1, 0.02])
-    whole = trimesh.util.concatenate([plate, bolt])
+    whole = trimesh.Trimesh(*trimesh.util.append_faces([plate.vertices, bolt.vertices], [plate.faces, bolt.faces]))
     bare, bolted = (
         mesh_symmetry(np.asarray(mesh.vertices), np.asarray(mesh.faces), np.random.default_rng(0))
         for mesh in (plate, whole)
@@ -54,5 +54,5 @@ def test_library_objects_declare_what_is_found(name, within):
     found = mesh_symmetry(target.vertices, target.triangles, np.random.default_rng(0))
     assert len(found.rotations) == len(target.symmetry.rotations)
     assert (found.axis is None) == (target.symmetry.axis is None)
-    if found.axis is not None:
+    if found.axis is not None and target.symmetry.axis is not None:
         within("axis", np.abs(found.axis) - np.abs(target.symmetry.axis), 1e-3)

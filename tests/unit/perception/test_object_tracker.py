@@ -1,6 +1,7 @@
 """The tracker follows an object that rests, notices one that is moved, and says by how much."""
 
 from dataclasses import replace
+from typing import cast
 
 import numpy as np
 import pytest
@@ -36,7 +37,7 @@ def estimate() -> StateEstimate:
 @pytest.mark.parametrize("shift", [0.01, 0.05])
 def test_a_push_is_noticed_in_two_frames_and_measured(surface, shift, within):
     tracker = ObjectTracker(surface, VIEW)
-    state = tracker.init()
+    state, motion = tracker.init(), None
     way = np.array([0.6, 0.0, 0.8])
     for k in range(STILL + MOVED):
         at = VIEW if k < STILL else pose(p=shift * way) @ VIEW
@@ -64,7 +65,7 @@ def test_out_of_view(surface):
 def test_bad_input(surface):
     tracker = ObjectTracker(surface, VIEW)
     with pytest.raises(ConfigurationError, match="expected a DepthImage, got str"):
-        tracker.step(tracker.init(), estimate(), "frame")  # type: ignore[arg-type]
+        tracker.step(tracker.init(), estimate(), cast("DepthImage", "frame"))
     with pytest.raises(ConfigurationError, match="drift"):
         ObjectTracker(surface, VIEW, drift=-1.0)
     with pytest.raises(ConfigurationError, match="X_WT"):

@@ -24,8 +24,8 @@ def hooked(hand: float) -> TargetModel:
         part = trimesh.creation.box(size)
         part.apply_translation(np.array(at) * [1.0, hand, 1.0])
         parts.append(part)
-    whole = trimesh.util.concatenate(parts)
-    return TargetModel(name="hook", vertices=np.asarray(whole.vertices), triangles=np.asarray(whole.faces))
+    vertices, triangles = trimesh.util.append_faces([part.vertices for part in parts], [part.faces for part in parts])
+    return TargetModel(name="hook", vertices=np.asarray(vertices, dtype=np.float64), triangles=triangles)
 
 
 @pytest.mark.parametrize("hand", [1.0, -1.0])

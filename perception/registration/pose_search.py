@@ -21,7 +21,9 @@ _SLIDES = (-0.4, -0.2, -0.1, 0.1, 0.2, 0.4)  # [radii] of the model: translation
 _LOOSE = 0.002  # [m] standard deviation of a twist from which on it is polished
 _SLACKENED = 2  # twists polished one after the other, at most
 _STEPS = (-2.0, -1.0, -0.5, 0.5, 1.0, 2.0)  # [sigma] tried
-_ADOPTED = 4  # look-alikes adopted one after the other, at most
+_EXPLORED = 3  # poses whose look-alikes are tried
+_FINISHED = 4  # distinct poses that are refined to the end: ICP stops up to 20 nat short of the likeliest one
+_RIVAL = 150.0  # [nat] below the likeliest pose, within which the look-alikes of another one are tried as well
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -76,17 +78,26 @@ def likeliest_pose(evidence: Evidence, surface: ModelSurface, starts: list[Array
     best = _likeliest(tried)
     tried += [fitted(X, best.X_start) for X in _slides(evidence, surface, best.fit)]
     best = _likeliest(tried)
-    for _ in range(_ADOPTED):
-        alike = best_of((best.X_ST @ G for G in ambiguous_poses(surface)), _ALIKE)
-        tried += [fitted(X, best.X_start) for X in alike]
-        likelier = _likeliest(tried)
-        if not _differ(surface, likelier.X_ST, best.X_ST):
+    explored: list[_Candidate] = []
+    for _ in range(_EXPLORED):
+        # The likeliest pose and then its rivals: from a flange turned over, no single step leads to its bolts.
+        least = _likeliest(tried).log_likelihood - _RIVAL
+        rivals = [each for each in tried if each.log_likelihood > least]
+        new = [each for each in rivals if all(_differ(surface, each.X_ST, one.X_ST) for one in explored)]
+        if not new:
             break
-        best = likelier
-    best = _slackened(evidence, surface, _likeliest(tried))
-    X_ST, likelihood = polished(evidence, surface, best.fit, best.log_likelihood)
-    best = _Candidate(replace(best.fit, X_ST=X_ST), best.X_start, likelihood)
-    return Found(best.X_ST, best.fit, best.X_start, best.log_likelihood, _others(surface, tried, best))
+        explored.append(_likeliest(new))
+        alike = best_of((explored[-1].X_ST @ G for G in ambiguous_poses(surface)), _ALIKE)
+        tried += [fitted(X, explored[-1].X_start) for X in alike]
+    tried += [_finished(evidence, surface, each) for each in _distinct(surface, tried)[:_FINISHED]]
+    best, *others = _distinct(surface, tried)
+    return Found(
+        best.X_ST,
+        best.fit,
+        best.X_start,
+        best.log_likelihood,
+        tuple(Hypothesis(X_sensor_target=readonly(each.X_ST), log_likelihood=each.log_likelihood) for each in others),
+    )
 
 
 def best_alternative(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> float:
@@ -100,15 +111,20 @@ def _likeliest(candidates: list[_Candidate]) -> _Candidate:
     return max(candidates, key=lambda each: each.log_likelihood)
 
 
-def _others(surface: ModelSurface, tried: list[_Candidate], best: _Candidate) -> tuple[Hypothesis, ...]:
-    """Distinct poses apart from the best one, the most likely first."""
-    kept = [best]
+def _distinct(surface: ModelSurface, tried: list[_Candidate]) -> list[_Candidate]:
+    """Those that are apart from each other, the most likely first."""
+    kept: list[_Candidate] = []
     for each in sorted(tried, key=lambda each: -each.log_likelihood):
         if all(_differ(surface, each.X_ST, one.X_ST) for one in kept):
             kept.append(each)
-    return tuple(
-        Hypothesis(X_sensor_target=readonly(each.X_ST), log_likelihood=each.log_likelihood) for each in kept[1:]
-    )
+    return kept
+
+
+def _finished(evidence: Evidence, surface: ModelSurface, candidate: _Candidate) -> _Candidate:
+    """The likeliest pose next to that of a candidate."""
+    loose = _slackened(evidence, surface, candidate)
+    X_ST, likelihood = polished(evidence, surface, loose.fit, loose.log_likelihood)
+    return _Candidate(replace(loose.fit, X_ST=X_ST), loose.X_start, likelihood)
 
 
 def _differ(surface: ModelSurface, A: Array, B: Array) -> bool:

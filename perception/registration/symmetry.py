@@ -25,7 +25,9 @@ from sim.interfaces.spatial import Array, exp_so3, inverse, pose, transform_poin
 # Near symmetry
 _FOLDS = (2, 3, 4, 5, 6, 8)  # n of the rotations by multiples of 360/n deg
 _ALIKE = 0.08  # [-] rms distance between the surfaces, as a share of the radius, up to which a rotation is tried
-_ROUND = np.deg2rad(10.0) * np.arange(1, 36)  # [rad] tried where all folds look alike: a flange with its bolts
+_ROUND = np.deg2rad(5.0) * np.arange(1, 72)  # [rad] tried where all folds look alike: a flange with its bolts
+_SETTLED = 6  # iterations of ICP of the turned model with itself: a lug moves the centroid off the axis
+_TRIMMED = 0.8  # [-] share of the points, the nearest ones, that these pair
 _PERIODS = (0.05, 0.8)  # [radii] range of the periods sought
 _OVERLAP = 0.4  # [-] share of the points that a translation by a period leaves within the model's length, at least
 _PERIODIC = 0.6  # [-] rms distance after a period over the largest one before it, at most
@@ -34,7 +36,7 @@ _SCREWS = np.arange(1, 7) / 12.0  # [turns] of a screw that are tried, either wa
 _SHIFTED = 100  # points compared, about
 _COMPARED = 200  # model points compared, about
 _FEW = 10  # shares in which these points are compared, until they exclude the rotation
-_TRIED = 48  # rotations kept, the most similar first
+_TRIED = 96  # rotations kept, the most similar first
 # Broken symmetry
 _STEP = np.deg2rad(3.0)  # [rad] between the angles tried
 _FINE = np.linspace(-1.0, 1.0, 13)  # [steps] angles tried around the best one
@@ -55,7 +57,7 @@ _OTHER = np.deg2rad(15.0)  # [rad] beyond which two angles count as different
 def ambiguous_poses(surface: ModelSurface) -> tuple[Array, ...]:
     """Poses G (4, 4) in T such that the model at X G looks nearly as at X, most similar first; may be empty.
 
-    Rotations by multiples of 360/n deg, n from `_FOLDS` (2 to 8), and where all of these look alike, of 10 deg, about
+    Rotations by multiples of 360/n deg, n from `_FOLDS` (2 to 8), and where all of these look alike, of 5 deg, about
     the principal axes and the axes of T. They pass through the centroid of the surface and through the centre of its
     bounding box.
     """
@@ -75,10 +77,25 @@ def ambiguous_poses(surface: ModelSurface) -> tuple[Array, ...]:
                 if unlike is None:
                     continue
                 alike += 1
-                if all(are_different(surface.symmetry, G, Y) for Y in (np.eye(4), *(Y for _, Y in found))):
+                G = _settled(tree, points, G)
+                others = [] if k >= len(folds) else [Y for _, Y in found]
+                if all(are_different(surface.symmetry, G, Y) for Y in (np.eye(4), *others)):
                     found.append((unlike, G))
     turned = tuple(G for _, G in sorted(found, key=lambda item: item[0]))[:_TRIED]
     return turned + tuple(_shifts(surface, points, tree))
+
+
+def _settled(tree: cKDTree, points: Array, G: Array) -> Array:
+    """Pose (4, 4) near `G` that lays the points (n, 3) best on those of the tree: trimmed ICP [Arun 1987]."""
+    for _ in range(_SETTLED):
+        moved = transform_points(G, points)
+        distance, index = tree.query(moved)
+        kept = distance <= np.quantile(distance, _TRIMMED)
+        a, b = moved[kept], tree.data[index[kept]]
+        U, _, Vt = np.linalg.svd((b - b.mean(axis=0)).T @ (a - a.mean(axis=0)))
+        R = U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt
+        G = pose(R, b.mean(axis=0) - R @ a.mean(axis=0)) @ G
+    return G
 
 
 def _shifts(surface: ModelSurface, points: Array, tree: cKDTree) -> list[Array]:

@@ -10,11 +10,17 @@ from sim.interfaces.spatial import Array, transform_points
 
 OCCLUDER = 0.06  # [m] in front of the model: nearer pixels show something else, not the object, fouled or not
 _PIXELS = 40_000  # pixels of the thinned scan that the likelihood counts, at most about
+_GLANCED = 4_000  # pixels that suffice to rank poses which are not fitted yet
 _MOST_COST = 9.0  # [sigma^2] largest cost of a pixel that contradicts the model
 _UNEXPLAINED_COST = 4.0  # [sigma^2] cost of a masked pixel that the model does not cover
 
 
-def log_likelihood(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> float:
+def glance(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> float:
+    """Log likelihood [nat] from a tenth of the pixels; arguments as those of `log_likelihood`."""
+    return log_likelihood(evidence, surface, X_ST, _GLANCED)
+
+
+def log_likelihood(evidence: Evidence, surface: ModelSurface, X_ST: Array, pixels: int = _PIXELS) -> float:
     """Log likelihood of the scan with the model at `X_ST`, up to a constant common to all poses.
 
     Each pixel's depth is compared with the model's, in units of the sensor's noise. The cost is clipped, which leaves
@@ -27,11 +33,12 @@ def log_likelihood(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> fl
         evidence: Scan and mask of the object.
         surface: Sampled model.
         X_ST: (4, 4) pose of T in S.
+        pixels: Number of pixels that count, at most about.
 
     Returns:
         The log likelihood [nat].
     """
-    window, step = _window(evidence, surface, X_ST)
+    window, step = _window(evidence, surface, X_ST, pixels)
     scan, mask = evidence.scan.part(window), evidence.standing[window]
     depth = surface.depth(X_ST, scan)
     shown = np.isfinite(depth) & np.isfinite(scan.depth)
@@ -54,7 +61,7 @@ def difference(evidence: Evidence, one: tuple[ModelSurface, Array], other: tuple
     Returns:
         The expected log likelihood ratio [nat], 0 where both look the same; occluded pixels do not count.
     """
-    window, step = _window(evidence, *one)
+    window, step = _window(evidence, *one, _PIXELS)
     scan = evidence.scan.part(window)
     a, b = (surface.depth(X_ST, scan) for surface, X_ST in (one, other))
     z = np.where(np.isfinite(a), a, np.where(np.isfinite(b), b, 1.0))
@@ -64,9 +71,9 @@ def difference(evidence: Evidence, one: tuple[ModelSurface, Array], other: tuple
     return 0.5 * float(evidence.sensor.independent(step) * cost[seen].sum())
 
 
-def _window(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> tuple[tuple[slice, slice], int]:
+def _window(evidence: Evidence, surface: ModelSurface, X_ST: Array, pixels: int) -> tuple[tuple[slice, slice], int]:
     """Rows and columns around all that stands out and the model, and the step [px] to which they are thinned."""
-    box, step = _box(evidence)
+    box, step = _box(evidence, pixels)
     model = evidence.scan.window(transform_points(X_ST, surface.target.vertices), 0.0, evidence.mask.size)
     rows, columns = (
         slice(min(a.start, b.start) // step * step, max(a.stop, b.stop), step) if b.stop > b.start else a
@@ -76,10 +83,10 @@ def _window(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> tuple[tup
 
 
 @lru_cache(maxsize=4)
-def _box(evidence: Evidence) -> tuple[tuple[slice, slice], int]:
+def _box(evidence: Evidence, pixels: int) -> tuple[tuple[slice, slice], int]:
     """Rows and columns around all that stands out, and the step [px] to which they are thinned."""
     rows, columns = (np.flatnonzero(evidence.standing.any(axis=axis)) for axis in (1, 0))
     area = float(np.ptp(rows) + 1) * float(np.ptp(columns) + 1)
-    step = int(np.ceil(np.sqrt(max(1.0, area / _PIXELS))))
+    step = int(np.ceil(np.sqrt(max(1.0, area / pixels))))
     box = tuple(slice(int(each[0]) // step * step, int(each[-1]) + 1, step) for each in (rows, columns))
     return (box[0], box[1]), step

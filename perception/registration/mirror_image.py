@@ -9,7 +9,7 @@ from models.meshes.ray_casting import RayScene
 from models.objects.mesh_symmetry import has_mirror_plane
 from models.objects.target_model import Symmetry, TargetModel
 from perception.registration.evidence import Evidence
-from perception.registration.likelihood import difference
+from perception.registration.likelihood import difference, log_likelihood
 from perception.registration.model_surface import ModelSurface
 from perception.registration.pose_search import likeliest_pose
 from sim.interfaces.spatial import Array, pose
@@ -32,7 +32,8 @@ def mirrored_log_likelihood(evidence: Evidence, surface: ModelSurface, X_ST: Arr
     rival = mirror_image(surface)
     if rival is None:
         return -np.inf
-    found = likeliest_pose(evidence, rival, [X_ST @ turn for turn in _turns(surface)], [])
+    starts = [X_ST @ turn for turn in _turns(surface)]
+    found = likeliest_pose(evidence, rival, starts, [], log_likelihood(evidence, surface, X_ST))
     if difference(evidence, (surface, X_ST), (rival, found.X_ST)) < _ALIKE:
         return -np.inf
     return found.log_likelihood

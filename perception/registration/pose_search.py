@@ -7,7 +7,7 @@ import numpy as np
 
 from perception.registration.evidence import Evidence, score
 from perception.registration.fine_fit import IcpFit, fine_fit
-from perception.registration.likelihood import log_likelihood
+from perception.registration.likelihood import glance, log_likelihood
 from perception.registration.model_surface import ModelSurface
 from perception.registration.pose_covariance import PoseCovariance, pose_covariance
 from perception.registration.projective_fit import polished
@@ -23,7 +23,7 @@ _SLACKENED = 2  # twists polished one after the other, at most
 _STEPS = (-2.0, -1.0, -0.5, 0.5, 1.0, 2.0)  # [sigma] tried
 _EXPLORED = 3  # poses whose look-alikes are tried
 _FINISHED = 4  # distinct poses that are refined to the end: ICP stops up to 20 nat short of the likeliest one
-_RIVAL = 150.0  # [nat] below the likeliest pose, within which the look-alikes of another one are tried as well
+_RIVAL = 150.0  # [nat] below the likeliest pose, within which another one is refined and its look-alikes are tried
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -57,7 +57,9 @@ class _Candidate:
         return self.fit.X_ST
 
 
-def likeliest_pose(evidence: Evidence, surface: ModelSurface, starts: list[Array], given: list[Array]) -> Found:
+def likeliest_pose(
+    evidence: Evidence, surface: ModelSurface, starts: list[Array], given: list[Array], to_beat: float = -np.inf
+) -> Found:
     """ICP from the likeliest starts, then from poses that look like the likeliest one, until none is likelier.
 
     Args:
@@ -65,6 +67,7 @@ def likeliest_pose(evidence: Evidence, surface: ModelSurface, starts: list[Array
         surface: Sampled model.
         starts: Initial poses (4, 4) of the search; at least one here or among `given`.
         given: Initial poses (4, 4) from prior knowledge, which are tried whatever their likelihood.
+        to_beat: [nat] Log likelihood of another explanation; no look-alikes are tried if the starts stay far below it.
     """
 
     def fitted(X: Array, X_start: Array, rounds: int = 2) -> _Candidate:
@@ -72,24 +75,21 @@ def likeliest_pose(evidence: Evidence, surface: ModelSurface, starts: list[Array
         return _Candidate(fit, X_start, log_likelihood(evidence, surface, fit.X_ST))
 
     def best_of(poses: Iterable[Array], most: int) -> list[Array]:
-        return sorted(poses, key=lambda X: -log_likelihood(evidence, surface, X))[:most]
+        return sorted(poses, key=lambda X: -glance(evidence, surface, X))[:most]
 
     tried = [fitted(X, X) for X in [*best_of(starts, _REFINED), *given]]
     best = _likeliest(tried)
     tried += [fitted(X, best.X_start) for X in _slides(evidence, surface, best.fit)]
-    best = _likeliest(tried)
     explored: list[_Candidate] = []
     for _ in range(_EXPLORED):
         # The likeliest pose and then its rivals: from a flange turned over, no single step leads to its bolts.
-        least = _likeliest(tried).log_likelihood - _RIVAL
-        rivals = [each for each in tried if each.log_likelihood > least]
-        new = [each for each in rivals if all(_differ(surface, each.X_ST, one.X_ST) for one in explored)]
+        new = [each for each in _rivals(tried, to_beat) if _is_new(surface, each.X_ST, explored)]
         if not new:
             break
         explored.append(_likeliest(new))
         alike = best_of((explored[-1].X_ST @ G for G in ambiguous_poses(surface)), _ALIKE)
-        tried += [fitted(X, explored[-1].X_start) for X in alike]
-    tried += [_finished(evidence, surface, each) for each in _distinct(surface, tried)[:_FINISHED]]
+        tried += [fitted(X, explored[-1].X_start) for X in alike if _is_new(surface, X, tried)]
+    tried += [_finished(evidence, surface, each) for each in _distinct(surface, _rivals(tried, to_beat))[:_FINISHED]]
     best, *others = _distinct(surface, tried)
     return Found(
         best.X_ST,
@@ -102,7 +102,7 @@ def likeliest_pose(evidence: Evidence, surface: ModelSurface, starts: list[Array
 
 def best_alternative(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> float:
     """Log likelihood [nat] of the scan at the best fitted pose that looks nearly as `X_ST` does; -inf without any."""
-    ranked = sorted((X_ST @ G for G in ambiguous_poses(surface)), key=lambda X: -log_likelihood(evidence, surface, X))
+    ranked = sorted((X_ST @ G for G in ambiguous_poses(surface)), key=lambda X: -glance(evidence, surface, X))
     fitted = (fine_fit(evidence, surface, X).X_ST for X in ranked[:_ALIKE])
     return max((log_likelihood(evidence, surface, X) for X in fitted if _differ(surface, X, X_ST)), default=-np.inf)
 
@@ -111,11 +111,22 @@ def _likeliest(candidates: list[_Candidate]) -> _Candidate:
     return max(candidates, key=lambda each: each.log_likelihood)
 
 
+def _rivals(candidates: list[_Candidate], to_beat: float) -> list[_Candidate]:
+    """Those that come near the likeliest explanation; what ICP leaves to gain is far less."""
+    least = max(_likeliest(candidates).log_likelihood, to_beat) - _RIVAL
+    return [each for each in candidates if each.log_likelihood > least]
+
+
+def _is_new(surface: ModelSurface, X_ST: Array, candidates: list[_Candidate]) -> bool:
+    """True if a pose (4, 4) is apart from those of all candidates."""
+    return all(_differ(surface, X_ST, each.X_ST) for each in candidates)
+
+
 def _distinct(surface: ModelSurface, tried: list[_Candidate]) -> list[_Candidate]:
     """Those that are apart from each other, the most likely first."""
     kept: list[_Candidate] = []
     for each in sorted(tried, key=lambda each: -each.log_likelihood):
-        if all(_differ(surface, each.X_ST, one.X_ST) for one in kept):
+        if _is_new(surface, each.X_ST, kept):
             kept.append(each)
     return kept
 

@@ -10,8 +10,8 @@ from numpy.typing import ArrayLike
 from models.objects.targets import ModelPath, TargetModel
 from perception.clouds.scan import Scan, SensorModel
 from perception.clouds.sonar_cloud import without_isolated_echoes
-from perception.registration.fine_fit import ModelSurface
 from perception.registration.identification import Identification, Method, identify
+from perception.registration.model_surface import ModelSurface
 from perception.toolpath.path_planner import plan_path
 from sim.interfaces.errors import ConfigurationError, PerceptionError
 from sim.interfaces.messages import DepthImage, Measurement, SonarScan, StateEstimate, Target, ToolPath

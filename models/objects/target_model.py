@@ -1,6 +1,6 @@
 """Model of an object to work on: mesh, symmetry, tool paths on the surface, and its bodies in a MuJoCo scene.
 
-Frame T is the model's own frame. Symmetries turn about T's origin. Triangles wind counter-clockwise seen from outside.
+Frame T is the model's own frame. Triangles wind counter-clockwise seen from outside.
 """
 
 from collections.abc import Mapping
@@ -23,6 +23,7 @@ from sim.interfaces.spatial import (
     checked_rows,
     exp_so3,
     finite_number,
+    pose,
     quat_wxyz_from_rotation,
     readonly,
     real_array,
@@ -37,10 +38,11 @@ PATH_STEP = 0.005  # [m] spacing of the points of a model path
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Symmetry:
-    """Rotations about T's origin that map the shape onto itself: a discrete group times turns about `axis`."""
+    """Rotations about `center` that map the shape onto itself: a discrete group times turns about `axis`."""
 
     axis: Array | None = None  # (3,) unit, in T: any turn about it maps the shape onto itself
     rotations: Array = field(default_factory=lambda: readonly(np.eye(3)[None]))  # (n, 3, 3), identity first
+    center: Array = field(default_factory=lambda: readonly(np.zeros(3)))  # (3,) [m] that all of them keep, in T
 
     def __post_init__(self) -> None:
         rotations = real_array(self.rotations, "symmetry rotations", "(n, 3, 3) numbers")
@@ -52,6 +54,7 @@ class Symmetry:
         if not np.all(np.linalg.det(rotations) > 0.0):
             raise ConfigurationError("symmetry rotations: a reflection is none")
         object.__setattr__(self, "rotations", readonly(rotations))
+        object.__setattr__(self, "center", checked(self.center, (3,), "symmetry center"))
         if self.axis is not None:
             axis = checked(self.axis, (3,), "symmetry axis")
             longest = float(np.abs(axis).max())
@@ -59,6 +62,19 @@ class Symmetry:
                 raise ConfigurationError("symmetry axis: must not be zero")
             axis = axis / longest  # the square of a very long one overflows
             object.__setattr__(self, "axis", readonly(axis / np.linalg.norm(axis)))
+
+    @property
+    def is_none(self) -> bool:
+        """True if only the identity maps the shape onto itself."""
+        return self.axis is None and len(self.rotations) == 1
+
+    def about_center(self, R: Array) -> Array:
+        """Pose (4, 4) in T of the shape turned by `R` (3, 3) about the centre of symmetry."""
+        return pose(R, self.center - R @ self.center)
+
+    def nearest_pose(self, X_AT: Array, R_AT_prior: Array) -> Array:
+        """Of all poses (4, 4) equivalent to `X_AT` by symmetry, the one turned least from `R_AT_prior` (3, 3)."""
+        return X_AT @ self.about_center(X_AT[:3, :3].T @ self.nearest(X_AT[:3, :3], R_AT_prior))
 
     def nearest(self, R_AT: Array, R_AT_prior: Array) -> Array:
         """Of all rotations equivalent to `R_AT` by symmetry, the one nearest to `R_AT_prior` (both (3, 3))."""
@@ -78,12 +94,12 @@ class Symmetry:
 
     def error(self, X_AT: Array, X_AT_true: Array) -> tuple[float, float]:
         """Error between two poses (4, 4) modulo symmetry: position of the origin [m] and least rotation angle [rad]."""
-        R, R_true = X_AT[:3, :3], X_AT_true[:3, :3]
-        nearest = self.nearest(R, R_true)
-        delta = R_true.T @ nearest
+        R_true = X_AT_true[:3, :3]
+        nearest = self.nearest_pose(X_AT, R_true)
+        delta = R_true.T @ nearest[:3, :3]
         sine = 0.5 * np.linalg.norm([delta[2, 1] - delta[1, 2], delta[0, 2] - delta[2, 0], delta[1, 0] - delta[0, 1]])
         angle = float(np.arctan2(sine, 0.5 * (np.trace(delta) - 1.0)))
-        return float(np.linalg.norm(X_AT[:3, 3] - X_AT_true[:3, 3])), angle
+        return float(np.linalg.norm(nearest[:3, 3] - X_AT_true[:3, 3])), angle
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

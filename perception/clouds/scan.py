@@ -27,6 +27,11 @@ _SAMPLED = 20_000  # pixels, about, to which background planes are fitted
 _FACET = 0.056  # [rad] width of surface (31 px of the usual camera) for a local normal
 _ALIGNED = np.cos(np.deg2rad(20.0))  # cosine: least agreement of a local normal with its plane's
 _FACTORS = np.array([0x1E3779B97F4A7C15, 0x3F58476D1CE4E5B9, 0x14D049BB133111EB])  # large odd factors of `row_hash`
+_CREASE = np.cos(np.deg2rad(40.0))  # cosine of the angle between normals at which one surface ends
+_GAP = 2  # [px] of the thinned picture: pixels on a plane that are this far from each other are connected
+_NORMAL = 1.4826  # standard deviation of normal errors over their median absolute value
+_ROUGH = 4.0  # [sigma] of a plane's own roughness: what is farther off, on average over a few pixels, lies on it
+_FLAT = 0.002  # [m] at least
 _SEAM = 5  # [px] without depth between an occluder and the surface behind it
 _COUNTED = 1e6  # cubes up to which `voxel_means` counts the points of each
 _RAY_CELLS = 400  # cells along the longer side of a grid of parallel rays
@@ -282,9 +287,10 @@ def background(
 ) -> np.ndarray:
     """Mask of the pixels that lie on background planes.
 
-    A plane is background if it extends further than the object can: its surface points, with normals along the plane's,
-    spread over more than `extent`. A strip where the plane only cuts through something does not count. A face of the
-    object may be among the planes, and is kept.
+    A plane is background if it extends further than the object can: one connected surface on it, with normals along the
+    plane's, spreads over more than `extent`. A strip where the plane only cuts through something does not count. A face
+    of the object may be among the planes, and is kept. What rises above a background plane by more than the plane's own
+    roughness, averaged over a few pixels, is kept as well: a thin object that lies on the seabed.
 
     Args:
         scan: The scan.
@@ -309,13 +315,37 @@ def background(
         plane = _largest_plane(sample, sensor, rng)
         if plane is None or plane.inliers.sum() < least:
             break
-        lying = sample[plane.inliers & (np.abs(facing @ plane.normal) > _ALIGNED)]
-        if len(lying) and 2.0 * float(np.percentile(np.linalg.norm(lying - lying.mean(axis=0), axis=1), 95)) > extent:
-            off = np.abs((scan.points - plane.center) @ plane.normal)
-            with np.errstate(invalid="ignore"):
-                found |= mask & (off < _plane_tolerance(scan.depth, sensor))
+        off = np.abs((part.points - plane.center) @ plane.normal)
+        with np.errstate(invalid="ignore"):
+            lying = thinned & (off < _plane_tolerance(part.depth, sensor)) & (np.abs(normals @ plane.normal) > _ALIGNED)
+        if _spread(part, lying) > extent:
+            found |= mask & _on_plane(scan, plane, sensor)
         sample, facing = sample[~plane.inliers], facing[~plane.inliers]
     return found
+
+
+def _spread(part: Scan, lying: np.ndarray) -> float:
+    """Extent [m] of the largest surface among the masked (h, w) pixels; small gaps do not divide it."""
+    label = ndimage.label(ndimage.binary_dilation(lying, np.ones((3, 3)), _GAP), np.ones((3, 3)))[0] * lying
+    if not label.any():
+        return 0.0
+    points = part.points[label == np.bincount(label[lying]).argmax()]
+    return 2.0 * float(np.percentile(np.linalg.norm(points - points.mean(axis=0), axis=1), 95))
+
+
+def _on_plane(scan: Scan, plane: "_Plane", sensor: SensorModel) -> np.ndarray:
+    """Mask (h, w) of the pixels on a plane: each within the sensor's noise, their local mean within its roughness."""
+    off = (scan.points - plane.center) @ plane.normal
+    with np.errstate(invalid="ignore"):
+        near = np.abs(off) < _plane_tolerance(scan.depth, sensor)
+    if not near.any():
+        return near
+    width = 2 * round(0.5 * sensor.noise_length) + 1
+    share = ndimage.uniform_filter(near.astype(np.float64), width)
+    mean = ndimage.uniform_filter(np.where(near, off, 0.0), width) / np.maximum(share, 1e-9)
+    sigma = sensor.sigma(scan.depth)
+    rough = _NORMAL * float(np.median(np.abs(mean[near] / sigma[near])))  # [sigma] of the depth there
+    return near & (np.abs(mean) < np.maximum(_ROUGH * rough * sigma, _FLAT))
 
 
 def _local_normals(scan: Scan, mask: np.ndarray, width: int) -> Array:
@@ -397,9 +427,19 @@ def near_any(points: Array, centers: Array, reach: float) -> np.ndarray:
     return near
 
 
-def connected_surfaces(points: Array, reach: float) -> np.ndarray:
-    """Label (n,) of the connected surface of each of the points (n, 3): neighbours within `reach` [m] share a label."""
+def connected_surfaces(points: Array, reach: float, normals: Array | None = None) -> np.ndarray:
+    """Label (n,) of the connected surface of each point: neighbours share a label.
+
+    Args:
+        points: (n, 3) [m].
+        reach: [m] largest distance of neighbours.
+        normals: (n, 3) unit; where given, a surface ends at creases of 40 deg or more, whose points stay alone.
+    """
     pairs = cKDTree(points).query_pairs(reach, output_type="ndarray")
+    if normals is not None:
+        crease = np.zeros(len(points), dtype=bool)  # normals of several points each turn there step by step
+        crease[pairs[np.einsum("ij,ij->i", normals[pairs[:, 0]], normals[pairs[:, 1]]) < _CREASE]] = True
+        pairs = pairs[~crease[pairs].any(axis=1)]
     graph = coo_matrix((np.ones(len(pairs), dtype=bool), tuple(pairs.T)), shape=(len(points), len(points)))
     return connected_components(graph, directed=False)[1]
 

@@ -15,11 +15,16 @@ from scipy import ndimage
 
 from models.objects.targets import TargetModel
 from perception.clouds.scan import MIN_POINTS, Scan, SensorModel, background, near_any, without_flying_pixels
-from perception.registration.fine_fit import Evidence, IcpFit, ModelSurface, fine_fit, score
+from perception.registration.evidence import Evidence, score
 from perception.registration.initialiser import Expected, initial_poses
+from perception.registration.likelihood import log_likelihood
+from perception.registration.mirror_image import MIN_HAND, mirrored_log_likelihood
+from perception.registration.model_surface import ModelSurface
 from perception.registration.paper_check import published_criterion
 from perception.registration.paper_icp import laid_on, paper_fit, required_error
-from perception.registration.pose_check import Decision, PoseCheck, check, log_likelihood
+from perception.registration.pose_check import Decision, PoseCheck, check
+from perception.registration.pose_covariance import PoseCovariance, pose_covariance
+from perception.registration.pose_search import Found, Hypothesis, likeliest_pose
 from perception.registration.symmetry import resolve_symmetry
 from sim.interfaces.errors import ConfigurationError, PerceptionError
 from sim.interfaces.spatial import (
@@ -38,30 +43,18 @@ Method = Literal["planes", "paper", "paper-q"]
 
 _FARTHEST = 1e5  # [m] largest accepted distance of an object from the sensor
 APPROACH_ERROR = 0.3  # [m] largest error of a coarse detection, unless the caller states another
-_REFINED = 3  # initial poses at most that get a full ICP
 _AROUND = 1.3  # [model radii] around the centre of an initial pose, within which scan points take part
-_SLIDING = 0.7  # [-] translational share of a free twist, from which on it is searched by translation
-_SLIDES = (-0.4, -0.2, -0.1, 0.1, 0.2, 0.4)  # [radii] of the model: translations tried along a free twist
-_HOPELESS = 0.4  # [-] score below the best one from which on an initial pose gets no ICP
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FreeMotion:
     """Degrees of freedom that the scan does not determine, and how they were chosen."""
 
-    axis: Array | None  # (3,) unit, in T: rotations about it look the same (declared by the target)
+    axis: Array | None  # (3,) unit, in T: rotations about it look the same
     turns: int  # number of discrete rotations that look the same, 1 for none
     twists: Array  # (k, 6) free twists (linear; angular x radius) in S about the model's centre
     angle_known: bool  # the angle about the axis was measured; False: it was chosen
     policy: str  # how the free part was chosen, in words
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Hypothesis:
-    """A pose to which ICP converged."""
-
-    X_sensor_target: Array  # (4, 4) pose of T in S
-    log_likelihood: float  # [nat] of the scan, up to a constant common to all poses
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -72,6 +65,7 @@ class Identification:
     accepted: bool
     reason: str  # why not; empty if accepted
     check: PoseCheck | None  # None if there was nothing to check
+    covariance: PoseCovariance | None  # of the pose; None if there was too little to estimate it from
     symmetry: FreeMotion
     X_sensor_start: Array  # (4, 4) coarse pose that was given, else the initial pose of the search
     cloud: Array  # (n, 3) [m] scan points used in ICP, thinned, in S
@@ -161,29 +155,40 @@ def identify(
         expected = Expected(p=p_approach, error=1.5 * approach_error, R=R_prior)
         if method == "planes":
             starts = initial_poses(scan, mask, surface, sensor, expected)
+            given = [X_prior] if p_approach is not None and R_prior is not None else []
         else:
-            starts = [laid_on(scan.points[mask], surface, X_prior[:3, :3])]
-        mask &= _around(starts, surface, scan)
+            starts, given = [laid_on(scan.points[mask], surface, X_prior[:3, :3])], []
+        standing, mask = mask, mask & _around(starts or given, surface, scan)
         _need(mask, "lie where the object could be")
-        evidence = Evidence.of(scan, mask, 0.8 * surface.spacing, sensor)
+        evidence = Evidence.of(scan, mask, 0.8 * surface.spacing, sensor, standing)
         if len(evidence.points) < MIN_POINTS:
             raise PerceptionError(f"only {len(evidence.points)} points are left of the object; need {MIN_POINTS}")
     except PerceptionError as error:
         return _refused(surface, X_prior, str(error), started)
 
-    found = (_best if method == "planes" else _as_in_paper)(evidence, surface, starts)
-    X_ST = found.X_ST.copy()
+    if method == "planes":
+        found = likeliest_pose(evidence, surface, starts, given)
+    else:
+        found = _as_in_paper(evidence, surface, starts)
     X_start = found.X_start if R_prior is None or p_approach is None else X_prior
-    X_ST[:3, :3] = surface.target.symmetry.nearest(X_ST[:3, :3], X_start[:3, :3] if R_prior is None else R_prior)
+    X_ST = surface.symmetry.nearest_pose(found.X_ST, X_start[:3, :3] if R_prior is None else R_prior)
     X_told = resolve_symmetry(evidence, surface, X_ST)
     if X_told is not None:
         X_ST = X_told
     second = found.others[0].log_likelihood if found.others else -np.inf
-    verdict = check(evidence, surface, X_ST, found.fit, second)
+    doubt = None
+    if found.fit is not None:
+        doubt = pose_covariance(evidence, surface, X_ST, found.fit.free)
+    verdict = check(evidence, surface, X_ST, found.fit, second, doubt)
     if method == "paper-q":
         verdict = _by_criterion(verdict, evidence, surface, X_ST)
     if found.asks and verdict.decision is Decision.ACCEPT:
         verdict = replace(verdict, decision=Decision.RESCAN, reason=found.asks)
+    if method == "planes" and verdict.decision is Decision.ACCEPT:
+        hand = log_likelihood(evidence, surface, X_ST) - mirrored_log_likelihood(evidence, surface, X_ST)
+        if hand < MIN_HAND:
+            said = "better" if hand < -MIN_HAND else "as well"
+            verdict = replace(verdict, decision=Decision.RESCAN, reason=f"its mirror image fits {said}")
     reason = verdict.reason
     if not reason and not expected.admits(X_ST[None], surface)[0]:
         reason = "what was found lies, or is turned, too far from what was expected"
@@ -193,7 +198,8 @@ def identify(
         accepted=not reason,
         reason=reason,
         check=verdict,
-        symmetry=_free_motion(surface.target, verdict.free, X_told is not None, R_prior is not None),
+        covariance=doubt,
+        symmetry=_free_motion(surface, verdict.free, X_told is not None, R_prior is not None),
         X_sensor_start=readonly(X_start),
         cloud=readonly(evidence.points),
         model_before=readonly(transform_points(X_start, surface.points)),
@@ -253,48 +259,19 @@ def _need(mask: np.ndarray, what: str) -> None:
         raise PerceptionError(f"nothing to find: only {count} points {what}; need {MIN_POINTS}")
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Found:
-    X_ST: Array
-    fit: IcpFit | None  # ICP that converged there; None for another method
-    X_start: Array
-    log_likelihood: float
-    others: tuple[Hypothesis, ...] = ()  # the most likely first
-    asks: str = ""  # reason for which the method requests a new scan
-
-
-def _around(starts: list[Array], surface: ModelSurface, scan: Scan) -> np.ndarray:
-    """Mask (h, w) of the pixels near the model at any of the initial poses `starts`."""
-    centers = np.array([transform_points(X, surface.center) for X in starts]).reshape(-1, 3)  # `starts` may be empty
+def _around(poses: list[Array], surface: ModelSurface, scan: Scan) -> np.ndarray:
+    """Mask (h, w) of the pixels near the model at any of the initial `poses`."""
+    centers = np.array([transform_points(X, surface.center) for X in poses]).reshape(-1, 3)  # there may be none
     return near_any(scan.points, centers, _AROUND * surface.radius)
 
 
-def _best(evidence: Evidence, surface: ModelSurface, starts: list[Array]) -> _Found:
-    """ICP from the best-scored `starts`; the result that gives the scan the highest likelihood."""
-    rough = sorted(((score(evidence, surface, X), X) for X in starts), key=lambda item: -item[0])
-    fits = [(fine_fit(evidence, surface, X), X) for s, X in rough[:_REFINED] if s > rough[0][0] - _HOPELESS]
-    fits += [(fit, fits[0][1]) for fit in _slid(evidence, surface, fits[0][0])]
-    ranked = sorted(
-        ((log_likelihood(evidence, surface, fit.X_ST), fit, X_start) for fit, X_start in fits),
-        key=lambda item: -item[0],
-    )
-    best, fit, X_start = ranked[0]
-    poses, others = [fit.X_ST], []
-    for likelihood, other, _ in ranked[1:]:
-        apart = [surface.target.symmetry.error(other.X_ST, X) for X in poses]
-        if all(p > 2.0 * surface.spacing or a > np.deg2rad(5.0) for p, a in apart):
-            poses.append(other.X_ST)
-            others.append(Hypothesis(X_sensor_target=readonly(other.X_ST), log_likelihood=likelihood))
-    return _Found(fit.X_ST, fit, X_start, best, tuple(others))
-
-
-def _as_in_paper(evidence: Evidence, surface: ModelSurface, starts: list[Array]) -> _Found:
+def _as_in_paper(evidence: Evidence, surface: ModelSurface, starts: list[Array]) -> Found:
     """The published ICP from its one initial pose, with the published rule for a new scan."""
     fit = paper_fit(evidence, surface, starts[0])
     asks = ""
     if fit.error > fit.required:
         asks = f"the error no longer falls at {1e3 * fit.error:.1f} mm, required are {1e3 * fit.required:.1f} mm"
-    return _Found(fit.X_ST, None, starts[0], log_likelihood(evidence, surface, fit.X_ST), asks=asks)
+    return Found(fit.X_ST, None, starts[0], log_likelihood(evidence, surface, fit.X_ST), asks=asks)
 
 
 def _by_criterion(verdict: PoseCheck, evidence: Evidence, surface: ModelSurface, X_ST: Array) -> PoseCheck:
@@ -314,19 +291,8 @@ def _by_criterion(verdict: PoseCheck, evidence: Evidence, surface: ModelSurface,
     return replace(verdict, decision=decision, reason=reason, figure_m=found.q_m, threshold_m=most)
 
 
-def _slid(evidence: Evidence, surface: ModelSurface, fit: IcpFit) -> list[IcpFit]:
-    """ICP after the best translation along each free twist of `fit`: no residual pulls the model along these."""
-    fits: list[IcpFit] = []
-    for twist in fit.free:
-        if np.linalg.norm(twist[:3]) < _SLIDING:
-            continue
-        slides = [pose(p=share * surface.radius * twist[:3]) @ fit.X_ST for share in _SLIDES]
-        fits.append(fine_fit(evidence, surface, max(slides, key=lambda X: score(evidence, surface, X))))
-    return fits
-
-
-def _free_motion(target: TargetModel, twists: Array, told: bool, with_prior: bool) -> FreeMotion:
-    symmetry = target.symmetry
+def _free_motion(surface: ModelSurface, twists: Array, told: bool, with_prior: bool) -> FreeMotion:
+    symmetry = surface.symmetry
     policy = "none needed"
     if told:
         policy = "told by parts in view that do not share the symmetry"
@@ -349,7 +315,8 @@ def _refused(surface: ModelSurface, X_prior: Array, reason: str, started: float)
         accepted=False,
         reason=reason,
         check=None,
-        symmetry=_free_motion(surface.target, np.zeros((0, 6)), False, True),
+        covariance=None,
+        symmetry=_free_motion(surface, np.zeros((0, 6)), False, True),
         X_sensor_start=readonly(X_prior),
         cloud=nothing,
         model_before=readonly(transform_points(X_prior, surface.points)),

@@ -16,7 +16,7 @@ from scipy import ndimage
 
 from models.meshes.closed_shells import sphere
 from perception.clouds.scan import Scan, SensorModel, connected_surfaces, facing_normals, voxel_means
-from perception.registration.fine_fit import ModelSurface
+from perception.registration.model_surface import ModelSurface
 from sim.interfaces.spatial import Array, exp_so3, rotation_from_z, transform_points
 
 _SPINS = 12  # rotations about the line of sight, for each view
@@ -32,13 +32,18 @@ _SMALL = 0.1  # [-] size below which a patch is ignored, as a share of the large
 _VICINITY = 1.2  # [radii] around a patch in which other patches may be parts of the same object
 _ROUGH = (60, np.geomspace(0.5, 0.15, 8))  # points of a patch, and [radii] gates of pairing, one for each iteration
 _CLOSE = (200, np.geomspace(0.25, 0.08, 10))  # the same for the second, finer ICP
+_FINE = (400, np.geomspace(0.08, 0.03, 6))  # and for the third
 _TRIED = 120  # poses of a patch that get the second ICP
+_SETTLED = 40  # poses of a patch that get the third
+_LARGE = 1.3  # [radii] from a patch's middle to its rim, beyond which it holds more than the object
+_BALL = 0.7  # [radii] of the balls into which such patches are divided
+_BALLS = 8  # of them at most
 _FACING = 0.4  # [-] least cosine between the normals of paired points
 _PULL = 0.3  # [-] weight of distances along the surface against those across it
 _DAMPING = 1e-3  # [-] share of the normal equations' trace
 _ASTRAY = np.deg2rad(70.0)  # [rad] from the expected attitude: 45 deg of error, plus the coarse grid of views
-_KEPT = 5  # initial poses beyond the best one of each patch
-_SHORT_OF = 0.35  # [-] score below the best from which on a pose is dropped
+_KEPT = 12  # initial poses beyond the best one of each patch
+_SHORT_OF = 0.6  # [-] score below the best from which on a pose is dropped
 _APART = (0.2, np.deg2rad(20.0))  # [radii], [rad] least distance between two initial poses
 
 
@@ -61,8 +66,8 @@ class Expected:
         """Mask (n,) of the attitudes R_ST (n, 3, 3) within 70 deg of the expected one, modulo declared symmetry."""
         if self.R is None:
             return np.ones(len(R_ST), dtype=bool)
-        axis, trace = surface.target.symmetry.axis, np.full(len(R_ST), -np.inf)
-        for G in surface.target.symmetry.rotations:
+        axis, trace = surface.symmetry.axis, np.full(len(R_ST), -np.inf)
+        for G in surface.symmetry.rotations:
             M = self.R.T @ R_ST @ G
             of_G = np.trace(M, axis1=1, axis2=2)
             if axis is not None:  # largest trace over all angles, in closed form as in `Symmetry.nearest`
@@ -142,7 +147,7 @@ def _views(surface: ModelSurface, max_incidence: float) -> _Views:
 def initial_poses(
     scan: Scan, mask: np.ndarray, surface: ModelSurface, sensor: SensorModel, expected: Expected
 ) -> list[Array]:
-    """Initial poses X_ST for ICP: the best of each patch of the scan, and up to 5 others.
+    """Initial poses X_ST for ICP: the best of each patch of the scan, and up to 12 others.
 
     Patches do not compete with each other, because some part of any model explains a sliver best.
 
@@ -164,13 +169,13 @@ def initial_poses(
     picture = _Picture(scan.depth, scan.tangent_x[0], scan.tangent_y[0], *scan.pitches)
     found: list[tuple[float, Array]] = []
     firsts: list[tuple[float, Array]] = []
-    for patch in _patches(points, surface.radius):
+    for patch in _patches(points, surface.radius, expected):
         sigma = float(np.median(sensor.sigma(points[patch, 2])))
         X = _turned(views, points[patch].mean(axis=0))
         X = X[expected.admits_turn(X[:, :3, :3], surface)]
         score = np.zeros(len(X))
-        for count, gates in (_ROUGH, _CLOSE):
-            X = X[np.argsort(-score, kind="stable")[:_TRIED]] if score.any() else X
+        for (count, gates), most in ((_ROUGH, len(X)), (_CLOSE, _TRIED), (_FINE, _SETTLED)):
+            X = X[np.argsort(-score, kind="stable")[:most]]
             some = _some(patch, count)
             score = _settle(X, points[some], normals[some], sigma, gates * views.radius, views)
             score += _confirmed(X, views, picture, 2.0 * views.spacing + 3.0 * sigma)
@@ -199,11 +204,11 @@ def _some(values: np.ndarray, count: int) -> np.ndarray:
 
 def _differ(surface: ModelSurface, A: Array, B: Array) -> bool:
     moved = np.linalg.norm(transform_points(A, surface.center) - transform_points(B, surface.center))
-    return bool(moved > _APART[0] * surface.radius) or surface.target.symmetry.error(A, B)[1] > _APART[1]
+    return bool(moved > _APART[0] * surface.radius) or surface.symmetry.error(A, B)[1] > _APART[1]
 
 
-def _patches(points: Array, radius: float) -> list[np.ndarray]:
-    """Indices of the points (n, 3) of each patch: each connected surface alone, and again with its vicinity."""
+def _patches(points: Array, radius: float, expected: Expected) -> list[np.ndarray]:
+    """Indices of the points (n, 3) of each patch: each connected surface alone, with its vicinity, and in parts."""
     label = connected_surfaces(points, _TOGETHER * radius)
     size = np.bincount(label)
     patches: list[np.ndarray] = []
@@ -215,7 +220,37 @@ def _patches(points: Array, radius: float) -> list[np.ndarray]:
         near = np.linalg.norm(points - points[alone].mean(axis=0), axis=1) < _VICINITY * radius
         if not 0.9 < near.sum() / len(alone) < 1.1:
             patches.append(np.nonzero(near)[0])
-    return patches
+    return patches + _balls(points, np.concatenate(patches) if patches else np.zeros(0, dtype=int), radius, expected)
+
+
+def _balls(points: Array, among: np.ndarray, radius: float, expected: Expected) -> list[np.ndarray]:
+    """Indices of the points (n, 3) in each of a few balls, spread over the patches that hold more than the object.
+
+    Touching objects form one surface, whose middle is none of theirs. The balls' centres are the points farthest from
+    each other.
+    """
+    label = connected_surfaces(points, _TOGETHER * radius)
+    large = np.zeros(len(points), dtype=bool)
+    for k in np.unique(label[among]):
+        of_patch = label == k
+        off = np.linalg.norm(points[of_patch] - points[of_patch].mean(axis=0), axis=1)
+        large[of_patch] = np.percentile(off, 95) > _LARGE * radius
+    if expected.p is not None:
+        large &= np.linalg.norm(points - expected.p, axis=1) < expected.error + _BALL * radius
+    seeds = points[large]
+    if not len(seeds):
+        return []
+    balls: list[np.ndarray] = []
+    middle = seeds.mean(axis=0) if expected.p is None else expected.p
+    distance = np.full(len(seeds), np.inf)
+    seed = seeds[int(np.linalg.norm(seeds - middle, axis=1).argmin())]
+    while len(balls) < _BALLS:
+        balls.append(np.nonzero(np.linalg.norm(points - seed, axis=1) < _BALL * radius)[0])
+        distance = np.minimum(distance, np.linalg.norm(seeds - seed, axis=1))
+        if distance.max() < _BALL * radius:
+            break
+        seed = seeds[int(distance.argmax())]
+    return balls
 
 
 def _turned(views: _Views, middle: Array) -> Array:

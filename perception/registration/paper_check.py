@@ -9,7 +9,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from perception.clouds.scan import distances_along
-from perception.registration.fine_fit import Evidence, ModelSurface
+from perception.registration.evidence import Evidence
+from perception.registration.model_surface import ModelSurface
 from perception.registration.pose_check import circle, direction, in_plane, lateral_reach
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array, inverse, transform_points

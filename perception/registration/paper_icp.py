@@ -11,7 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
-from perception.registration.fine_fit import Evidence, ModelSurface
+from perception.registration.evidence import Evidence
+from perception.registration.model_surface import ModelSurface
 from sim.interfaces.spatial import Array, pose, transform_points
 
 _MODEL_POINTS = 4000  # model points used, at most

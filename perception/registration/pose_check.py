@@ -26,11 +26,15 @@ import numpy as np
 from scipy import ndimage
 
 from perception.clouds.scan import connected_surfaces, distances_along, jump
-from perception.registration.fine_fit import Evidence, IcpFit, ModelSurface, edge_offsets, explained, fine_fit
-from perception.registration.symmetry import ambiguous_poses, are_different
+from perception.registration.evidence import Evidence, explained
+from perception.registration.fine_fit import IcpFit, fine_fit
+from perception.registration.likelihood import OCCLUDER, log_likelihood
+from perception.registration.model_surface import ModelSurface
+from perception.registration.pairing import edge_offsets
+from perception.registration.pose_covariance import PoseCovariance
+from perception.registration.pose_search import best_alternative
 from sim.interfaces.spatial import Array, inverse, transform_points
 
-OCCLUDER = 0.06  # [m] in front of the model: nearer pixels show something else, not the object, fouled or not
 TRIM = 0.15  # [-] share of the largest distances left out of the figure
 MODEL_TOLERANCE = 0.001  # [m] accuracy of the model
 _SURFACE_PIXELS = 40_000  # pixels at most of the scan that is triangulated: finer than the rays lie
@@ -39,14 +43,19 @@ _LINES = 8  # straight lines through the centre, evenly distributed over 180 deg
 _CIRCLES = (0.35, 0.7)  # [-] radii as a share of the object's extent across the line of sight
 _ACROSS_EDGES = 1.5  # [px] by which a ray is moved aside to detect a nearby edge
 _MIN_RAYS = 40  # rays without which there is no verdict
+_RIM = 1.0  # [noise lengths] width below which a missing part is the error of an edge
+_FEATURE = 2.0  # [noise lengths^2] largest part that may be missing by chance
+_AGREES = 1.5  # [sigma] within which scan and model agree
+_ABRUPT = 0.6  # [-] share of such pixels among those within 3 sigma around a missing part, of a dent less
+_FEW_RAYS = 120  # parallel rays below which lines of sight replace them
+_THIN = 0.75  # [-] share of the parallel rays that stay clear of edges, below which lines of sight replace them
+_SIGHTS = 1000  # lines of sight, about
+_STEEP = np.cos(np.deg2rad(65.0))  # cosine of incidence below which a ray does not count
 _TOGETHER = 3.0  # [spacings] between neighbouring points of one surface
 _PART = 0.1  # [-] explained share of a scanned surface, above which all of it should belong to the model
 _PATCHES = 9.0  # [-] model radius over the edge of a patch
 _PATCH_RAYS = 5  # rays in a patch, at least
 _PATCH_TRIM = 0.25  # [-] share of patches that may be fouled or dented
-_LIKELIHOOD_PIXELS = 40_000  # pixels of the thinned scan that the likelihood counts, at most about
-_MOST_COST = 9.0  # [sigma^2] largest cost of a pixel that contradicts the model
-_UNEXPLAINED_COST = 4.0  # [sigma^2] cost of a masked pixel that the model does not cover
 # Limits on shares of rays and edges (0..1) and on figures in units of the noise. They lie between true poses (clean,
 # fouled, up to 66 % hidden) and poses 10 deg or 3 cm off; scripts/studies/decisions.py counts their errors.
 MAX_FIGURE = 1.0  # [sigma]; true poses reach 0.85
@@ -58,7 +67,10 @@ MAX_BEYOND = 0.25  # [-] unexplained share of the scanned surface around the mod
 MIN_COVERAGE = 0.25  # [-] least share of the expected rays on which the scan shows the object
 WHOLE = 0.5  # [-] coverage above which another scan is not expected to remove a contradiction
 MAX_MOVE = (0.003, 0.005)  # [m] and share of the range by which another ICP may move the pose
-MAX_SIZE = (0.03, 3.0)  # [-] by which the best scale may differ from 1, plus so many of its sigma
+# [m], share of the range and [rad]: half of what still counts as found, 5 mm + 0.3 % and 3 deg
+MAX_SIGMA = (0.0025, 0.0015, np.deg2rad(1.5))
+MAX_SIZE = 0.025  # [-] by which the best scale may differ from 1: midway to an object 5 % larger or smaller
+MAX_SIZE_SIGMA = 0.02  # [-] standard deviation of the scale above which this does not tell it from 1
 MIN_MARGIN = 6.0  # [nat] over every other pose; right poses among near twins (an uneven starfish) reach 8
 
 
@@ -117,7 +129,6 @@ class _Rays:
     """Rays along o where the sensor should see the model, and their classes. All (n,) or (n, 3)."""
 
     C_model: Array  # [m] in S
-    starts: Array
     o: Array  # (3,)
     E: Array  # [m] scan behind (+) or in front of (-) the model; inf where the ray misses the scan
     sigma: Array  # [m] of E
@@ -134,7 +145,12 @@ class _Rays:
 
 
 def check(
-    evidence: Evidence, surface: ModelSurface, X_ST: Array, fit: IcpFit | None = None, others: float = -np.inf
+    evidence: Evidence,
+    surface: ModelSurface,
+    X_ST: Array,
+    fit: IcpFit | None = None,
+    others: float | None = None,
+    covariance: PoseCovariance | None = None,
 ) -> PoseCheck:
     """Verify the pose `X_ST` of the model against the scan.
 
@@ -144,7 +160,8 @@ def check(
         X_ST: (4, 4) pose of T in S.
         fit: Result of `fine_fit` at `X_ST`, or at a pose equal to it by declared symmetry. None: ICP is run from
             `X_ST`.
-        others: [nat] log likelihood of the best other hypothesis.
+        others: [nat] log likelihood of the best other hypothesis; None: of the best pose that looks alike.
+        covariance: Of the pose; None: it is not judged.
 
     Returns:
         Figures, limits and decision. The decision is RESCAN where too few rays meet the object.
@@ -178,9 +195,14 @@ def check(
     if fit is None:
         move = _rms_distance(transform_points(rest.X_ST, points), transform_points(X_ST, points))
     move_threshold = MAX_MOVE[0] + MAX_MOVE[1] * float(np.linalg.norm(rays.C_model.mean(axis=0)))
-    size_threshold = MAX_SIZE[0] + MAX_SIZE[1] * rest.size_sigma
-    margin = log_likelihood(evidence, surface, X_ST) - max(others, best_alternative(evidence, surface, X_ST))
-    undeclared = len(rest.free) - (surface.target.symmetry.axis is not None)
+    size_threshold = MAX_SIZE
+    if others is None:
+        others = best_alternative(evidence, surface, X_ST)
+    margin = log_likelihood(evidence, surface, X_ST) - others
+    missing, least = _missing(evidence, surface, X_ST)
+    size_sigma = covariance.size_sigma if covariance is not None else rest.size_sigma
+    loose, doubt = _looseness(covariance, float(np.linalg.norm(rays.C_model.mean(axis=0))))
+    undeclared = len(rest.free) - (surface.symmetry.axis is not None)
 
     against = [
         text
@@ -198,6 +220,7 @@ def check(
             ),
             (abs(rest.size - 1.0) > size_threshold, f"at {rest.size:.2f} times its size it fits better"),
             (margin < -MIN_MARGIN, "another pose fits better"),
+            (missing > least, f"{missing} connected pixels of the model are missing, at most {least} may be"),
         )
         if failed
     ]
@@ -208,6 +231,8 @@ def check(
             (edge_share < MIN_EDGE_SHARE, f"only {edge_share:.0%} of the model's edges are in the scan"),
             (undeclared > 0, "this view does not hold the whole pose: the model can slide or turn on what is seen"),
             (abs(margin) <= MIN_MARGIN, "another pose fits as well"),
+            (size_sigma > MAX_SIZE_SIGMA, f"its size is seen to {size_sigma:.1%} only, need {MAX_SIZE_SIGMA:.1%}"),
+            (loose, f"this view holds the pose to {doubt} only, one standard deviation"),
         )
         if failed
     ]
@@ -241,43 +266,61 @@ def check(
     )
 
 
-def _cast(evidence: Evidence, surface: ModelSurface, X_ST: Array, points: Array) -> _Rays | str:
-    """Cast the rays on both surfaces, over the visible model `points` (m, 3) [m] in S; a reason if too few meet it."""
-    sensor, scan = evidence.sensor, evidence.scan
-    H_D, o = direction(points)
-    starts = curves(H_D, o, points)
-    X_TS = inverse(X_ST)
-    on_model = surface.scene.cast(transform_points(X_TS, starts), np.broadcast_to(o @ X_TS[:3, :3].T, starts.shape))
-    hit = np.isfinite(on_model["t"])
-    hit &= clear_of_edges(
-        surface, X_TS, starts, on_model["t"], o, _ACROSS_EDGES * scan.pitch * float(np.linalg.norm(H_D))
-    )
-    t_model, starts = on_model["t"][hit], starts[hit]
-    C_model = starts + t_model[:, None] * o
-    # The rays are parallel, the sensor's lines of sight are not: keep rays whose model point the sensor itself should
-    # see.
-    line = C_model / np.linalg.norm(C_model, axis=1, keepdims=True)
-    origin_T = X_TS[:3, 3]
-    sight = surface.scene.distance(origin_T, transform_points(X_TS, C_model) - origin_T)
-    cosine = np.abs(np.einsum("ij,ij->i", on_model["normal"][hit] @ X_ST[:3, :3].T, line))
-    row, column, inside = scan.pixels(C_model)
-    expected = (sight > 0.995) & (cosine > np.cos(np.deg2rad(65.0))) & inside
-    if expected.sum() < _MIN_RAYS:
-        return f"only {int(expected.sum())} check rays meet the visible model; need {_MIN_RAYS}"
-    C_model, starts, t_model, cosine = C_model[expected], starts[expected], t_model[expected], cosine[expected]
-    row, column = row[expected], column[expected]
+def _missing(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> tuple[int, int]:
+    """Pixels of the largest part of the model that the scan sees through, and how many may be by chance.
 
-    part = scan.part(scan.window(C_model, 0.05, _SURFACE_PIXELS))
-    t_scan = distances_along(part, starts, o)
-    if t_scan is None:
-        return "the scan has no surface"
-    met = np.isfinite(t_scan)
-    E = np.where(met, t_scan - t_model, np.inf)
+    The part is a connected region of pixels in which the scan lies behind the model by 3 sigma or more, wider than the
+    errors at an edge. At its rim the distance must jump: a dent begins gently.
+    """
+    window = evidence.scan.window(transform_points(X_ST, surface.points), 0.05, _SURFACE_PIXELS)
+    scan = evidence.scan.part(window)
+    depth = surface.depth(X_ST, scan)
+    shown = np.isfinite(depth) & np.isfinite(scan.depth)
+    sigma = evidence.sensor.sigma(np.where(shown, depth, 1.0))
+    behind = np.where(shown, scan.depth - depth, 0.0) / sigma
+    cell = evidence.sensor.noise_length * evidence.scan.pitch / scan.pitch  # [px] of one independent reading
+    wide = 2 * int(np.ceil(0.5 * _RIM * cell)) + 1
+    label, count = ndimage.label(ndimage.binary_opening(behind > 3.0, np.ones((wide, wide))))
+    least = round(_FEATURE * cell**2)
+    rough, agrees = shown & (np.abs(behind) < 3.0), shown & (np.abs(behind) < _AGREES)
+    largest = 0
+    for part in range(1, count + 1):
+        inside = label == part
+        rim = ndimage.binary_dilation(inside, iterations=wide) & shown & ~inside
+        deep = np.median((behind * sigma)[inside]) > OCCLUDER  # deeper than any dent
+        if inside.sum() > max(largest, least) and (deep or agrees[rim].sum() > _ABRUPT * max(1, rough[rim].sum())):
+            largest = int(inside.sum())
+    return largest, least
+
+
+def _looseness(covariance: PoseCovariance | None, range_m: float) -> tuple[bool, str]:
+    """Whether the position or the rotation, declared symmetry aside, is held too loosely; and how loosely."""
+    if covariance is None:
+        return False, ""
+    position, angle = covariance.held_sigmas
+    limit, turn = MAX_SIGMA[0] + MAX_SIGMA[1] * range_m, MAX_SIGMA[2]
+    return position > limit or angle > turn, f"{1e3 * position:.1f} mm and {np.rad2deg(angle):.1f} deg"
+
+
+def _cast(evidence: Evidence, surface: ModelSurface, X_ST: Array, points: Array) -> _Rays | str:
+    """Compare both surfaces along rays over the visible model `points` (m, 3) [m] in S; a reason if too few meet it.
+
+    The rays are parallel [Konoplin 2022]. On bars and grids many of them pass near an edge: lines of sight replace
+    them.
+    """
+    met = _parallel(evidence, surface, X_ST, points)
+    if met is None or len(met.C_model) < _FEW_RAYS or met.clear < _THIN:
+        by_sight = _lines_of_sight(evidence, surface, X_ST)
+        met = by_sight if met is None or len(by_sight.C_model) > len(met.C_model) else met
+    if len(met.C_model) < _MIN_RAYS:
+        return f"only {len(met.C_model)} check rays meet the visible model; need {_MIN_RAYS}"
+    sensor, scan, C_model, cosine, E = evidence.sensor, evidence.scan, met.C_model, met.cosine, met.E
     z = C_model[:, 2]
     pitch = scan.pitch * z
     slope = np.sqrt(np.maximum(1.0 - cosine**2, 0.0)) / cosine
     sigma = np.sqrt(sensor.sigma(z) ** 2 + (pitch * slope) ** 2 + MODEL_TOLERANCE**2)
     # The ray starts in front of the object and an occluder may lie nearer: only the sensor's line of sight shows it.
+    row, column, _ = scan.pixels(C_model)
     top, left = max(0, int(row.min()) - 2), max(0, int(column.min()) - 2)
     first = scan.depth[top : int(row.max()) + 3, left : int(column.max()) + 3]
     first = np.where(np.isfinite(first), first, np.inf)
@@ -286,12 +329,82 @@ def _cast(evidence: Evidence, surface: ModelSurface, X_ST: Array, points: Array)
     occluder = np.maximum(OCCLUDER, 6.0 * sigma)
     hidden = (around < z - occluder) | (-occluder > E)
     # Where the ray meets no triangle the line of sight decides: the scan lies behind, or there is no depth around.
-    past = ~met & np.where(np.isfinite(around), around > z + 3.0 * sigma, True)
+    meets = np.isfinite(E)
+    past = ~meets & np.where(np.isfinite(around), around > z + 3.0 * sigma, True)
     past &= np.isfinite(around) | ~np.isfinite(ndimage.minimum_filter(first, 5)[row, column])
     near = ~hidden & (np.abs(E) < 3.0 * sigma)
-    through = ~hidden & ((met & (3.0 * sigma <= E)) | past)
-    before = ~hidden & met & (-3.0 * sigma >= E)
-    return _Rays(C_model, starts, o, E, sigma, pitch, hidden, near, through, near | through | before)
+    through = ~hidden & ((meets & (3.0 * sigma <= E)) | past)
+    before = ~hidden & meets & (-3.0 * sigma >= E)
+    return _Rays(C_model, met.o, E, sigma, pitch, hidden, near, through, near | through | before)
+
+
+class _Met(NamedTuple):
+    """Rays that meet the model where the sensor should see it."""
+
+    C_model: Array  # (n, 3) [m] in S
+    cosine: Array  # (n,) of the angle of incidence
+    E: Array  # (n,) [m] scan behind (+) or in front of (-) the model; inf where the ray misses the scan
+    o: Array  # (3,) unit, their mean direction
+    clear: float  # [-] share of the rays that stay clear of the model's edges
+
+
+def _parallel(evidence: Evidence, surface: ModelSurface, X_ST: Array, points: Array) -> _Met | None:
+    """Rays along o from the curves; None if the scan has no surface."""
+    scan = evidence.scan
+    H_D, o = direction(points)
+    starts = curves(H_D, o, points)
+    X_TS = inverse(X_ST)
+    on_model = surface.scene.cast(transform_points(X_TS, starts), np.broadcast_to(o @ X_TS[:3, :3].T, starts.shape))
+    meets = np.isfinite(on_model["t"])
+    hit = meets & clear_of_edges(
+        surface, X_TS, starts, on_model["t"], o, _ACROSS_EDGES * scan.pitch * float(np.linalg.norm(H_D))
+    )
+    clear = float(hit.sum() / max(1, meets.sum()))
+    t_model, starts = on_model["t"][hit], starts[hit]
+    C_model = starts + t_model[:, None] * o
+    # The rays are parallel, the sensor's lines of sight are not: keep rays whose model point the sensor itself should
+    # see.
+    line = C_model / np.linalg.norm(C_model, axis=1, keepdims=True)
+    origin_T = X_TS[:3, 3]
+    sight = surface.scene.distance(origin_T, transform_points(X_TS, C_model) - origin_T)
+    cosine = np.abs(np.einsum("ij,ij->i", on_model["normal"][hit] @ X_ST[:3, :3].T, line))
+    expected = (sight > 0.995) & (cosine > _STEEP) & scan.pixels(C_model)[2]
+    C_model, starts, t_model, cosine = C_model[expected], starts[expected], t_model[expected], cosine[expected]
+    if not len(C_model):
+        return None
+    part = scan.part(scan.window(C_model, 0.05, _SURFACE_PIXELS))
+    t_scan = distances_along(part, starts, o)
+    if t_scan is None:
+        return None
+    return _Met(C_model, cosine, np.where(np.isfinite(t_scan), t_scan - t_model, np.inf), o, clear)
+
+
+def _lines_of_sight(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> _Met:
+    """Lines of sight of pixels whose neighbours see the same face of the model."""
+    scan = evidence.scan
+    window = scan.window(transform_points(X_ST, surface.points), 0.0, _SURFACE_PIXELS)
+    part = scan.part(window)
+    model, cosine = surface.seen(X_ST, part)
+    z = np.where(np.isfinite(model.depth), model.depth, np.inf)
+    step = jump(model.depth)
+    clear = np.isfinite(model.depth)
+    with np.errstate(invalid="ignore"):
+        for axis in (0, 1):
+            for side in (-1, 1):
+                clear &= np.abs(np.roll(z, side, axis=axis) - z) < step
+    rows, columns = np.nonzero(clear & (cosine > _STEEP))
+    every = max(1, len(rows) // _SIGHTS)
+    rows, columns = rows[::every], columns[::every]
+    C_model, behind = model.points[rows, columns], part.depth[rows, columns] - model.depth[rows, columns]
+    along = np.linalg.norm(C_model, axis=1) / C_model[:, 2]
+    o = C_model.sum(axis=0) if len(C_model) else np.array([0.0, 0.0, 1.0])
+    return _Met(
+        C_model=C_model,
+        cosine=cosine[rows, columns],
+        E=np.where(np.isfinite(behind), behind * along, np.inf),
+        o=o / np.linalg.norm(o),
+        clear=1.0,
+    )
 
 
 def direction(points: Array) -> tuple[Array, Array]:
@@ -388,60 +501,14 @@ def _form(points: Array, E: Array, size: float) -> float:
 
 
 def _beyond(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> float:
-    """Share of the scanned surfaces connected to the model at `X_ST` that it does not explain."""
+    """Share of the scanned surfaces that pass smoothly into the model at `X_ST` and that it does not explain.
+
+    A neighbour that touches the object meets it at a crease, and is another surface.
+    """
     on_model = explained(evidence, surface, X_ST)
-    label = connected_surfaces(evidence.points, _TOGETHER * surface.spacing)
+    label = connected_surfaces(evidence.points, _TOGETHER * surface.spacing, evidence.normals)
     taken = (np.bincount(label, weights=on_model) > _PART * np.bincount(label))[label]
     return float(1.0 - on_model[taken].mean()) if taken.any() else 0.0
-
-
-def log_likelihood(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> float:
-    """Log likelihood of the scan with the model at `X_ST`, up to a constant common to all poses.
-
-    Each pixel's depth is compared with the model's, in units of the sensor's noise. The cost is clipped, which leaves
-    room for growth and dents. A share of points within a tolerance cannot tell a plate from the same plate turned
-    round, because every single difference drowns in noise; a sum of squares over hundreds of pixels can.
-
-    Pixels without depth, and background pixels that the model does not cover, contribute nothing.
-
-    Args:
-        evidence: Scan and mask of the object.
-        surface: Sampled model.
-        X_ST: (4, 4) pose of T in S.
-
-    Returns:
-        The log likelihood [nat].
-    """
-    rows, columns = evidence.mask.shape
-    step = int(np.ceil(np.sqrt(max(1.0, rows * columns / _LIKELIHOOD_PIXELS))))
-    scan = evidence.scan.part((slice(0, rows, step), slice(0, columns, step)))
-    depth = surface.depth(X_ST, scan)
-    shown = np.isfinite(depth) & np.isfinite(scan.depth)
-    sigma = evidence.sensor.sigma(np.where(shown, depth, 1.0))
-    behind = np.where(shown, scan.depth - depth, 0.0)
-    shown &= behind > -np.maximum(OCCLUDER, 6.0 * sigma)  # pixels of an occluder carry no information on the model
-    cost = np.where(evidence.mask[::step, ::step] & np.isfinite(scan.depth), _UNEXPLAINED_COST, 0.0)
-    cost[shown] = np.minimum((behind[shown] / sigma[shown]) ** 2, _MOST_COST)
-    return -0.5 * float(evidence.sensor.independent(step) * cost.sum())
-
-
-def best_alternative(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> float:
-    """Log likelihood of the scan at the best fitted pose that looks nearly as `X_ST` does.
-
-    Args:
-        evidence: Scan of the object.
-        surface: Sampled model.
-        X_ST: (4, 4) pose of T in S.
-
-    Returns:
-        The log likelihood [nat]; -inf if no such pose exists.
-    """
-    best = -np.inf
-    for G in ambiguous_poses(surface):
-        fitted = fine_fit(evidence, surface, X_ST @ G, rounds=1).X_ST
-        if are_different(surface.target.symmetry, fitted, X_ST):  # else ICP has returned to X_ST
-            best = max(best, log_likelihood(evidence, surface, fitted))
-    return best
 
 
 def _unmade(reason: str) -> PoseCheck:

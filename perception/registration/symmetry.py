@@ -18,15 +18,25 @@ from scipy.spatial import cKDTree
 
 from models.objects.target_model import Symmetry
 from perception.clouds.nearest_point import NearestPoint
-from perception.registration.fine_fit import Evidence, ModelSurface
+from perception.registration.evidence import Evidence
+from perception.registration.model_surface import ModelSurface
 from sim.interfaces.spatial import Array, exp_so3, inverse, pose, transform_points
 
 # Near symmetry
 _FOLDS = (2, 3, 4, 5, 6, 8)  # n of the rotations by multiples of 360/n deg
-_ALIKE = 0.06  # [-] rms distance between the surfaces, as a share of the radius, up to which a rotation is tried
-_COMPARED = 600  # model points compared, about
+_ALIKE = 0.08  # [-] rms distance between the surfaces, as a share of the radius, up to which a rotation is tried
+_ROUND = np.deg2rad(5.0) * np.arange(1, 72)  # [rad] tried where all folds look alike: a flange with its bolts
+_SETTLED = 6  # iterations of ICP of the turned model with itself: a lug moves the centroid off the axis
+_TRIMMED = 0.8  # [-] share of the points, the nearest ones, that these pair
+_PERIODS = (0.05, 0.8)  # [radii] range of the periods sought
+_OVERLAP = 0.4  # [-] share of the points that a translation by a period leaves within the model's length, at least
+_PERIODIC = 0.6  # [-] rms distance after a period over the largest one before it, at most
+_MOST_PERIODS = 3  # along an axis
+_SCREWS = np.arange(1, 7) / 12.0  # [turns] of a screw that are tried, either way
+_SHIFTED = 100  # points compared, about
+_COMPARED = 200  # model points compared, about
 _FEW = 10  # shares in which these points are compared, until they exclude the rotation
-_TRIED = 6  # rotations kept, the most similar first
+_TRIED = 96  # rotations kept, the most similar first
 # Broken symmetry
 _STEP = np.deg2rad(3.0)  # [rad] between the angles tried
 _FINE = np.linspace(-1.0, 1.0, 13)  # [steps] angles tried around the best one
@@ -47,33 +57,91 @@ _OTHER = np.deg2rad(15.0)  # [rad] beyond which two angles count as different
 def ambiguous_poses(surface: ModelSurface) -> tuple[Array, ...]:
     """Poses G (4, 4) in T such that the model at X G looks nearly as at X, most similar first; may be empty.
 
-    Rotations by multiples of 360/n deg, n from `_FOLDS` (2 to 8), about the principal axes and the axes of T. They pass
-    through the centroid of the surface and through the centre of its bounding box.
+    Rotations by multiples of 360/n deg, n from `_FOLDS` (2 to 8), and where all of these look alike, of 5 deg, about
+    the principal axes and the axes of T. They pass through the centroid of the surface and through the centre of its
+    bounding box.
     """
     points = surface.points[:: max(1, len(surface.points) // _COMPARED)]
     tree = cKDTree(surface.points)
-    symmetry = surface.target.symmetry
+    folds = sorted({2.0 * np.pi * k / n for n in _FOLDS for k in range(1, n)})
     found: list[tuple[float, Array]] = []
     for middle in (surface.points.mean(axis=0), surface.center):
         main = np.linalg.eigh(np.cov((surface.points - middle).T))[1].T
         for axis in np.vstack([main, np.eye(3)]):
-            for angle in sorted({2.0 * np.pi * k / n for n in _FOLDS for k in range(1, n)}):
-                R = exp_so3(angle * axis)
-                G = pose(R, middle - R @ middle)
-                if not all(are_different(symmetry, G, Y) for Y in (np.eye(4), *(Y for _, Y in found))):
+            turns = [pose(R, middle - R @ middle) for R in (exp_so3(angle * axis) for angle in (*folds, *_ROUND))]
+            alike = 0
+            for k, G in enumerate(turns):
+                if k == len(folds) and alike < len(folds):
+                    break  # not nearly round
+                unlike = _unlikeness(tree, points, G, _ALIKE * surface.radius)
+                if unlike is None:
                     continue
-                moved = transform_points(G, points)
-                distance, total = np.empty(len(moved)), 0.0
-                for k in range(_FEW):  # the distances of a few points alone exclude most rotations
-                    distance[k::_FEW] = tree.query(moved[k::_FEW])[0]
-                    total += float(np.sum(distance[k::_FEW] ** 2))
-                    if total > 1.01 * len(moved) * (_ALIKE * surface.radius) ** 2:
-                        break
-                else:
-                    unlike = float(np.sqrt(np.mean(distance**2)))
-                    if unlike <= _ALIKE * surface.radius:
-                        found.append((unlike, G))
-    return tuple(G for _, G in sorted(found, key=lambda item: item[0]))[:_TRIED]
+                alike += 1
+                G = _settled(tree, points, G)
+                others = [] if k >= len(folds) else [Y for _, Y in found]
+                if all(are_different(surface.symmetry, G, Y) for Y in (np.eye(4), *others)):
+                    found.append((unlike, G))
+    turned = tuple(G for _, G in sorted(found, key=lambda item: item[0]))[:_TRIED]
+    return turned + tuple(_shifts(surface, points, tree))
+
+
+def _settled(tree: cKDTree, points: Array, G: Array) -> Array:
+    """Pose (4, 4) near `G` that lays the points (n, 3) best on those of the tree: trimmed ICP [Arun 1987]."""
+    for _ in range(_SETTLED):
+        moved = transform_points(G, points)
+        distance, index = tree.query(moved)
+        kept = distance <= np.quantile(distance, _TRIMMED)
+        a, b = moved[kept], tree.data[index[kept]]
+        U, _, Vt = np.linalg.svd((b - b.mean(axis=0)).T @ (a - a.mean(axis=0)))
+        R = U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt
+        G = pose(R, b.mean(axis=0) - R @ a.mean(axis=0)) @ G
+    return G
+
+
+def _shifts(surface: ModelSurface, points: Array, tree: cKDTree) -> list[Array]:
+    """Poses G (4, 4) by which a periodic model looks alike: along a principal axis by a period, or as a screw."""
+    middle = surface.points.mean(axis=0)
+    some = points[:: max(1, len(points) // _SHIFTED)]
+    steps = np.arange(*_PERIODS, surface.spacing / surface.radius) * surface.radius
+    found: list[Array] = []
+    for axis in np.linalg.eigh(np.cov((surface.points - middle).T))[1].T:
+        length = float(np.ptp(surface.points @ axis))
+        off = np.array([_overlap(tree, some, step * axis, length) for step in steps])
+        if not np.isfinite(off).any():
+            continue
+        # A period brings the surfaces together again, after they have been apart.
+        limit = min(_PERIODIC * off[np.isfinite(off)].max(), _ALIKE * surface.radius)
+        periods = steps[1:-1][(off[1:-1] <= off[:-2]) & (off[1:-1] < off[2:]) & (off[1:-1] < limit)]
+        for period in periods[:_MOST_PERIODS]:
+            found += [pose(p=sign * period * axis) for sign in (1.0, -1.0)]
+            for share in _SCREWS:
+                for turn in (share, -share):
+                    R = exp_so3(2.0 * np.pi * turn * axis)
+                    G = pose(R, middle - R @ middle)
+                    for shift in (turn * period * axis, -turn * period * axis):  # of either hand
+                        if _overlap(tree, transform_points(G, some), shift, length) < limit:
+                            found.append(pose(p=shift) @ G)
+    return found[:_TRIED]
+
+
+def _overlap(tree: cKDTree, points: Array, shift: Array, length: float) -> float:
+    """Rms distance [m] of the shifted points (n, 3) that stay within the model; inf if too few do."""
+    share = 1.0 - np.linalg.norm(shift) / length
+    if share < _OVERLAP:
+        return np.inf
+    distance = np.sort(tree.query(points + shift)[0])[: int(share * len(points))]
+    return float(np.sqrt(np.mean(distance**2)))
+
+
+def _unlikeness(tree: cKDTree, points: Array, G: Array, limit: float) -> float | None:
+    """Rms distance [m] of the points (n, 3) moved by `G` (4, 4) from those of the tree; None above `limit`."""
+    moved = transform_points(G, points)
+    total = 0.0
+    for k in range(_FEW):  # the distances of a few points alone exclude most rotations
+        total += float(np.sum(tree.query(moved[k::_FEW])[0] ** 2))
+        if total > len(moved) * limit**2:
+            return None
+    return float(np.sqrt(total / len(moved)))
 
 
 def are_different(symmetry: Symmetry, A: Array, B: Array) -> bool:
@@ -84,12 +152,18 @@ def are_different(symmetry: Symmetry, A: Array, B: Array) -> bool:
 @lru_cache(maxsize=16)
 def asymmetric_parts(surface: ModelSurface) -> Array:
     """Points (n, 3) [m] in T of parts that the declared rotations do not map onto the mesh; none without an axis."""
-    axis, points = surface.target.symmetry.axis, surface.points
-    if axis is None:
+    symmetry, points = surface.symmetry, surface.points
+    if symmetry.axis is None:
         return np.zeros((0, 3))
     least = max(_OFF, 1.2 * surface.spacing)
     grid = NearestPoint.of(points, surface.spacing)
-    off = np.median([grid.query(points @ exp_so3(angle * axis).T, 2.0 * least)[0] for angle in _PROBES], axis=0)
+    off = np.median(
+        [
+            grid.query(transform_points(symmetry.about_center(exp_so3(angle * symmetry.axis)), points), 2.0 * least)[0]
+            for angle in _PROBES
+        ],
+        axis=0,
+    )
     parts = points[off > least]
     if len(parts) > _MOST * len(points):
         return np.zeros((0, 3))
@@ -107,12 +181,12 @@ def resolve_symmetry(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> 
     Returns:
         The pose (4, 4), or None if the scan does not determine the angle.
     """
-    symmetry = surface.target.symmetry
+    symmetry = surface.symmetry
     if symmetry.axis is None or not len(asymmetric_parts(surface)):
         return None
 
     def turned(angles: Array, rotations: Array) -> list[Array]:
-        return [X_ST @ pose(G @ exp_so3(angle * symmetry.axis)) for G in rotations for angle in angles]
+        return [X_ST @ symmetry.about_center(G @ exp_so3(a * symmetry.axis)) for G in rotations for a in angles]
 
     angles = np.arange(0.0, 2.0 * np.pi, _STEP)
     poses = turned(angles, symmetry.rotations)

@@ -12,9 +12,11 @@ import numpy as np
 from scipy import ndimage
 
 from perception.clouds.scan import MIN_POINTS, jump, without_flying_pixels
-from perception.registration.fine_fit import Evidence, ModelSurface, fine_fit
+from perception.registration.evidence import Evidence
+from perception.registration.fine_fit import fine_fit
 from perception.registration.identification import Identification
-from perception.registration.pose_check import OCCLUDER
+from perception.registration.likelihood import OCCLUDER
+from perception.registration.model_surface import ModelSurface
 from perception.toolpath.path_deviation import POSE_ERROR, SEEN_WELL
 from sim.interfaces.errors import ConfigurationError, PerceptionError
 from sim.interfaces.spatial import Array, inverse, readonly, transform_points
@@ -186,4 +188,4 @@ def _refitted(evidence: Evidence, surface: ModelSurface, X_ST: Array, deformed: 
     if not deformed.any() or rest.sum() < MIN_POINTS:
         return X_ST
     fit = fine_fit(Evidence.of(evidence.scan, rest, 0.8 * surface.spacing, evidence.sensor), surface, X_ST)
-    return X_ST if len(fit.free) > (surface.target.symmetry.axis is not None) else fit.X_ST
+    return X_ST if len(fit.free) > (surface.symmetry.axis is not None) else fit.X_ST

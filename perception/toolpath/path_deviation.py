@@ -17,7 +17,8 @@ from scipy.spatial import cKDTree
 
 from models.objects.targets import ModelPath
 from perception.clouds.scan import distances_along, jump
-from perception.registration.fine_fit import Evidence, ModelSurface
+from perception.registration.evidence import Evidence
+from perception.registration.model_surface import ModelSurface
 from sim.interfaces.errors import PerceptionError
 from sim.interfaces.spatial import Array, inverse, transform_points
 

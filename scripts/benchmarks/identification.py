@@ -12,7 +12,7 @@ depth frame. A pose counts as found within 1 % of the range and 5 deg, modulo de
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from importlib import import_module
 from importlib.util import find_spec
@@ -23,9 +23,11 @@ import numpy as np
 
 from models.meshes import open3d_loader
 from perception.clouds.scan import facing_normals
-from perception.registration.fine_fit import Evidence, ModelSurface, fine_fit, score
+from perception.registration.evidence import Evidence, score
+from perception.registration.fine_fit import fine_fit
 from perception.registration.identification import identify
 from perception.registration.initialiser import Expected, initial_poses
+from perception.registration.model_surface import ModelSurface
 from scenarios.object_scenes import ObjectScene, object_scene, target_of
 from scenarios.start import parse, run_scenario
 from scenarios.study import Row, Study, StudyOptions, Summary, Table
@@ -209,14 +211,12 @@ def fit_times(case: SceneInput, rng: np.random.Generator) -> dict[str, float]:
     evidence, scene = case.evidence, case.scene
     points = evidence.scan.points[evidence.mask]
     points = points[rng.choice(len(points), FIT_POINTS, replace=len(points) < FIT_POINTS)]
-    dense = Evidence(
-        evidence.scan,
-        evidence.mask,
-        points,
-        facing_normals(points),
-        evidence.sensor.sigma(points[:, 2]),
-        np.ones(FIT_POINTS),
-        evidence.sensor,
+    dense = replace(
+        evidence,
+        points=points,
+        normals=facing_normals(points),
+        sigma=evidence.sensor.sigma(points[:, 2]),
+        independent=np.ones(FIT_POINTS),
     )
     turn, aside = rng.normal(size=(2, 3))
     X_near = scene.X_CT @ pose(exp_so3(FIT_START[1] * turn / np.linalg.norm(turn)))

@@ -116,8 +116,7 @@ class ObjectScene:
         Returns:
             Distance of the object's centres [m], rotation angle [rad].
         """
-        X = np.array(X_CT)
-        X[:3, :3] = self.target.symmetry.nearest(X[:3, :3], self.X_CT[:3, :3])
+        X = self.target.symmetry.nearest_pose(np.asarray(X_CT), self.X_CT[:3, :3])
         center = self.target.center
         off = float(np.linalg.norm(transform_points(X, center) - transform_points(self.X_CT, center)))
         return off, self.target.symmetry.error(X, self.X_CT)[1]

@@ -393,10 +393,9 @@ def _path_pose(recording: Recording, truth: TrueObject) -> Array:
 
     A rotation of symmetry leaves the object unchanged but moves the path.
     """
-    X_WT = np.array(truth.X_WT)
-    if recording.targets:
-        X_WT[:3, :3] = truth.model.symmetry.nearest(X_WT[:3, :3], recording.targets[-1].X_WT[:3, :3])
-    return X_WT
+    if not recording.targets:
+        return np.array(truth.X_WT)
+    return truth.model.symmetry.nearest_pose(np.array(truth.X_WT), recording.targets[-1].X_WT[:3, :3])
 
 
 def tool_tilt(recording: Recording, truth: TrueObject) -> tuple[Array, Array]:

@@ -12,6 +12,7 @@ from perception.clouds.cloud_files import load_cloud
 from perception.clouds.scan import SIGMA_ALLOWED, SensorModel
 from perception.registration.identification import Identification, Method, identify
 from perception.registration.pose_check import PoseCheck
+from perception.registration.pose_covariance import PoseCovariance
 from scenarios.object_scenes import object_scene
 from scenarios.site import with_growth_and_dents
 from sim.interfaces.errors import ConfigurationError
@@ -132,6 +133,17 @@ def report(found: Identification, target: TargetModel, notes: list[str]) -> dict
         )
         return {name: number(getattr(check, name)) for name in names}
 
+    def doubt(covariance: PoseCovariance) -> dict[str, Any]:
+        return {
+            "position_sigma_m": number(covariance.position_sigma),
+            "rotation_sigma_rad": number(covariance.rotation_sigma),
+            "size_sigma": number(covariance.size_sigma),
+            "twist_m2": covariance.matrix.tolist(),
+            "free": covariance.free.tolist(),
+            "center_m": covariance.center.tolist(),
+            "radius_m": covariance.radius,
+        }
+
     return {
         "object": target.name,
         "decision": found.decision.value,
@@ -139,6 +151,7 @@ def report(found: Identification, target: TargetModel, notes: list[str]) -> dict
         "X_sensor_target": found.X_sensor_target.tolist(),
         "center_m": transform_points(found.X_sensor_target, target.center).tolist(),
         "check": None if found.check is None else figures(found.check),
+        "covariance": None if found.covariance is None else doubt(found.covariance),
         "score": found.score,
         "symmetry": {
             "axis": None if found.symmetry.axis is None else found.symmetry.axis.tolist(),

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from models.objects.barrel import BARREL_DIAMETER, BUNG, barrel
-from perception.registration.fine_fit import ModelSurface
 from perception.registration.identification import identify
+from perception.registration.model_surface import ModelSurface
 from scenarios.object_scenes import ObjectScene, object_scene
 from scenarios.study import Row, Summary, Table
 from sim.interfaces.spatial import exp_so3

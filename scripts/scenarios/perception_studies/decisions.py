@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from perception.registration.fine_fit import ModelSurface
 from perception.registration.identification import identify
+from perception.registration.model_surface import ModelSurface
 from perception.registration.paper_check import published_criterion
 from perception.registration.pose_check import Decision, check
 from scenarios.decision_scenes import KINDS, draw, object_of, wrong_poses

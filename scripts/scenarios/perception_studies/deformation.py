@@ -4,8 +4,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from perception.registration.fine_fit import ModelSurface
 from perception.registration.identification import Identification, identify
+from perception.registration.model_surface import ModelSurface
 from perception.target_finder import with_fused_frames
 from perception.toolpath.deformation import map_deformation
 from scenarios.object_scenes import object_scene, target_of

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from perception.registration.fine_fit import ModelSurface
 from perception.registration.identification import identify
+from perception.registration.model_surface import ModelSurface
 from scenarios.object_scenes import object_scene, target_of
 from scenarios.study import Row, Summary, Table
 

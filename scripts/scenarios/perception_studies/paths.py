@@ -14,8 +14,8 @@ from models.objects import deformed
 from models.objects.deformed import Deformed
 from models.objects.targets import ModelPath, TargetModel, barrel, longitudinal, pile, ring, transverse, vertical
 from perception.clouds.scan import Scan
-from perception.registration.fine_fit import ModelSurface
 from perception.registration.identification import Identification, identify
+from perception.registration.model_surface import ModelSurface
 from perception.target_finder import Frame, with_fused_frames
 from perception.toolpath.path_deviation import deviate
 from perception.toolpath.path_planner import carry, densified, plan_path

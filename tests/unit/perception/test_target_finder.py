@@ -8,8 +8,8 @@ import pytest
 from depth_scenes import look, seen_from
 from models.objects.targets import barrel
 from perception.clouds.scan import Scan
-from perception.registration.fine_fit import ModelSurface
 from perception.registration.identification import identify
+from perception.registration.model_surface import ModelSurface
 from perception.target_finder import Frame, fused, with_fused_frames
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import exp_so3, inverse, pose, readonly, transform_points

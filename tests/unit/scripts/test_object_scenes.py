@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from perception.registration.fine_fit import ModelSurface
 from perception.registration.identification import identify
+from perception.registration.model_surface import ModelSurface
 from sim.interfaces.errors import ConfigurationError
 
 

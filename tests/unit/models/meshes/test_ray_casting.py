@@ -118,7 +118,7 @@ def test_rays_need_no_open3d():
     """Nothing of the main job's sensors and perception imports it."""
     code = (
         "import sys, numpy as np; from models.objects import targets; "
-        "from perception.registration.fine_fit import ModelSurface; "
+        "from perception.registration.model_surface import ModelSurface; "
         "hit = ModelSurface.of(targets.barrel()).scene.cast(np.zeros(3), np.eye(3)); assert hit['t'].max() < 1.0; "
         "import sim.sensors.depth_camera, sim.sensors.sonar, perception.registration.identification; "
         "assert 'open3d' not in sys.modules"

@@ -12,8 +12,8 @@ from models.objects.targets import Symmetry, TargetModel, barrel
 from perception.clouds.cloud_files import load_cloud
 from perception.clouds.cloud_grid import lattice_grid, organised_grid, scatter_grid
 from perception.clouds.scan import Scan
-from perception.registration.fine_fit import ModelSurface
 from perception.registration.identification import identify
+from perception.registration.model_surface import ModelSurface
 from sim.interfaces.errors import PerceptionError
 from sim.interfaces.messages import DepthImage
 from sim.interfaces.spatial import Array, exp_so3
@@ -217,7 +217,7 @@ def written(folder: Path, points: Array) -> dict[str, Path]:
 def farthest(surface: ModelSurface, X: Array, Y: Array) -> float:
     """Largest distance [m] of a point of the model at one pose from the same at the other, but for its symmetry."""
     X = np.array(X)
-    X[:3, :3] = surface.target.symmetry.nearest(X[:3, :3], Y[:3, :3])
+    X[:3, :3] = surface.symmetry.nearest(X[:3, :3], Y[:3, :3])
     return float(np.linalg.norm(surface.points @ (X - Y)[:3, :3].T + (X - Y)[:3, 3], axis=1).max())
 
 

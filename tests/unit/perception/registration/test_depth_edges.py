@@ -5,7 +5,10 @@ import pytest
 
 from models.objects.target_model import TargetModel
 from perception.clouds.scan import Scan, SensorModel, contour, without_flying_pixels
-from perception.registration.fine_fit import Evidence, ModelSurface, edge_offsets, fine_fit
+from perception.registration.evidence import Evidence
+from perception.registration.fine_fit import fine_fit
+from perception.registration.model_surface import ModelSurface
+from perception.registration.pairing import edge_offsets
 from sim.interfaces.spatial import Array, exp_so3, pose
 from sim.sensors.stereo_noise import StereoNoise, add_noise
 

@@ -16,8 +16,8 @@ from depth_scenes import DEFAULT_NOISE, add_floor, coarse, look, random_view, se
 from models.meshes.closed_shells import box, joined, revolve
 from models.objects.targets import Symmetry, TargetModel, barrel
 from perception.clouds.scan import Scan, SensorModel, background, facing_normals
-from perception.registration.fine_fit import ModelSurface
 from perception.registration.identification import Identification, identify
+from perception.registration.model_surface import ModelSurface
 from perception.registration.pose_check import check
 from perception.target_finder import KnownObjectFinder
 from sim.interfaces.errors import ConfigurationError
@@ -153,8 +153,20 @@ def test_unknown_attitude_is_searched_for(within):
     assert result.symmetry.angle_known
 
 
-def test_attitudes_that_fit_alike_are_all_told(frame: DepthImage):
-    lone = replace(BARREL, symmetry=Symmetry())  # nobody says that its turns look the same
+def test_symmetry_that_nobody_declared_is_found_in_the_mesh(frame: DepthImage, within):
+    undeclared = replace(BARREL, symmetry=Symmetry())
+    result = identify(Scan.from_depth(frame), undeclared, VIEW[:3, 3])
+    assert result.accepted, result.reason
+    assert result.symmetry.axis is not None
+    within("axis", np.abs(result.symmetry.axis) - [1.0, 0.0, 0.0], 1e-6)
+    assert result.symmetry.turns == len(BARREL.symmetry.rotations)
+    position, angle = BARREL.symmetry.error(result.X_sensor_target, VIEW)
+    within("position [m]", position, 5e-3)
+    within("axis [rad]", angle, np.deg2rad(1.0))
+
+
+def test_attitudes_that_fit_alike_are_all_told(frame: DepthImage, surface: ModelSurface):
+    lone = replace(surface, symmetry=Symmetry())  # as if its turns did not look the same
     result = identify(Scan.from_depth(frame), lone, VIEW[:3, 3])
     first, *others = result.hypotheses
     assert others

@@ -7,9 +7,9 @@ from depth_scenes import look, seen_from
 from models.objects import targets
 from models.objects.target_model import TargetModel
 from perception.clouds.scan import Scan, SensorModel
-from perception.registration.fine_fit import ModelSurface
 from perception.registration.identification import identify
 from perception.registration.initialiser import Expected, initial_poses
+from perception.registration.model_surface import ModelSurface
 from sim.interfaces.spatial import exp_so3, pose, transform_points
 
 VALVE = targets.named("valve")

@@ -5,8 +5,9 @@ import pytest
 
 from models.objects.target_model import TargetModel
 from perception.clouds.scan import Scan, SensorModel, contour
-from perception.registration.fine_fit import Evidence, ModelSurface
-from perception.registration.pose_check import log_likelihood
+from perception.registration.evidence import Evidence
+from perception.registration.likelihood import log_likelihood
+from perception.registration.model_surface import ModelSurface
 from sim.interfaces.spatial import Array, pose
 
 SENSOR = SensorModel()

@@ -8,8 +8,8 @@ import pytest
 from depth_scenes import look, seen_from
 from models.objects import targets
 from perception.clouds.scan import Scan, SensorModel
-from perception.registration.fine_fit import ModelSurface
 from perception.registration.identification import identify
+from perception.registration.model_surface import ModelSurface
 from perception.registration.paper_icp import laid_on, paper_fit
 from perception.registration.pose_check import Decision
 from sim.interfaces.errors import ConfigurationError

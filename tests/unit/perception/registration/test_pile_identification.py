@@ -8,8 +8,8 @@ from depth_scenes import coarse, look, seen_from
 from models.meshes.ray_casting import RayScene
 from models.objects.targets import PILE_DIAMETER, PILE_LENGTH, ModelPath, helix, pile, ring, vertical
 from perception.clouds.scan import Scan
-from perception.registration.fine_fit import ModelSurface
 from perception.registration.identification import identify
+from perception.registration.model_surface import ModelSurface
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import exp_so3, pose
 

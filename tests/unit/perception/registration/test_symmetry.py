@@ -8,8 +8,9 @@ import pytest
 from depth_scenes import look, seen_from
 from models.objects.barrel import barrel
 from perception.clouds.scan import Scan, SensorModel
-from perception.registration.fine_fit import Evidence, ModelSurface
+from perception.registration.evidence import Evidence
 from perception.registration.identification import identify
+from perception.registration.model_surface import ModelSurface
 from perception.registration.symmetry import asymmetric_parts, resolve_symmetry
 from sim.interfaces.spatial import exp_so3
 

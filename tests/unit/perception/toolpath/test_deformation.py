@@ -9,8 +9,8 @@ from depth_scenes import look, seen_from
 from models.objects.deformed import Deformed, Patch, deformed
 from models.objects.targets import barrel
 from perception.clouds.scan import Scan, SensorModel
-from perception.registration.fine_fit import ModelSurface
 from perception.registration.identification import Identification, identify
+from perception.registration.model_surface import ModelSurface
 from perception.toolpath.deformation import map_deformation
 from sim.interfaces.errors import ConfigurationError, PerceptionError
 from sim.interfaces.spatial import pose

@@ -12,8 +12,8 @@ from models.meshes.nearest_surface import NearestSurface
 from models.meshes.ray_casting import RayScene
 from models.objects.targets import ModelPath, barrel, longitudinal, transverse
 from perception.clouds.scan import Scan
-from perception.registration.fine_fit import ModelSurface
 from perception.registration.identification import Identification, identify
+from perception.registration.model_surface import ModelSurface
 from perception.target_finder import KnownObjectFinder
 from perception.toolpath.path_deviation import scanned_axis
 from perception.toolpath.path_planner import carry, densified, plan_path, workable

@@ -1,0 +1,189 @@
+"""Symmetry of a mesh, found by turning it: the rotations under which no sensor can tell it from itself."""
+
+from collections.abc import Sequence
+from itertools import combinations
+
+import numpy as np
+
+from models.meshes.nearest_surface import NearestSurface
+from models.objects.target_model import Symmetry
+from sim.interfaces.spatial import Array, exp_so3, rotation_angle
+
+_ALIKE = 0.006  # [radii] distance between the surfaces, up to which they are the same; a 24-sided pipe is round
+_FOLDS = range(2, 13)  # orders of rotation that are tried
+_ROUND = np.deg2rad([13.0, 37.0, 71.0, 103.0, 163.0])  # [rad] turns that map only a surface of revolution onto itself
+_EQUAL = 0.02  # [-] relative difference of moments of inertia, up to which axes are not unique
+_SAMPLES = 1500  # points of the surface, and as many corners, that are turned
+_FIRST = 60  # of them that are turned first: they exclude most rotations
+_SCANNED = np.deg2rad(3.0)  # [rad] between the axes tried where the moments of inertia leave them open
+_REFINED = 20  # of the axes tried, the best ones that are refined
+_ITERATIONS = 15  # of ICP
+_SIGNS = np.array(
+    [[1.0, 1.0, 0.0], [1.0, -1.0, 0.0], [1.0, 1.0, 1.0], [1.0, 1.0, -1.0], [1.0, -1.0, 1.0], [-1.0, 1.0, 1.0]]
+)
+_SPHERE = 300  # axes tried where all moments are equal
+_SAME = np.deg2rad(1.5)  # [rad] between axes or rotations that count as one
+_LARGEST = 60  # rotations in a group: those of an icosahedron
+
+
+def mesh_symmetry(vertices: Array, triangles: np.ndarray, rng: np.random.Generator) -> Symmetry:
+    """Rotations that map a mesh onto itself within 0.6 % of its radius.
+
+    They turn about the centroid of the surface. Axes are sought along the principal axes of inertia, and where two
+    moments are equal, all around the third. A sphere has no single axis; it counts as without symmetry.
+
+    Args:
+        vertices: (V, 3) [m].
+        triangles: (T, 3) indices.
+        rng: Draws the points that are compared.
+
+    Returns:
+        An axis of revolution with half turns across it, or a discrete group.
+    """
+    shape = _Shape(vertices, triangles, rng)
+    moments, axes = np.linalg.eigh(shape.inertia)
+    for axis in axes.T:
+        if all(shape.is_like(exp_so3(angle * axis)) for angle in _ROUND):
+            return _of_revolution(shape, axis)
+    equal = np.diff(moments) < _EQUAL * moments[-1]
+    if equal.all():
+        found = shape.half_turns(_hemisphere(_SPHERE))
+        # Axes of third and fourth order pass midway between those of second order.
+        sums = [signs @ np.array(trio) for trio in combinations(found[:9], 3) for signs in _SIGNS]
+        candidates = _distinct([*found, *(axis / np.linalg.norm(axis) for axis in sums if np.linalg.norm(axis) > 0.1)])
+    elif equal.any():
+        main, side = (axes[:, 0] if equal[1] else axes[:, 2]), axes[:, 1]
+        around = np.array([exp_so3(angle * main) @ side for angle in np.arange(0.0, np.pi, _SCANNED)])
+        candidates = [main, *shape.half_turns(around)]
+    else:
+        candidates = list(axes.T)
+    return Symmetry(rotations=_group(shape, candidates), center=shape.center)
+
+
+def has_mirror_plane(vertices: Array, triangles: np.ndarray, rng: np.random.Generator) -> bool:
+    """Whether a reflection maps a mesh onto itself within 0.6 % of its radius; such a mesh has no other hand.
+
+    Args:
+        vertices: (V, 3) [m].
+        triangles: (T, 3) indices.
+        rng: Draws the points that are compared.
+    """
+    shape = _Shape(vertices, triangles, rng)
+    moments, axes = np.linalg.eigh(shape.inertia)
+    if any(shape.is_like(_reflection(axis)) for axis in axes.T):
+        return True
+    equal = np.diff(moments) < _EQUAL * moments[-1]
+    if not equal.any():
+        return False
+    main, side = (axes[:, 0] if equal[1] else axes[:, 2]), axes[:, 1]
+    normals = _hemisphere(_SPHERE)
+    if not equal.all():
+        normals = np.array([exp_so3(angle * main) @ side for angle in np.arange(0.0, np.pi, _SCANNED)])
+    return bool(shape.settled([_reflection(normal) for normal in normals]))
+
+
+def _reflection(normal: Array) -> Array:
+    return np.eye(3) - 2.0 * np.outer(normal, normal)
+
+
+class _Shape:
+    """A mesh with points on it that are turned and compared with it."""
+
+    def __init__(self, vertices: Array, triangles: np.ndarray, rng: np.random.Generator) -> None:
+        corners = vertices[triangles]
+        areas = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+        shares = areas / areas.sum()
+        self.center = shares @ corners.mean(axis=1)
+        # Of a triangle: its second moment about its centroid is the corners' mean square over 4.
+        off = corners - self.center
+        middle = off.mean(axis=1)
+        spread = np.einsum("t,tci,tcj->ij", shares, off, off) / 12.0 + 0.75 * np.einsum(
+            "t,ti,tj->ij", shares, middle, middle
+        )
+        self.inertia = np.trace(spread) * np.eye(3) - spread
+        used = vertices[np.unique(triangles)]
+        self.radius = float(np.linalg.norm(used - self.center, axis=1).max())
+        u, v = rng.random((2, _SAMPLES))
+        u, v = np.where(u + v > 1.0, (1.0 - u, 1.0 - v), (u, v))
+        a, b, c = corners[rng.choice(len(corners), size=_SAMPLES, p=shares)].transpose(1, 0, 2)
+        inner = a + u[:, None] * (b - a) + v[:, None] * (c - a)
+        outer = used[rng.permutation(len(used))[:_SAMPLES]]  # small parts have many corners
+        self.points = np.vstack([inner, outer])[rng.permutation(len(inner) + len(outer))] - self.center
+        self.surface = NearestSurface.of(vertices - self.center, triangles)
+
+    def is_like(self, R: Array) -> bool:
+        """True if the mesh turned by `R` is the mesh, within _ALIKE."""
+        limit = _ALIKE * self.radius
+        for points in (self.points[:_FIRST], self.points[_FIRST:]):
+            if self.surface.query(points @ R.T).distance.max() > limit:
+                return False
+        return True
+
+    def half_turns(self, axes: Array) -> list[Array]:
+        """Axes of half turns that map the shape onto itself, found by ICP from the best of `axes` (n, 3)."""
+        return _distinct([np.linalg.eigh(R + R.T)[1][:, -1] for R in self.settled([exp_so3(np.pi * a) for a in axes])])
+
+    def settled(self, maps: Sequence[Array]) -> list[Array]:
+        """Orthogonal maps (3, 3) of the shape onto itself, found by ICP from the best of `maps` [Arun 1987]."""
+        few, more = self.points[:_FIRST], self.points[: 5 * _FIRST]
+        off = [np.mean(self.surface.query(few @ R.T).distance ** 2) for R in maps]
+        found: list[Array] = []
+        for k in np.argsort(off, kind="stable")[:_REFINED]:
+            R = maps[k]
+            for _ in range(_ITERATIONS):
+                turned = more @ R.T
+                U, _, Vt = np.linalg.svd(self.surface.query(turned).point.T @ turned)
+                R = U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt @ R
+            if self.is_like(R):
+                found.append(R)
+        return found
+
+
+def _of_revolution(shape: _Shape, axis: Array) -> Symmetry:
+    across = np.cross(axis, np.eye(3)[int(np.abs(axis).argmin())])
+    flip = exp_so3(np.pi * across / np.linalg.norm(across))
+    rotations = [np.eye(3), flip] if shape.is_like(flip) else [np.eye(3)]
+    return Symmetry(axis=axis, rotations=np.stack(rotations), center=shape.center)
+
+
+def _group(shape: _Shape, axes: list[Array]) -> Array:
+    """Rotations (n, 3, 3) about the axes that map the shape onto itself, and their products; identity first."""
+    group = [np.eye(3)]
+    for axis in axes:
+        for fold in _FOLDS:
+            R = exp_so3(2.0 * np.pi / fold * axis)
+            if _is_new(R, group) and shape.is_like(R):
+                group = _closed([*group, R])
+    return np.stack(group)
+
+
+def _closed(rotations: list[Array]) -> list[Array]:
+    """The group that some rotations generate, to rounding."""
+    found: list[Array] = []
+    waiting = list(rotations)
+    while waiting and len(found) < _LARGEST:
+        R = waiting.pop(0)
+        if _is_new(R, found):
+            found.append(R)
+            waiting += [R @ B for B in rotations]
+    return found
+
+
+def _is_new(R: Array, group: list[Array]) -> bool:
+    return all(rotation_angle(R, G) > _SAME for G in group)
+
+
+def _distinct(axes: list[Array]) -> list[Array]:
+    """Axes of which none is another one or its opposite."""
+    kept: list[Array] = []
+    for axis in axes:
+        if all(np.linalg.norm(np.cross(axis, other)) > np.sin(_SAME) for other in kept):
+            kept.append(axis)
+    return kept
+
+
+def _hemisphere(count: int) -> Array:
+    """Unit vectors (count, 3), evenly spread over half a sphere: a Fibonacci spiral."""
+    k = np.arange(count) + 0.5
+    z, angle = k / count, k * np.pi * (3.0 - np.sqrt(5.0))
+    return np.column_stack([np.sqrt(1.0 - z**2) * np.cos(angle), np.sqrt(1.0 - z**2) * np.sin(angle), z])

@@ -1,0 +1,85 @@
+"""Likelihood of a scan, given the pose of a known model: what ranks poses, and what the best is compared with."""
+
+from functools import lru_cache
+
+import numpy as np
+
+from perception.registration.evidence import Evidence
+from perception.registration.model_surface import ModelSurface
+from sim.interfaces.spatial import Array, transform_points
+
+OCCLUDER = 0.06  # [m] in front of the model: nearer pixels show something else, not the object, fouled or not
+_PIXELS = 40_000  # pixels of the thinned scan that the likelihood counts, at most about
+_MOST_COST = 9.0  # [sigma^2] largest cost of a pixel that contradicts the model
+_UNEXPLAINED_COST = 4.0  # [sigma^2] cost of a masked pixel that the model does not cover
+
+
+def log_likelihood(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> float:
+    """Log likelihood of the scan with the model at `X_ST`, up to a constant common to all poses.
+
+    Each pixel's depth is compared with the model's, in units of the sensor's noise. The cost is clipped, which leaves
+    room for growth and dents. A share of points within a tolerance cannot tell a plate from the same plate turned
+    round, because every single difference drowns in noise; a sum of squares over hundreds of pixels can.
+
+    Pixels without depth, and background pixels that the model does not cover, contribute nothing.
+
+    Args:
+        evidence: Scan and mask of the object.
+        surface: Sampled model.
+        X_ST: (4, 4) pose of T in S.
+
+    Returns:
+        The log likelihood [nat].
+    """
+    window, step = _window(evidence, surface, X_ST)
+    scan, mask = evidence.scan.part(window), evidence.standing[window]
+    depth = surface.depth(X_ST, scan)
+    shown = np.isfinite(depth) & np.isfinite(scan.depth)
+    sigma = evidence.sensor.sigma(np.where(shown, depth, 1.0))
+    behind = np.where(shown, scan.depth - depth, 0.0)
+    shown &= behind > -np.maximum(OCCLUDER, 6.0 * sigma)  # pixels of an occluder carry no information on the model
+    cost = np.where(mask & np.isfinite(scan.depth), _UNEXPLAINED_COST, 0.0)
+    cost[shown] = np.minimum((behind[shown] / sigma[shown]) ** 2, _MOST_COST)
+    return -0.5 * float(evidence.sensor.independent(step) * cost.sum())
+
+
+def difference(evidence: Evidence, one: tuple[ModelSurface, Array], other: tuple[ModelSurface, Array]) -> float:
+    """Log likelihood [nat] by which two models at their poses are expected to differ on this scan's pixels.
+
+    Args:
+        evidence: Scan and sensor.
+        one: A sampled model and its pose X_ST (4, 4).
+        other: Another.
+
+    Returns:
+        The expected log likelihood ratio [nat], 0 where both look the same; occluded pixels do not count.
+    """
+    window, step = _window(evidence, *one)
+    scan = evidence.scan.part(window)
+    a, b = (surface.depth(X_ST, scan) for surface, X_ST in (one, other))
+    z = np.where(np.isfinite(a), a, np.where(np.isfinite(b), b, 1.0))
+    sigma = evidence.sensor.sigma(z)
+    seen = (np.isfinite(a) | np.isfinite(b)) & (scan.depth > z - np.maximum(OCCLUDER, 6.0 * sigma))
+    cost = np.where(np.isfinite(a) & np.isfinite(b), np.minimum(((a - b) / sigma) ** 2, _MOST_COST), _MOST_COST)
+    return 0.5 * float(evidence.sensor.independent(step) * cost[seen].sum())
+
+
+def _window(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> tuple[tuple[slice, slice], int]:
+    """Rows and columns around all that stands out and the model, and the step [px] to which they are thinned."""
+    box, step = _box(evidence)
+    model = evidence.scan.window(transform_points(X_ST, surface.target.vertices), 0.0, evidence.mask.size)
+    rows, columns = (
+        slice(min(a.start, b.start) // step * step, max(a.stop, b.stop), step) if b.stop > b.start else a
+        for a, b in zip(box, model, strict=True)
+    )
+    return (rows, columns), step
+
+
+@lru_cache(maxsize=4)
+def _box(evidence: Evidence) -> tuple[tuple[slice, slice], int]:
+    """Rows and columns around all that stands out, and the step [px] to which they are thinned."""
+    rows, columns = (np.flatnonzero(evidence.standing.any(axis=axis)) for axis in (1, 0))
+    area = float(np.ptp(rows) + 1) * float(np.ptp(columns) + 1)
+    step = int(np.ceil(np.sqrt(max(1.0, area / _PIXELS))))
+    box = tuple(slice(int(each[0]) // step * step, int(each[-1]) + 1, step) for each in (rows, columns))
+    return (box[0], box[1]), step

@@ -1,0 +1,79 @@
+"""Mirror image of a model as a rival: an object of the other hand may fit nearly as well, and is another object."""
+
+from dataclasses import replace
+from functools import lru_cache
+
+import numpy as np
+
+from models.meshes.ray_casting import RayScene
+from models.objects.mesh_symmetry import has_mirror_plane
+from models.objects.target_model import Symmetry, TargetModel
+from perception.registration.evidence import Evidence
+from perception.registration.likelihood import difference
+from perception.registration.model_surface import ModelSurface
+from perception.registration.pose_search import likeliest_pose
+from sim.interfaces.spatial import Array, pose
+
+MIN_HAND = 3.0  # [nat] of log likelihood above that of the mirror image: odds of 20
+_ALIKE = 2.0  # [nat] expected difference of log likelihood, below which this view does not tell one from the other
+
+
+def mirrored_log_likelihood(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> float:
+    """Log likelihood [nat] of the scan with the mirror image of the model, fitted near a pose of the model.
+
+    Args:
+        evidence: Scan of the object.
+        surface: Sampled model.
+        X_ST: (4, 4) fitted pose of T in S.
+
+    Returns:
+        The log likelihood [nat]; -inf where the mirror image is the same shape, or looks the same in this view.
+    """
+    rival = mirror_image(surface)
+    if rival is None:
+        return -np.inf
+    found = likeliest_pose(evidence, rival, [X_ST @ turn for turn in _turns(surface)], [])
+    if difference(evidence, (surface, X_ST), (rival, found.X_ST)) < _ALIKE:
+        return -np.inf
+    return found.log_likelihood
+
+
+@lru_cache(maxsize=16)
+def mirror_image(surface: ModelSurface) -> ModelSurface | None:
+    """The model reflected in the plane x = 0 of T; None if it has a plane of symmetry."""
+    vertices, triangles = surface.target.vertices, surface.target.triangles
+    if has_mirror_plane(vertices, triangles, np.random.default_rng(0)):
+        return None
+    flip = np.array([-1.0, 1.0, 1.0])
+    symmetry = surface.symmetry
+    return replace(
+        surface,
+        target=TargetModel(name=surface.target.name, vertices=vertices * flip, triangles=triangles[:, ::-1]),
+        points=surface.points * flip,
+        normals=surface.normals * flip,
+        center=surface.center * flip,
+        scene=RayScene(vertices * flip, triangles[:, ::-1]),
+        symmetry=Symmetry(
+            axis=None if symmetry.axis is None else symmetry.axis * flip,
+            rotations=np.diag(flip) @ symmetry.rotations @ np.diag(flip),
+            center=symmetry.center * flip,
+        ),
+    )
+
+
+@lru_cache(maxsize=16)
+def _turns(surface: ModelSurface) -> tuple[Array, ...]:
+    """Poses (4, 4) of the mirror image in T that lie on the model: reflected in each of its principal planes."""
+    middle, axes = _principal(surface)
+    flip = np.diag([-1.0, 1.0, 1.0])
+    turns: list[Array] = []
+    for axis in axes:
+        reflection = np.eye(3) - 2.0 * np.outer(axis, axis)
+        turns.append(pose(reflection @ flip, middle - reflection @ middle))
+    return tuple(turns)
+
+
+def _principal(surface: ModelSurface) -> tuple[Array, Array]:
+    """Centroid (3,) [m] of the surface in T, and its principal axes (3, 3) as rows."""
+    middle = surface.points.mean(axis=0)
+    return middle, np.linalg.eigh(np.cov((surface.points - middle).T))[1].T

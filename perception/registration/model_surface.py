@@ -1,0 +1,141 @@
+"""Sampled surface of a known model: points with normals, what of them a sensor sees, and its depth image."""
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from models.meshes.ray_casting import RayScene
+from models.objects.mesh_symmetry import mesh_symmetry
+from models.objects.target_model import Symmetry, TargetModel
+from perception.clouds.scan import Scan
+from sim.interfaces.spatial import Array, inverse, transform_points
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ModelSurface:
+    """A target's surface prepared for ICP: sampled points K_q with normals, and a ray caster, all in T."""
+
+    target: TargetModel
+    points: Array  # (m, 3) [m]
+    normals: Array  # (m, 3) unit
+    spacing: float  # [m] between neighbouring points
+    center: Array  # (3,) [m], of the target's bounding box
+    radius: float  # [m], of the sphere around it
+    scene: RayScene
+    symmetry: Symmetry  # declared by the target, or else found in its mesh
+
+    @classmethod
+    def of(cls, target: TargetModel, seed: int = 0) -> "ModelSurface":
+        """Sample the mesh of `target` evenly, at 1/60 of its size between 3 and 10 mm.
+
+        Args:
+            target: Model of the object.
+            seed: Of the random samples.
+        """
+        spacing = float(np.clip(target.radius / 60.0, 0.003, 0.01))
+        corners = target.vertices[target.triangles]
+        cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        double_area = np.linalg.norm(cross, axis=1)
+        rng = np.random.default_rng(seed)
+        count = int(np.clip(3.0 * double_area.sum() / spacing**2, 2000, 150_000))
+        face = np.searchsorted(np.cumsum(double_area) / double_area.sum(), rng.random(count), side="right")
+        face = np.minimum(face, len(corners) - 1)
+        u, v = rng.random((2, count))
+        over = u + v > 1.0
+        u[over], v[over] = 1.0 - u[over], 1.0 - v[over]
+        a, b, c = corners[face].transpose(1, 0, 2)
+        points = a + u[:, None] * (b - a) + v[:, None] * (c - a)
+        # One sample per cell, not their mean: a mean would leave the surface.
+        cells = np.floor((points - points.min(axis=0)) / spacing).astype(np.int64)
+        _, first = np.unique((cells[:, 0] << 42) | (cells[:, 1] << 21) | cells[:, 2], return_index=True)
+        return cls(
+            target=target,
+            points=points[first],
+            normals=cross[face[first]] / double_area[face[first], None],
+            spacing=spacing,
+            center=target.center,
+            radius=target.radius,
+            scene=RayScene(target.vertices, target.triangles),
+            symmetry=mesh_symmetry(target.vertices, target.triangles, rng)
+            if target.symmetry.is_none
+            else target.symmetry,
+        )
+
+    def visible(self, X_ST: Array, scan: Scan, max_incidence: float, step: int = 1) -> np.ndarray:
+        """Mask (m,) of the points that the sensor can see: in view, not hidden, not at grazing incidence.
+
+        Args:
+            X_ST: (4, 4) pose of T in S.
+            scan: Scan whose pixel grid is the field of view.
+            max_incidence: [rad] largest angle of incidence.
+            step: Only every `step`-th point is judged, and the mask is of those.
+
+        Returns:
+            Mask (m,).
+        """
+        return _visible(self, X_ST.tobytes(), scan, max_incidence, step)
+
+    def exposed(
+        self, origin: Array, max_incidence: float, step: int = 1, among: np.ndarray | None = None
+    ) -> np.ndarray:
+        """Mask (m,) of the points visible from `origin`: not hidden, not at grazing incidence.
+
+        Args:
+            origin: (3,) [m] of the sensor in T.
+            max_incidence: [rad] largest angle of incidence.
+            step: Only every `step`-th point is judged, and the mask is of those.
+            among: Mask (m,) of the points to be judged; None: all.
+
+        Returns:
+            Mask (m,).
+        """
+        points, normals = self.points[::step], self.normals[::step]
+        rays = points - origin
+        distance = np.linalg.norm(rays, axis=1)
+        seen = np.abs(np.einsum("ij,ij->i", rays, normals)) > np.cos(max_incidence) * distance
+        if among is not None:
+            seen &= among
+        first = self.scene.distance(origin, rays[seen]) * distance[seen]
+        seen[seen] = first > distance[seen] - 0.002
+        return seen
+
+    def covers(self, X_ST: Array, points: Array) -> np.ndarray:
+        """Mask (n,) of the points (n, 3) [m] in S whose line of sight meets the model at `X_ST` (4, 4)."""
+        X_TS = inverse(X_ST)
+        return np.isfinite(self.scene.distance(X_TS[:3, 3], points @ X_TS[:3, :3].T))
+
+    def seen(self, X_ST: Array, scan: Scan) -> tuple[Scan, Array]:
+        """Render the model at `X_ST` on the pixel grid of `scan`.
+
+        Args:
+            X_ST: (4, 4) pose of T in S.
+            scan: Scan that gives the grid.
+
+        Returns:
+            The rendered scan, and cosines of incidence (h, w).
+        """
+        rays, X_TS = scan.rays, inverse(X_ST)
+        rays_T = rays @ X_TS[:3, :3].T
+        hit = self.scene.cast(X_TS[:3, 3], rays_T)
+        depth = np.where(np.isfinite(hit["t"]), hit["t"], np.nan).astype(np.float64)
+        cosine = np.abs(np.einsum("hwi,hwi->hw", hit["normal"], rays_T)) / np.linalg.norm(rays, axis=-1)
+        return Scan(points=rays * depth[..., None], tangent_x=scan.tangent_x, tangent_y=scan.tangent_y), cosine
+
+    def depth(self, X_ST: Array, scan: Scan) -> Array:
+        """Depth (h, w) [m] of the model at `X_ST` (4, 4) in the pixels of `scan`, NaN where it is missed."""
+        depth, X_TS = np.full(scan.depth.shape, np.nan), inverse(X_ST)
+        corners = transform_points(X_ST, self.target.vertices)
+        window = scan.window(corners, 0.0, scan.depth.size) if corners[:, 2].min() > 0.0 else np.s_[:, :]
+        t = self.scene.distance(X_TS[:3, 3], scan.part(window).rays @ X_TS[:3, :3].T)
+        depth[window] = np.where(np.isfinite(t), t, np.nan)
+        return depth
+
+
+@lru_cache(maxsize=8)  # one pose is judged several times: by its score, by ICP and by the check
+def _visible(surface: ModelSurface, pose_bytes: bytes, scan: Scan, max_incidence: float, step: int) -> np.ndarray:
+    X_ST = np.frombuffer(pose_bytes).reshape(4, 4)
+    in_view = scan.pixels(transform_points(X_ST, surface.points[::step]))[2]
+    mask = surface.exposed(inverse(X_ST)[:3, 3], max_incidence, step, in_view)
+    mask.setflags(write=False)
+    return mask

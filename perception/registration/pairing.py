@@ -1,0 +1,392 @@
+"""Pairs of scan and visible model in one round of ICP: points with planes, and depth edges; their normal equations."""
+
+from dataclasses import dataclass, fields
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from scipy.spatial import cKDTree
+
+from perception.clouds.nearest_point import NearestPoint
+from perception.clouds.scan import Contour, Scan, contour, jump, outward
+from perception.registration.evidence import Evidence
+from perception.registration.model_surface import ModelSurface
+from sim.interfaces.spatial import Array, inverse, transform_points
+
+SHARP_EDGE = np.cos(np.deg2rad(60.0))  # where a surface turns away more slowly the sensor fails, it has no edge
+_WINDOW_PIXELS = 80_000  # pixels above which depth edges are taken from a thinned grid
+_RASTER = 32  # [px] to whose multiples the window of depth edges is extended, so that it seldom changes
+_BESIDE = (1.5, 3.0, 4.5)  # [px] beyond an edge, where the background is looked at
+_EDGE_BIAS = 0.1  # [px] by which all depth edges may be seen aside, or outward
+_HALVINGS = 4  # bisections of a pixel, to locate a model's depth edge
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DepthEdges:
+    """Depth edges of scan and model around the object."""
+
+    scan: Contour
+    scan_outward: Array  # (n, 2) unit, across the edge in the image
+    model_points: Array  # (k, 3) [m] in T
+    model_outward: Array  # (k, 2) unit
+    model_sharp: np.ndarray  # (k,) bool: see SHARP_EDGE
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PairRows:
+    """Pairs of scan and model, one a row. A pair's score is J weight distance, with the derivative J slope J^T."""
+
+    J: Array  # (n, 7) derivative of the model's place along the pair's direction, by the unknowns of `Pairing.terms`
+    weight: Array  # (n,) [1/m^2]
+    slope: Array  # (n,) [1/m^2], negative for distances that are far outside the noise
+    distance: Array  # (n,) [m] of the scan from the model
+    tangents: Array  # (n, 2) x/z and y/z of the scan's reading
+    common: Array  # (n,) [m] standard deviation of the error that all depth edges share; 0 for planes
+
+    @classmethod
+    def joined(cls, *parts: "PairRows") -> "PairRows":
+        """The rows of several one after the other."""
+        return cls(*(np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(cls)))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Pairing:
+    """The visible model points and depth edges that are compared with the scan in one round of ICP."""
+
+    evidence: Evidence
+    surface: ModelSurface
+    points: Array  # (m, 3) [m] visible, in T
+    normals: Array  # (m, 3)
+    grid: NearestPoint
+    edges: DepthEdges | None
+
+    @classmethod
+    def of(cls, evidence: Evidence, surface: ModelSurface, X_ST: Array) -> "Pairing | None":
+        """Pairing with the model at `X_ST`; None if fewer than 10 of its points are in view."""
+        visible = surface.visible(X_ST, evidence.scan, evidence.sensor.max_incidence)
+        if visible.sum() < 10:
+            return None
+        points = surface.points[visible]
+        edges = _edges(evidence, surface, X_ST)
+        return cls(evidence, surface, points, surface.normals[visible], NearestPoint.of(points, surface.spacing), edges)
+
+    def nearest(self, X_ST: Array, gate: float) -> np.ndarray:
+        """Index (n,) of the visible model point nearest to each scan point; their number where none is near."""
+        points = transform_points(inverse(X_ST), self.evidence.points)
+        return self.grid.query(points, self._reach(gate))[1]
+
+    def _reach(self, gate: float) -> float:
+        return gate + 3.0 * float(np.median(self.evidence.sigma))
+
+    def terms(self, X_ST: Array, gate: float, index: np.ndarray) -> tuple[Array, Array, float]:
+        """Normal equations (7, 7), (7,) of planes and depth edges, and the robust rms [m] of the planes.
+
+        The unknowns are a twist about the model's centre (linear; angular x radius), and growth x radius from there.
+        `index` is the result of `nearest`.
+        """
+        evidence, surface = self.evidence, self.surface
+        H, g, residual = _plane_terms(evidence, self.points, self.normals, index, X_ST, self._reach(gate), surface)
+        if self.edges is not None:
+            edges = _edge_rows(self.edges, evidence, X_ST, gate, surface)
+            H, g = H + edges.J.T @ (edges.weight[:, None] * edges.J), g + edges.J.T @ (edges.weight * edges.distance)
+        return H, g, residual
+
+    def rows(self, X_ST: Array, gate: float, index: np.ndarray) -> PairRows:
+        """The pairs themselves, planes first and then depth edges; arguments as those of `terms`."""
+        evidence, surface = self.evidence, self.surface
+        scan, model = _kernel_inputs(evidence, self.points, self.normals, surface)
+        center = transform_points(X_ST, surface.center)
+        J, values = _plane_rows(scan, model, index, X_ST, center, self._reach(gate))
+        paired = values[:, 0] > 0.0
+        points = evidence.points[paired]
+        weight, slope, distance = values[paired].T
+        planes = PairRows(J[paired], weight, slope, distance, points[:, :2] / points[:, 2:], np.zeros(len(points)))
+        return PairRows.joined(planes, self.edge_rows(X_ST, gate))
+
+    def edge_rows(self, X_ST: Array, gate: float) -> PairRows:
+        """The pairs of depth edges; arguments as those of `terms`."""
+        if self.edges is None:
+            none = np.zeros(0)
+            return PairRows(np.zeros((0, 7)), none, none, none, np.zeros((0, 2)), none)
+        return _edge_rows(self.edges, self.evidence, X_ST, gate, self.surface)
+
+
+def edge_offsets(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> tuple[Array, float, float]:
+    """Compare the model's sharp depth edges with those of the scan.
+
+    Args:
+        evidence: Scan of the object.
+        surface: Sampled model.
+        X_ST: (4, 4) pose of T in S.
+
+    Returns:
+        Offsets (n,) [m] across the edge of those that have a partner, the share (0..1) of sharp edge that has one, and
+        the share beyond which the scanned surface goes on. The shares are NaN without sharp edges in view.
+    """
+    edges = _edges(evidence, surface, X_ST)
+    if edges is None or edges.model_sharp.sum() < 20:
+        return np.zeros(0), np.nan, np.nan
+    sharp = edges.model_sharp
+    points = transform_points(X_ST, edges.model_points[sharp])
+    tangents = points[:, :2] / points[:, 2:]
+    normal = edges.model_outward[sharp]
+    seen = ~_resting(evidence, points, normal)
+    if seen.sum() < 20:
+        return np.zeros(0), np.nan, np.nan
+    points, tangents, normal = points[seen], tangents[seen], normal[seen]
+    tree = cKDTree(edges.scan.tangents)
+    distance, index = tree.query(tangents, distance_upper_bound=0.06 / float(points[:, 2].min()))
+    paired = np.isfinite(distance)
+    index = np.where(paired, index, 0)
+    paired &= np.abs(edges.scan.depth[index] - points[:, 2]) < 2.0 * jump(points[:, 2])
+    paired &= np.einsum("ij,ij->i", edges.scan_outward[index], normal) > 0.5
+    offsets = np.einsum("ij,ij->i", edges.scan.tangents[index] - tangents, normal) * points[:, 2]
+    goes_on = np.ones(len(points), dtype=bool)
+    for beyond in (0.03, 0.05):
+        probe = np.column_stack([points[:, :2] + beyond * normal, points[:, 2]])
+        row, column, inside = evidence.scan.pixels(probe)
+        step = np.maximum(0.5 * jump(points[:, 2]), 3.0 * evidence.sensor.sigma(points[:, 2]))
+        goes_on &= inside & evidence.mask[row, column]
+        goes_on &= np.abs(evidence.scan.depth[row, column] - points[:, 2]) < step
+        goes_on &= ~surface.covers(X_ST, probe)  # one part of the model in front of another does not end it
+    return offsets[paired], float(paired.mean()), float((goes_on & ~paired).mean())
+
+
+def _resting(evidence: Evidence, points: Array, normal: Array) -> np.ndarray:
+    """Mask (n,) of the model's edges (n, 3) [m] in S that cannot show: the background behind them is as near.
+
+    `normal` (n, 2): unit directions across the edges, outward in the image.
+    """
+    resting = np.zeros(len(points), dtype=bool)
+    for pixels in _BESIDE:
+        beyond = points[:, :2] / points[:, 2:] + pixels * evidence.scan.pitch * normal
+        row, column, inside = evidence.scan.pixels(np.column_stack([beyond, np.ones(len(beyond))]) * points[:, 2:])
+        step = evidence.scan.depth[row, column] - points[:, 2]
+        with np.errstate(invalid="ignore"):
+            resting |= inside & ~evidence.standing[row, column] & (np.abs(step) < jump(points[:, 2]))
+    return resting
+
+
+class _Readings(NamedTuple):
+    """Scan points as the kernel takes them; as in `Evidence`."""
+
+    points: Array  # (n, 3) [m] in S
+    normals: Array  # (n, 3)
+    sigma: Array  # (n,) [m]
+    independent: Array  # (n,) [-]
+
+
+class _ModelPoints(NamedTuple):
+    """Visible model points as the kernel takes them; as in `ModelSurface`."""
+
+    points: Array  # (m, 3) [m] in T
+    normals: Array  # (m, 3)
+    spacing: float  # [m]
+    radius: float  # [m]
+
+
+def _kernel_inputs(
+    evidence: Evidence, points: Array, normals: Array, surface: ModelSurface
+) -> tuple[_Readings, _ModelPoints]:
+    scan = _Readings(evidence.points, evidence.normals, evidence.sigma, evidence.independent)
+    return scan, _ModelPoints(points, normals, surface.spacing, surface.radius)
+
+
+def _plane_terms(
+    evidence: Evidence,
+    model_points: Array,
+    model_normals: Array,
+    index: np.ndarray,
+    X_ST: Array,
+    gate: float,
+    surface: ModelSurface,
+) -> tuple[Array, Array, float]:
+    """Normal equations (7, 7), (7,) of the scan-to-model distances, and their robust rms [m]."""
+    scan, model = _kernel_inputs(evidence, model_points, model_normals, surface)
+    H, g, sums = _plane_sums(scan, model, index, X_ST, transform_points(X_ST, surface.center), gate)
+    return H, g, float(np.sqrt(sums[1] / sums[0])) if sums[0] > 0.0 else np.inf
+
+
+@njit(cache=True)
+def _pair(
+    scan: _Readings, model: _ModelPoints, n: int, i: int, X_ST: Array, center: Array, gate: float, J: Array
+) -> tuple[float, float, float]:
+    """Pair of scan point `n` and model point `i`: weight [1/m^2], its slope [1/m^2] and distance [m] along the normal.
+
+    Writes the Jacobian row `J` (7,). The weight is 0 where the pair does not count. Weight times distance is the score;
+    the slope is the score's derivative by the distance.
+    """
+    q, m = np.empty(3), np.empty(3)
+    for a in range(3):
+        q[a], m[a] = X_ST[a, 3], 0.0
+        for b in range(3):
+            q[a] += X_ST[a, b] * model.points[i, b]
+            m[a] += X_ST[a, b] * model.normals[i, b]
+    facing = -1.0 if m[0] * q[0] + m[1] * q[1] + m[2] * q[2] > 0.0 else 1.0
+    along, square, cosine = 0.0, 0.0, 0.0
+    for a in range(3):
+        m[a] *= facing
+        off = scan.points[n, a] - q[a]
+        along += m[a] * off
+        square += off * off
+        cosine += m[a] * scan.normals[n, a]
+    # Beyond the rim of the visible part the nearest point pulls sideways: such pairs are dropped.
+    if square >= gate**2 or square - along**2 >= (1.5 * model.spacing) ** 2 or cosine <= 0.5:
+        return 0.0, 0.0, 0.0
+    sigma = scan.sigma[n]
+    u = (along / max(2.0 * sigma, 0.25 * gate)) ** 2
+    full = scan.independent[n] / (sigma**2 + 1e-6)
+    for a in range(3):
+        q[a] = (q[a] - center[a]) / model.radius
+        J[a] = m[a]
+    J[3] = q[1] * m[2] - q[2] * m[1]
+    J[4] = q[2] * m[0] - q[0] * m[2]
+    J[5] = q[0] * m[1] - q[1] * m[0]
+    J[6] = q[0] * m[0] + q[1] * m[1] + q[2] * m[2]
+    return full / (1.0 + u) ** 2, full * (1.0 - 3.0 * u) / (1.0 + u) ** 3, along
+
+
+@njit(cache=True)
+def _plane_sums(
+    scan: _Readings, model: _ModelPoints, index: np.ndarray, X_ST: Array, center: Array, gate: float
+) -> tuple[Array, Array, Array]:
+    """Sums over the valid pairs: normal equations as in `_plane_terms`, and weights and weighted squares (2,) [m^2]."""
+    H, g, sums, J = np.zeros((7, 7)), np.zeros(7), np.zeros(2), np.empty(7)
+    pairs = 0
+    for n in range(len(scan.points)):
+        if index[n] >= len(model.points):
+            continue
+        weight, _, along = _pair(scan, model, n, index[n], X_ST, center, gate, J)
+        if weight == 0.0:
+            continue
+        pairs += 1
+        sums[0] += weight
+        sums[1] += weight * along**2
+        for a in range(7):
+            g[a] += weight * along * J[a]
+            for b in range(a + 1):
+                H[a, b] += weight * J[a] * J[b]
+    if pairs < 6:
+        return np.zeros((7, 7)), np.zeros(7), np.zeros(2)
+    for a in range(7):
+        for b in range(a):
+            H[b, a] = H[a, b]
+    return H, g, sums
+
+
+@njit(cache=True)
+def _plane_rows(
+    scan: _Readings, model: _ModelPoints, index: np.ndarray, X_ST: Array, center: Array, gate: float
+) -> tuple[Array, Array]:
+    """Jacobian rows (n, 7), and weight, slope [1/m^2] and distance [m] (n, 3) of the pairs; 0 where none counts."""
+    rows, terms = np.zeros((len(scan.points), 7)), np.zeros((len(scan.points), 3))
+    for n in range(len(scan.points)):
+        if index[n] < len(model.points):
+            terms[n] = _pair(scan, model, n, index[n], X_ST, center, gate, rows[n])
+    return rows, terms
+
+
+def _rows(direction: Array, at: Array, X_ST: Array, surface: ModelSurface) -> Array:
+    """Jacobian rows (n, 7) of `direction . at` for a twist about the model's centre and growth from there.
+
+    Rotation and growth are scaled by the model's radius.
+    """
+    arm = (at - transform_points(X_ST, surface.center)) / surface.radius
+    return np.column_stack([direction, np.cross(arm, direction), np.einsum("ij,ij->i", arm, direction)])
+
+
+def _edges(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> DepthEdges | None:
+    """Depth edges of scan and model around the model at `X_ST`; None if either has too few."""
+    scan = evidence.scan
+    rows, columns = scan.window(transform_points(X_ST, surface.points), 0.1, _WINDOW_PIXELS)
+    if rows.stop <= rows.start or columns.stop <= columns.start:
+        return None
+    # The window lies on a fixed raster, so that the next round finds the scan's edges in the cache though the model has
+    # moved a little. The raster counts from the optical axis, which mostly lies midway between two pixels. The pixels
+    # are therefore the same however much the picture is cropped.
+    rows, columns = (
+        _rastered(window, round(float(tangents[0]) / pitch + 0.25))
+        for window, tangents, pitch in zip(
+            (rows, columns), (scan.tangent_y, scan.tangent_x), scan.pitches[::-1], strict=True
+        )
+    )
+    part = scan.part((rows, columns))
+    if min(part.depth.shape) < 8:
+        return None
+    of_scan, scan_outward = _scan_edges(evidence, rows.start, rows.stop, columns.start, columns.stop, rows.step)
+    model, cosine = surface.seen(X_ST, part)
+    covered = np.isfinite(model.depth)
+    of_model = contour(model, covered, model.depth)
+    if len(of_scan.rows) < 10 or len(of_model.rows) < 10:
+        return None
+    tangents = _refined(surface, X_ST, part, of_model)
+    points = of_model.depth[:, None] * np.column_stack([tangents, np.ones(len(tangents))])
+    return DepthEdges(
+        scan=of_scan,
+        scan_outward=scan_outward,
+        model_points=transform_points(inverse(X_ST), points),
+        model_outward=outward(covered, model.depth, of_model.rows, of_model.columns),
+        model_sharp=cosine[of_model.rows, of_model.columns] > SHARP_EDGE,
+    )
+
+
+def _rastered(window: slice, first: int) -> slice:
+    """Extend `window` of rows or columns to a raster on which the first of the picture has the number `first`."""
+    start = window.start - (window.start + first) % _RASTER
+    stop = window.stop + -(window.stop + first) % _RASTER
+    return slice(start if start >= 0 else start % window.step, stop, window.step)
+
+
+def _refined(surface: ModelSurface, X_ST: Array, part: Scan, found: Contour) -> Array:
+    """Tangents (n, 2) of the model's depth edges `found` on the grid of `part`, to a fraction of a pixel."""
+    X_TS, step = inverse(X_ST), jump(found.depth)
+    middle = np.column_stack([part.tangent_x[found.columns], part.tangent_y[found.rows]])
+    at = np.full(len(found.rows), 0.5)  # [px] from the middle of the near pixel
+    for halving in range(_HALVINGS):
+        rays = np.column_stack([middle + part.pitches * at[:, None] * found.steps, np.ones(len(at))])
+        depth = surface.scene.distance(X_TS[:3, 3], rays @ X_TS[:3, :3].T)
+        at += np.where(depth - found.depth <= step, 0.25, -0.25) / 2.0**halving
+    return middle + part.pitches * at[:, None] * found.steps
+
+
+@lru_cache(maxsize=4)
+def _scan_edges(evidence: Evidence, top: int, bottom: int, left: int, right: int, step: int) -> tuple[Contour, Array]:
+    """Depth edges of the scan in a window of pixels, and the directions (n, 2) across them."""
+    window = slice(top, bottom, step), slice(left, right, step)
+    part, mask = evidence.scan.part(window), evidence.mask[window]
+    found = contour(part, mask, part.depth)
+    return found, outward(mask, part.depth, found.rows, found.columns)
+
+
+def _edge_rows(edges: DepthEdges, evidence: Evidence, X_ST: Array, gate: float, surface: ModelSurface) -> PairRows:
+    """Pairs of depth edges: distances across them in the image plane."""
+    points = transform_points(X_ST, edges.model_points)
+    tangents = points[:, :2] / points[:, 2:]
+    distance, index = cKDTree(tangents).query(
+        edges.scan.tangents, distance_upper_bound=gate / float(np.median(points[:, 2]))
+    )
+    paired = np.isfinite(distance)
+    index = np.where(paired, index, 0)
+    paired &= edges.model_sharp[index]
+    paired &= np.abs(edges.scan.depth - points[index, 2]) < jump(points[index, 2])
+    paired &= np.einsum("ij,ij->i", edges.scan_outward, edges.model_outward[index]) > 0.7
+    if paired.sum() < 10:
+        paired[:] = False
+    index, measured = index[paired], edges.scan.tangents[paired]
+    P, m = points[index], edges.model_outward[index]
+    across = np.einsum("ij,ij->i", measured - tangents[index], m) * P[:, 2]
+    # d(m . P_xy / z) z = (m, -m . P_xy / z) . dP
+    direction = np.column_stack([m, -np.einsum("ij,ij->i", m, tangents[index])])
+    pitch = evidence.scan.pitch * P[:, 2]
+    # Mixed depths at an edge differ from pixel to pixel: each pixel is an independent reading.
+    sigma = evidence.sensor.edge_sigma * pitch
+    u = (across / np.maximum(3.0 * pitch, 0.25 * gate)) ** 2
+    return PairRows(
+        J=_rows(direction, P, X_ST, surface),
+        weight=1.0 / (1.0 + u) ** 2 / sigma**2,
+        slope=(1.0 - 3.0 * u) / (1.0 + u) ** 3 / sigma**2,
+        distance=across,
+        tangents=measured,
+        common=_EDGE_BIAS * pitch,
+    )

@@ -1,0 +1,176 @@
+"""Search for the pose that gives the scan the highest likelihood: ICP from several starts, and from look-alikes."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from perception.registration.evidence import Evidence, score
+from perception.registration.fine_fit import IcpFit, fine_fit
+from perception.registration.likelihood import log_likelihood
+from perception.registration.model_surface import ModelSurface
+from perception.registration.pose_covariance import PoseCovariance, pose_covariance
+from perception.registration.projective_fit import polished
+from perception.registration.symmetry import ambiguous_poses
+from sim.interfaces.spatial import Array, exp_so3, pose, readonly
+
+_REFINED = 3  # initial poses that get a full ICP
+_ALIKE = 3  # poses that look like the likeliest one that get a full ICP
+_SLIDING = 0.7  # [-] translational share of a free twist, from which on it is searched by translation
+_SLIDES = (-0.4, -0.2, -0.1, 0.1, 0.2, 0.4)  # [radii] of the model: translations tried along a free twist
+_LOOSE = 0.002  # [m] standard deviation of a twist from which on it is polished
+_SLACKENED = 2  # twists polished one after the other, at most
+_STEPS = (-2.0, -1.0, -0.5, 0.5, 1.0, 2.0)  # [sigma] tried
+_EXPLORED = 3  # poses whose look-alikes are tried
+_FINISHED = 4  # distinct poses that are refined to the end: ICP stops up to 20 nat short of the likeliest one
+_RIVAL = 150.0  # [nat] below the likeliest pose, within which the look-alikes of another one are tried as well
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Hypothesis:
+    """A pose to which ICP converged."""
+
+    X_sensor_target: Array  # (4, 4) pose of T in S
+    log_likelihood: float  # [nat] of the scan, up to a constant common to all poses
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Found:
+    """The likeliest pose, and the distinct others that were tried."""
+
+    X_ST: Array  # (4, 4)
+    fit: IcpFit | None  # ICP that converged there; None for another method
+    X_start: Array  # (4, 4) where that ICP began
+    log_likelihood: float
+    others: tuple[Hypothesis, ...] = ()  # the most likely first
+    asks: str = ""  # reason for which the method requests a new scan
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Candidate:
+    fit: IcpFit
+    X_start: Array
+    log_likelihood: float
+
+    @property
+    def X_ST(self) -> Array:
+        return self.fit.X_ST
+
+
+def likeliest_pose(evidence: Evidence, surface: ModelSurface, starts: list[Array], given: list[Array]) -> Found:
+    """ICP from the likeliest starts, then from poses that look like the likeliest one, until none is likelier.
+
+    Args:
+        evidence: Scan of the object.
+        surface: Sampled model.
+        starts: Initial poses (4, 4) of the search; at least one here or among `given`.
+        given: Initial poses (4, 4) from prior knowledge, which are tried whatever their likelihood.
+    """
+
+    def fitted(X: Array, X_start: Array, rounds: int = 2) -> _Candidate:
+        fit = fine_fit(evidence, surface, X, rounds)
+        return _Candidate(fit, X_start, log_likelihood(evidence, surface, fit.X_ST))
+
+    def best_of(poses: Iterable[Array], most: int) -> list[Array]:
+        return sorted(poses, key=lambda X: -log_likelihood(evidence, surface, X))[:most]
+
+    tried = [fitted(X, X) for X in [*best_of(starts, _REFINED), *given]]
+    best = _likeliest(tried)
+    tried += [fitted(X, best.X_start) for X in _slides(evidence, surface, best.fit)]
+    best = _likeliest(tried)
+    explored: list[_Candidate] = []
+    for _ in range(_EXPLORED):
+        # The likeliest pose and then its rivals: from a flange turned over, no single step leads to its bolts.
+        least = _likeliest(tried).log_likelihood - _RIVAL
+        rivals = [each for each in tried if each.log_likelihood > least]
+        new = [each for each in rivals if all(_differ(surface, each.X_ST, one.X_ST) for one in explored)]
+        if not new:
+            break
+        explored.append(_likeliest(new))
+        alike = best_of((explored[-1].X_ST @ G for G in ambiguous_poses(surface)), _ALIKE)
+        tried += [fitted(X, explored[-1].X_start) for X in alike]
+    tried += [_finished(evidence, surface, each) for each in _distinct(surface, tried)[:_FINISHED]]
+    best, *others = _distinct(surface, tried)
+    return Found(
+        best.X_ST,
+        best.fit,
+        best.X_start,
+        best.log_likelihood,
+        tuple(Hypothesis(X_sensor_target=readonly(each.X_ST), log_likelihood=each.log_likelihood) for each in others),
+    )
+
+
+def best_alternative(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> float:
+    """Log likelihood [nat] of the scan at the best fitted pose that looks nearly as `X_ST` does; -inf without any."""
+    ranked = sorted((X_ST @ G for G in ambiguous_poses(surface)), key=lambda X: -log_likelihood(evidence, surface, X))
+    fitted = (fine_fit(evidence, surface, X).X_ST for X in ranked[:_ALIKE])
+    return max((log_likelihood(evidence, surface, X) for X in fitted if _differ(surface, X, X_ST)), default=-np.inf)
+
+
+def _likeliest(candidates: list[_Candidate]) -> _Candidate:
+    return max(candidates, key=lambda each: each.log_likelihood)
+
+
+def _distinct(surface: ModelSurface, tried: list[_Candidate]) -> list[_Candidate]:
+    """Those that are apart from each other, the most likely first."""
+    kept: list[_Candidate] = []
+    for each in sorted(tried, key=lambda each: -each.log_likelihood):
+        if all(_differ(surface, each.X_ST, one.X_ST) for one in kept):
+            kept.append(each)
+    return kept
+
+
+def _finished(evidence: Evidence, surface: ModelSurface, candidate: _Candidate) -> _Candidate:
+    """The likeliest pose next to that of a candidate."""
+    loose = _slackened(evidence, surface, candidate)
+    X_ST, likelihood = polished(evidence, surface, loose.fit, loose.log_likelihood)
+    return _Candidate(replace(loose.fit, X_ST=X_ST), loose.X_start, likelihood)
+
+
+def _differ(surface: ModelSurface, A: Array, B: Array) -> bool:
+    """True if two poses (4, 4) are not the same up to the declared symmetry and the ends of ICP's valley."""
+    off, angle = surface.symmetry.error(A, B)
+    return bool(off > 2.0 * surface.spacing or angle > np.deg2rad(5.0))
+
+
+def _slackened(evidence: Evidence, surface: ModelSurface, best: _Candidate) -> _Candidate:
+    """The likeliest pose along the twists that ICP holds least: the outline may say more of them than any pair does."""
+    for _ in range(_SLACKENED):
+        covariance = pose_covariance(evidence, surface, best.X_ST, best.fit.free, best.fit.pairing)
+        moved = best if covariance is None else _along_loosest(evidence, surface, best, covariance)
+        if moved is best:
+            break
+        best = moved
+    return best
+
+
+def _along_loosest(
+    evidence: Evidence, surface: ModelSurface, best: _Candidate, covariance: PoseCovariance
+) -> _Candidate:
+    """The likeliest of a few poses along the loosest twist that has a likelier one; `best` itself if none has."""
+    variances, axes = np.linalg.eigh(covariance.matrix)
+    for variance, axis in zip(variances[::-1], axes.T[::-1], strict=True):
+        sigma = float(np.sqrt(max(variance, 0.0)))
+        if sigma < _LOOSE:
+            break
+        found = best
+        for step in _STEPS:
+            R = exp_so3(step * sigma * axis[3:] / surface.radius)
+            X = pose(R, covariance.center + step * sigma * axis[:3] - R @ covariance.center) @ best.X_ST
+            likelihood = log_likelihood(evidence, surface, X)
+            if likelihood > found.log_likelihood:
+                found = _Candidate(replace(best.fit, X_ST=X), best.X_start, likelihood)
+        if found is not best:
+            return found
+    return best
+
+
+def _slides(evidence: Evidence, surface: ModelSurface, fit: IcpFit) -> list[Array]:
+    """The best translation along each free twist of `fit`: no residual pulls the model along these."""
+    found: list[Array] = []
+    for twist in fit.free:
+        if np.linalg.norm(twist[:3]) < _SLIDING:
+            continue
+        slides = [pose(p=share * surface.radius * twist[:3]) @ fit.X_ST for share in _SLIDES]
+        found.append(max(slides, key=lambda X: score(evidence, surface, X)))
+    return found

@@ -1,0 +1,73 @@
+"""Last steps of registration: Gauss-Newton on the depth image itself, pixel by pixel, together with the depth edges.
+
+ICP compares a thinned scan, smoothed by cubes and by its own normals. At its end every pixel that shows the object is
+compared with the rendered model: the same comparison that the likelihood makes.
+"""
+
+import numpy as np
+
+from perception.registration.evidence import Evidence
+from perception.registration.fine_fit import GATES, IcpFit
+from perception.registration.likelihood import OCCLUDER, log_likelihood
+from perception.registration.model_surface import ModelSurface
+from sim.interfaces.spatial import Array, exp_so3, pose, transform_points
+
+_STEPS = 3  # of Gauss-Newton at most
+_PIXELS = 10_000  # of the object that are compared, about
+_OUTSIDE = 3.0  # [sigma] beyond which a pixel shows something else
+_STEEP = np.cos(np.deg2rad(75.0))  # cosine of incidence below which a depth says little
+
+
+def polished(evidence: Evidence, surface: ModelSurface, fit: IcpFit, likelihood: float) -> tuple[Array, float]:
+    """Refine a pose as long as the scan becomes likelier.
+
+    Args:
+        evidence: Scan of the object.
+        surface: Sampled model.
+        fit: Where ICP has converged; its free twists are kept as they are.
+        likelihood: [nat] log likelihood there.
+
+    Returns:
+        The pose (4, 4) and its log likelihood [nat].
+    """
+    X_ST = fit.X_ST
+    for _ in range(_STEPS):
+        H, g = _pixels(evidence, surface, X_ST)
+        if fit.pairing is not None:
+            edges = fit.pairing.edge_rows(X_ST, GATES[-1] * surface.spacing)
+            H = H + edges.J[:, :6].T @ (edges.weight[:, None] * edges.J[:, :6])
+            g = g + edges.J[:, :6].T @ (edges.weight * edges.distance)
+        held = np.linalg.svd(np.vstack([fit.free, np.zeros((1, 6))]))[2][len(fit.free) :]
+        A = held @ H @ held.T
+        step = held.T @ np.linalg.solve(A + 1e-9 * (np.trace(A) + 1.0) * np.eye(len(A)), held @ g)
+        center = transform_points(X_ST, surface.center)
+        R = exp_so3(step[3:] / surface.radius)
+        moved = pose(R, center + step[:3] - R @ center) @ X_ST
+        likelier = log_likelihood(evidence, surface, moved)
+        if likelier <= likelihood:
+            break
+        X_ST, likelihood = moved, likelier
+    return X_ST, likelihood
+
+
+def _pixels(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> tuple[Array, Array]:
+    """Normal equations (6, 6), (6,) of the depth differences, for a twist (linear; angular x radius) as in ICP."""
+    window = evidence.scan.window(transform_points(X_ST, surface.target.vertices), 0.0, _PIXELS)
+    scan = evidence.scan.part(window)
+    rays, X_TS = scan.rays, np.linalg.inv(X_ST)
+    hit = surface.scene.cast(X_TS[:3, 3], rays @ X_TS[:3, :3].T)
+    z = np.where(np.isfinite(hit["t"]), hit["t"], np.nan).astype(np.float64)
+    sigma = evidence.sensor.sigma(np.where(np.isfinite(z), z, 1.0))
+    off = scan.depth - z
+    n = hit["normal"].astype(np.float64) @ X_ST[:3, :3].T
+    across = np.einsum("hwi,hwi->hw", n, rays)
+    with np.errstate(invalid="ignore"):
+        used = (np.abs(off) < np.minimum(_OUTSIDE * sigma, OCCLUDER)) & (
+            np.abs(across) > _STEEP * np.linalg.norm(rays, axis=-1)
+        )
+    off, sigma, n, across, rays, z = off[used], sigma[used], n[used], across[used], rays[used], z[used]
+    arm = (z[:, None] * rays - transform_points(X_ST, surface.center)) / surface.radius
+    # A motion of the surface by v changes the depth along the ray d, scaled to z = 1, by n . v / n . d.
+    J = np.column_stack([n, np.cross(arm, n)]) / across[:, None]
+    weight = evidence.sensor.independent(window[0].step or 1) / sigma**2
+    return J.T @ (weight[:, None] * J), J.T @ (weight * off)

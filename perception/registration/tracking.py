@@ -1,0 +1,59 @@
+"""Following of an object that was found: ICP from the last pose, on the pixels around it, in every frame."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from perception.clouds.scan import MIN_POINTS, Scan, SensorModel, near_any, without_flying_pixels
+from perception.registration.evidence import Evidence
+from perception.registration.fine_fit import fine_fit
+from perception.registration.model_surface import ModelSurface
+from perception.registration.pose_covariance import PoseCovariance, pose_covariance
+from sim.interfaces.spatial import Array, transform_points
+
+_PIXELS = 10_000  # of the window around the object, about
+_POINTS = 1500  # of these that ICP compares, about
+_AROUND = 1.1  # [radii] around its centre, within which scan points take part
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class FrameFit:
+    """Pose of a followed object in one frame."""
+
+    X_ST: Array  # (4, 4) pose of T in S
+    covariance: PoseCovariance | None  # None if too little of the object is in view
+    residual: float  # [m] robust rms distance of the scan from the model; inf if nothing was compared
+
+
+def follow(scan: Scan, surface: ModelSurface, X_ST: Array, sensor: SensorModel) -> FrameFit | None:
+    """Fit an object in a frame, near where it is expected.
+
+    There is no search and no verification: an object that has moved further than ICP reaches, about a twelfth of its
+    radius, is not followed. `identify` finds it again.
+
+    Args:
+        scan: The frame.
+        surface: Sampled model.
+        X_ST: (4, 4) expected pose of T in S.
+        sensor: Accuracy of the sensor.
+
+    Returns:
+        The fit; None if fewer than MIN_POINTS of the frame lie where the object is expected.
+    """
+    window = scan.window(transform_points(X_ST, surface.target.vertices), 0.1, _PIXELS)
+    part = scan.part(window)
+    if min(part.depth.shape) < 3:
+        return None
+    sensor = replace(sensor, noise_length=max(1.0, sensor.noise_length / window[0].step))  # [px] of the thinned window
+    center = transform_points(X_ST, surface.center)
+    mask = near_any(part.points, center[None], _AROUND * surface.radius) & without_flying_pixels(part)
+    if mask.sum() < MIN_POINTS:
+        return None
+    evidence = Evidence.of(part, mask, 0.8 * surface.spacing, sensor, most=_POINTS)
+    if len(evidence.points) < MIN_POINTS:
+        return None
+    fit = fine_fit(evidence, surface, X_ST, rounds=1)
+    if not np.isfinite(fit.residual):
+        return None
+    doubt = pose_covariance(evidence, surface, fit.X_ST, fit.free, fit.pairing)
+    return FrameFit(X_ST=fit.X_ST, covariance=doubt, residual=fit.residual)

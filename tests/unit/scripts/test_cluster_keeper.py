@@ -14,11 +14,13 @@ from scenarios.study.cluster_keeper import kept_cluster
 
 LIMIT = 10.0  # [s]; measured below 1
 HELD = """
+import signal
 import subprocess
 import sys
 import time
 sys.path.insert(0, "scripts")
 from scenarios.study.cluster_keeper import kept_cluster
+signal.signal(signal.SIGINT, signal.default_int_handler)  # a background shell starts what it runs with it ignored
 with kept_cluster() as folder:
     with open(f"{folder}/log", "w") as log:
         writer = subprocess.Popen(["sleep", "100"], stdout=log, start_new_session=True)

@@ -15,8 +15,11 @@ import pyarrow.parquet as pq
 import pytest
 
 from scenarios.study import read_rows
+from scenarios.study.cluster_keeper import kept_cluster
 
 KILLS, CASES = 20, 400
+RAY_CASES = 3000  # twice what comes until the last kill: a new node takes seconds, in which the other one goes on
+LEFT = 20.0  # [s] until a cluster has ended; Ray's own agents take 60 s
 SIGNALS = (signal.SIGKILL, signal.SIGTERM)
 STUDY = """
 import sys
@@ -53,6 +56,33 @@ def processes(marker: str) -> set[int]:
     return found - {os.getpid()}
 
 
+def descendants(ancestor: int) -> set[int]:
+    """Processes that a process has started, and that those have started."""
+    parents = dict[int, int]()
+    for entry in Path("/proc").glob("[0-9]*"):
+        try:
+            parents[int(entry.name)] = int((entry / "stat").read_text().rpartition(")")[2].split()[1])
+        except OSError:
+            continue
+    found, more = set[int](), {ancestor}
+    while more := {number for number, parent in parents.items() if parent in more}:
+        found |= more
+    return found
+
+
+def alive(numbers: set[int]) -> set[int]:
+    """Those of some processes that have not ended; zombies have."""
+    found = set[int]()
+    for number in numbers:
+        try:
+            state = Path(f"/proc/{number}/stat").read_text().rpartition(")")[2].split()[0]
+        except OSError:
+            continue
+        if state not in "ZX":
+            found.add(number)
+    return found
+
+
 def at_work() -> set[int]:
     """Workers of Ray that carry out a run."""
     found = set[int]()
@@ -81,6 +111,7 @@ def killed_often(
     root: Path,
     folder: Path,
     engine: str,
+    cases: int,
     more: Mapping[str, str],
     workers: Callable[[], set[int]],
     node: Callable[[], None] | None = None,
@@ -91,6 +122,7 @@ def killed_often(
         root: The checkout.
         folder: For the study.
         engine: Its engine.
+        cases: Number of its cases.
         more: Environment variables.
         workers: Processes of its workers.
         node: Kills a node and gives a new one.
@@ -99,7 +131,7 @@ def killed_often(
     script.write_text(STUDY)
     path = os.pathsep.join([str(root), str(root / "tests" / "support")])
     environment = {**os.environ, "PYTHONPATH": path, **more}
-    command = [sys.executable, str(script), str(out), str(CASES), engine]
+    command = [sys.executable, str(script), str(out), str(cases), engine]
     rng, seen = np.random.default_rng(0), 0
     for kill in range(KILLS):
         with subprocess.Popen(command, cwd=root, env=environment, stdout=subprocess.DEVNULL) as head:
@@ -108,8 +140,8 @@ def killed_often(
                 time.sleep(float(rng.uniform(0.0, 0.1)))
             assert head.poll() is None, "it ended by itself"
             time.sleep(float(rng.uniform(0.0, 0.3)))
-            if kill % 4 == 3 and (alive := sorted(workers() - {head.pid})):  # the study goes on
-                os.kill(int(rng.choice(alive)), SIGNALS[kill // 4 % 2])
+            if kill % 4 == 3 and (running := sorted(workers() - {head.pid})):  # the study goes on
+                os.kill(int(rng.choice(running)), SIGNALS[kill // 4 % 2])
                 time.sleep(1.0)
             if kill % 4 == 1 and node is not None:
                 node()
@@ -121,37 +153,42 @@ def killed_often(
         assert len(found) == len(set(found)) >= seen
         assert sorted(found) == sorted(pq.read_table(out / "rows")["case"].to_pylist())
         seen = len(found)
+    before = seen
     done = subprocess.run(command, cwd=root, env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
-    assert sorted(there(out)) == list(range(CASES))
+    assert sorted(there(out)) == list(range(cases))
     begun = len(out.with_suffix(".log").read_text().splitlines())
     # Done again: what was under way on two workers, and after the death of one or of a node.
-    assert CASES <= begun <= CASES + 4 * KILLS
-    print(f"{engine}: {KILLS} kills: {CASES} rows, {begun - CASES} runs begun again")
+    assert cases <= begun <= cases + 4 * KILLS
+    print(f"{engine}: {KILLS} kills: {cases} rows, {before} at the last kill, {begun - cases} runs begun again")
 
 
 def test_local_processes(root, tmp_path):
-    killed_often(root, tmp_path, "processes", {"KILL_TEST": str(tmp_path)}, lambda: processes(str(tmp_path)))
+    killed_often(root, tmp_path, "processes", CASES, {"KILL_TEST": str(tmp_path)}, lambda: processes(str(tmp_path)))
 
 
 @pytest.mark.skipif(find_spec("ray") is None, reason="Ray is not installed")
 def test_a_ray_cluster_of_two_nodes(root, tmp_path, monkeypatch):
     cluster_utils = import_module("ray.cluster_utils")
     path = os.pathsep.join([str(root), str(root / "scripts"), str(root / "tests" / "support")])
-    for name, value in {"KILL_TEST": str(tmp_path), "PYTHONPATH": path, "RAY_TMPDIR": "/tmp/uuv_ray"}.items():
+    for name, value in {"KILL_TEST": str(tmp_path), "PYTHONPATH": path}.items():
         monkeypatch.setenv(name, value)
-    cluster = cluster_utils.Cluster(initialize_head=True, head_node_args={"num_cpus": 1})
-    nodes = [cluster.add_node(num_cpus=1)]
+    before = descendants(os.getpid())
+    with kept_cluster() as folder:  # ends the agents of a node that was killed, too
+        cluster = cluster_utils.Cluster(initialize_head=True, head_node_args={"num_cpus": 1, "temp_dir": folder})
+        nodes = [cluster.add_node(num_cpus=1)]
 
-    def another_node() -> None:
-        cluster.remove_node(nodes.pop(), allow_graceful=False)
-        nodes.append(cluster.add_node(num_cpus=1))
+        def another_node() -> None:
+            cluster.remove_node(nodes.pop(), allow_graceful=False)
+            nodes.append(cluster.add_node(num_cpus=1))
 
-    try:
-        killed_often(root, tmp_path, "ray", {"RAY_ADDRESS": str(cluster.address)}, at_work, another_node)
-    finally:
-        cluster.shutdown()
-    wait_until(lambda: not processes(str(tmp_path)), "processes of the cluster were left behind")
+        try:
+            address = {"RAY_ADDRESS": str(cluster.address)}
+            killed_often(root, tmp_path, "ray", RAY_CASES, address, at_work, another_node)
+        finally:
+            of_cluster = descendants(os.getpid()) - before
+            cluster.shutdown()
+    wait_until(lambda: not alive(of_cluster), "processes of the cluster were left behind", LEFT)
 
 
 @pytest.mark.skipif(find_spec("ray") is None, reason="Ray is not installed")
@@ -164,7 +201,10 @@ def test_a_ray_cluster_ends_with_the_study_that_started_it(root, tmp_path, by):
     command = [sys.executable, str(script), str(out), str(CASES), "ray"]
     with subprocess.Popen(command, cwd=root, env=environment, stdout=subprocess.DEVNULL) as head:
         wait_until(lambda: bool(there(out)), "no row came", 120.0)
+        started = descendants(head.pid)
+        assert started >= at_work() != set()
         head.send_signal(by)
         head.wait(60.0)
-    wait_until(lambda: not processes(str(tmp_path)), "processes were left behind")
+    wait_until(lambda: not alive(started), "processes were left behind", LEFT)
+    wait_until(lambda: not processes(str(tmp_path)), "processes were left behind", LEFT)
     assert len(there(out)) == len(set(there(out)))

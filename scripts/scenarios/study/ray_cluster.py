@@ -6,13 +6,14 @@ import sys
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from importlib import import_module
 from typing import Any, TypeVar
 
 import numpy as np
 
+from scenarios.study.cluster_keeper import kept_cluster
 from scenarios.study.worker import Limits, limit_memory
 from sim.interfaces.errors import ConfigurationError, one_line
 
@@ -59,13 +60,18 @@ class RayCluster:
         from scenarios import first_start
 
         first_start.build()  # else every worker would compile the same
-        with _connected(self.workers):
+        with nullcontext() if os.environ.get(ADDRESS) else kept_cluster() as folder, _connected(self.workers, folder):
             yield from _carried_out(tasks, ray.put(run), died, self.limits)
 
 
 @contextmanager
-def _connected(workers: int) -> Iterator[None]:
-    """Connects to the cluster; ends what was started, and the tasks under way, in the end."""
+def _connected(workers: int, folder: str | None) -> Iterator[None]:
+    """Connects to the cluster; ends what was started, and the tasks under way, in the end.
+
+    Args:
+        workers: As in `RayCluster`.
+        folder: For the files of a cluster that is started here; None: Ray's own.
+    """
     exists = os.environ.get(ADDRESS)
     settings = {_THREADS: "1", "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
     handlers = {number: signal.getsignal(number) for number in _SIGNALS}
@@ -76,6 +82,7 @@ def _connected(workers: int) -> Iterator[None]:
             num_cpus=None if exists else (workers or os.cpu_count()),
             include_dashboard=None if exists else False,
             log_to_driver=False,
+            _temp_dir=folder,
             logging_level="ERROR",
             runtime_env={"env_vars": settings},
         )

@@ -67,7 +67,7 @@ def likeliest_pose(
         surface: Sampled model.
         starts: Initial poses (4, 4) of the search; at least one here or among `given`.
         given: Initial poses (4, 4) from prior knowledge, which are tried whatever their likelihood.
-        to_beat: [nat] Log likelihood of another explanation; no look-alikes are tried if the starts stay far below it.
+        to_beat: [nat] Log likelihood of another explanation; the search ends where all that was tried is far below it.
     """
 
     def fitted(X: Array, X_start: Array, rounds: int = 2) -> _Candidate:
@@ -83,7 +83,8 @@ def likeliest_pose(
     explored: list[_Candidate] = []
     for _ in range(_EXPLORED):
         # The likeliest pose and then its rivals: from a flange turned over, no single step leads to its bolts.
-        new = [each for each in _rivals(tried, to_beat) if _is_new(surface, each.X_ST, explored)]
+        near = _rivals(tried, to_beat if explored else -np.inf)
+        new = [each for each in near if _is_new(surface, each.X_ST, explored)]
         if not new:
             break
         explored.append(_likeliest(new))

@@ -1,6 +1,6 @@
 """The part of a scan that may show the object, thinned for ICP, and how well a pose agrees with it."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -11,6 +11,7 @@ from perception.registration.model_surface import ModelSurface
 from sim.interfaces.spatial import Array, transform_points
 
 _GRAZING = np.deg2rad(88.0)  # [rad] of incidence, up to which the model explains what was scanned
+_HASHED = 1e-4  # [m] edge of the cubes by which points are drawn
 _MAX_SCAN_POINTS = 4000  # scan points used in ICP, at most about: more add time
 
 
@@ -64,6 +65,23 @@ class Evidence:
             sigma=sensor.sigma(points[:, 2]),
             independent=sensor.independent(apart),
             sensor=sensor,
+        )
+
+    def thinned(self, step: int, points: int) -> "Evidence":
+        """The same evidence on every `step`-th row and column, and about `points` of its points, for a rough fit."""
+        every = (slice(None, None, step), slice(None, None, step))
+        few = max(1, -(-len(self.points) // points))
+        kept = hashed_subset(few, self.points, _HASHED)
+        return replace(
+            self,
+            scan=self.scan.part(every),
+            mask=self.mask[every],
+            standing=self.standing[every],
+            points=self.points[kept],
+            normals=self.normals[kept],
+            sigma=self.sigma[kept],
+            independent=np.minimum(1.0, few * self.independent[kept]),
+            sensor=replace(self.sensor, noise_length=max(1.0, self.sensor.noise_length / step)),
         )
 
 

@@ -6,6 +6,7 @@ along a barrel seen from its side. Depth edges of scan and model hold these. Bot
 that their bias cancels.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -33,22 +34,23 @@ class IcpFit:
     pairing: Pairing | None = None  # the last one; None if the model is out of view
 
 
-def fine_fit(evidence: Evidence, surface: ModelSurface, X_ST: Array, rounds: int = 2, inner: int = 5) -> IcpFit:
+def fine_fit(
+    evidence: Evidence, surface: ModelSurface, X_ST: Array, gates: Sequence[float] = GATES, inner: int = 5
+) -> IcpFit:
     """Full ICP: hidden points removed before each round, point-to-plane distances and depth edges together.
 
     Args:
         evidence: Scan points of the object.
         surface: Sampled model.
         X_ST: (4, 4) initial pose of T in S.
-        rounds: Number of pairings with the visible model, each with a smaller gate.
+        gates: [spacings] distances within which points are paired, one for each pairing with the visible model.
         inner: Gauss-Newton steps in a round, at most.
 
     Returns:
         The pose at convergence, its free twists, residual and best scale.
     """
-    gates = np.geomspace(*GATES, rounds) * surface.spacing
-    pairing, X_paired = None, X_ST
-    for gate in gates:
+    pairing, X_paired, gate = None, X_ST, 0.0
+    for gate in np.array(gates) * surface.spacing:
         pairing, X_paired = Pairing.of(evidence, surface, X_ST), X_ST
         if pairing is None:
             break
@@ -66,7 +68,7 @@ def fine_fit(evidence: Evidence, surface: ModelSurface, X_ST: Array, rounds: int
         pairing = Pairing.of(evidence, surface, X_ST)
     if pairing is None:
         return IcpFit(X_ST, np.zeros((0, 6)), np.inf, 1.0, np.inf)
-    H, g, residual = pairing.terms(X_ST, gates[-1], pairing.nearest(X_ST, gates[-1]))
+    H, g, residual = pairing.terms(X_ST, gate, pairing.nearest(X_ST, gate))
     return IcpFit(X_ST, _moved(X_ST, H, g, surface)[1], residual, *_size(H, g, surface), pairing)
 
 

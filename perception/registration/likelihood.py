@@ -10,13 +10,13 @@ from sim.interfaces.spatial import Array, transform_points
 
 OCCLUDER = 0.06  # [m] in front of the model: nearer pixels show something else, not the object, fouled or not
 _PIXELS = 40_000  # pixels of the thinned scan that the likelihood counts, at most about
-_GLANCED = 4_000  # pixels that suffice to rank poses which are not fitted yet
+_GLANCED = 2_000  # pixels that suffice to rank poses which are not fitted yet
 _MOST_COST = 9.0  # [sigma^2] largest cost of a pixel that contradicts the model
 _UNEXPLAINED_COST = 4.0  # [sigma^2] cost of a masked pixel that the model does not cover
 
 
 def glance(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> float:
-    """Log likelihood [nat] from a tenth of the pixels; arguments as those of `log_likelihood`."""
+    """Log likelihood [nat] from a twentieth of the pixels; arguments as those of `log_likelihood`."""
     return log_likelihood(evidence, surface, X_ST, _GLANCED)
 
 
@@ -74,7 +74,7 @@ def difference(evidence: Evidence, one: tuple[ModelSurface, Array], other: tuple
 def _window(evidence: Evidence, surface: ModelSurface, X_ST: Array, pixels: int) -> tuple[tuple[slice, slice], int]:
     """Rows and columns around all that stands out and the model, and the step [px] to which they are thinned."""
     box, step = _box(evidence, pixels)
-    model = evidence.scan.window(transform_points(X_ST, surface.target.vertices), 0.0, evidence.mask.size)
+    model = evidence.scan.window(transform_points(X_ST, surface.hull), 0.0, evidence.mask.size)
     rows, columns = (
         slice(min(a.start, b.start) // step * step, max(a.stop, b.stop), step) if b.stop > b.start else a
         for a, b in zip(box, model, strict=True)

@@ -54,6 +54,7 @@ def mirror_image(surface: ModelSurface) -> ModelSurface | None:
         normals=surface.normals * flip,
         center=surface.center * flip,
         scene=RayScene(vertices * flip, triangles[:, ::-1]),
+        hull=surface.hull * flip,
         symmetry=Symmetry(
             axis=None if symmetry.axis is None else symmetry.axis * flip,
             rotations=np.diag(flip) @ symmetry.rotations @ np.diag(flip),

@@ -1,10 +1,11 @@
 """Sampled surface of a known model: points with normals, what of them a sensor sees, and its depth image."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
 
+from models.meshes.closed_shells import sphere
 from models.meshes.ray_casting import RayScene
 from models.objects.mesh_symmetry import mesh_symmetry
 from models.objects.target_model import Symmetry, TargetModel
@@ -24,6 +25,7 @@ class ModelSurface:
     radius: float  # [m], of the sphere around it
     scene: RayScene
     symmetry: Symmetry  # declared by the target, or else found in its mesh
+    hull: Array  # (k, 3) [m] outermost corners in many directions, which bound its picture
 
     @classmethod
     def of(cls, target: TargetModel, seed: int = 0) -> "ModelSurface":
@@ -46,9 +48,7 @@ class ModelSurface:
         u[over], v[over] = 1.0 - u[over], 1.0 - v[over]
         a, b, c = corners[face].transpose(1, 0, 2)
         points = a + u[:, None] * (b - a) + v[:, None] * (c - a)
-        # One sample per cell, not their mean: a mean would leave the surface.
-        cells = np.floor((points - points.min(axis=0)) / spacing).astype(np.int64)
-        _, first = np.unique((cells[:, 0] << 42) | (cells[:, 1] << 21) | cells[:, 2], return_index=True)
+        first = _one_per_cube(points, spacing)
         return cls(
             target=target,
             points=points[first],
@@ -60,7 +60,12 @@ class ModelSurface:
             symmetry=mesh_symmetry(target.vertices, target.triangles, rng)
             if target.symmetry.is_none
             else target.symmetry,
+            hull=_hull(target.vertices),
         )
+
+    def thinned(self, points: int) -> "ModelSurface":
+        """The same surface with fewer points, `points` at most, about; itself where it has no more."""
+        return _thinned(self, points)
 
     def visible(self, X_ST: Array, scan: Scan, max_incidence: float, step: int = 1) -> np.ndarray:
         """Mask (m,) of the points that the sensor can see: in view, not hidden, not at grazing incidence.
@@ -125,11 +130,32 @@ class ModelSurface:
     def depth(self, X_ST: Array, scan: Scan) -> Array:
         """Depth (h, w) [m] of the model at `X_ST` (4, 4) in the pixels of `scan`, NaN where it is missed."""
         depth, X_TS = np.full(scan.depth.shape, np.nan), inverse(X_ST)
-        corners = transform_points(X_ST, self.target.vertices)
+        corners = transform_points(X_ST, self.hull)
         window = scan.window(corners, 0.0, scan.depth.size) if corners[:, 2].min() > 0.0 else np.s_[:, :]
         t = self.scene.distance(X_TS[:3, 3], scan.part(window).rays @ X_TS[:3, :3].T)
         depth[window] = np.where(np.isfinite(t), t, np.nan)
         return depth
+
+
+@lru_cache(maxsize=16)
+def _thinned(surface: ModelSurface, points: int) -> ModelSurface:
+    share = len(surface.points) / points
+    if share <= 1.0:
+        return surface
+    spacing = surface.spacing * float(np.sqrt(share))
+    kept = _one_per_cube(surface.points, spacing)
+    return replace(surface, points=surface.points[kept], normals=surface.normals[kept], spacing=spacing)
+
+
+def _one_per_cube(points: Array, size: float) -> np.ndarray:
+    """Index of one of the points (n, 3) in each cube of edge `size` [m]: their mean would leave the surface."""
+    cells = np.floor((points - points.min(axis=0)) / size).astype(np.int64)
+    return np.unique((cells[:, 0] << 42) | (cells[:, 1] << 21) | cells[:, 2], return_index=True)[1]
+
+
+def _hull(vertices: Array) -> Array:
+    """The vertices (k, 3) that lie outermost in any of 162 directions: within 1 % of the size of the convex hull."""
+    return vertices[np.unique((vertices @ sphere(2)[0].T).argmax(axis=0))]
 
 
 @lru_cache(maxsize=8)  # one pose is judged several times: by its score, by ICP and by the check

@@ -299,7 +299,7 @@ def _rows(direction: Array, at: Array, X_ST: Array, surface: ModelSurface) -> Ar
 def _edges(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> DepthEdges | None:
     """Depth edges of scan and model around the model at `X_ST`; None if either has too few."""
     scan = evidence.scan
-    rows, columns = scan.window(transform_points(X_ST, surface.points), 0.1, _WINDOW_PIXELS)
+    rows, columns = scan.window(transform_points(X_ST, surface.hull), 0.1, _WINDOW_PIXELS)
     if rows.stop <= rows.start or columns.stop <= columns.start:
         return None
     # The window lies on a fixed raster, so that the next round finds the scan's edges in the cache though the model has

@@ -189,7 +189,7 @@ def check(
     beyond = _beyond(evidence, surface, X_ST)
     edge = float(np.median(np.abs(offsets))) if len(offsets) else np.nan
     edge_threshold = 3.0 * float(np.median(rays.pitch)) + 0.002
-    rest = fit or fine_fit(evidence, surface, X_ST, rounds=2)
+    rest = fit or fine_fit(evidence, surface, X_ST)
     points = surface.points[visible]
     move = 0.0
     if fit is None:

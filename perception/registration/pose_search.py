@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from perception.registration.evidence import Evidence, score
-from perception.registration.fine_fit import IcpFit, fine_fit
+from perception.registration.fine_fit import GATES, IcpFit, fine_fit
 from perception.registration.likelihood import glance, log_likelihood
 from perception.registration.model_surface import ModelSurface
 from perception.registration.pose_covariance import PoseCovariance, pose_covariance
@@ -14,8 +14,12 @@ from perception.registration.projective_fit import polished
 from perception.registration.symmetry import ambiguous_poses
 from sim.interfaces.spatial import Array, exp_so3, pose, readonly
 
-_REFINED = 3  # initial poses that get a full ICP
-_ALIKE = 3  # poses that look like the likeliest one that get a full ICP
+_ROUGH_ACROSS = 110  # [px] of the object's picture in a rough fit, about
+_ROUGH_STEP = 3  # [px] by which the picture is thinned for it, at most: thin parts are to stay
+_ROUGH_POINTS = 1000  # scan points in a rough fit, about
+_ROUGH_MODEL = 8000  # model points in a rough fit, about
+_REFINED = 3  # initial poses that get a rough fit
+_ALIKE = 3  # poses that look like the likeliest one that get a rough fit
 _SLIDING = 0.7  # [-] translational share of a free twist, from which on it is searched by translation
 _SLIDES = (-0.4, -0.2, -0.1, 0.1, 0.2, 0.4)  # [radii] of the model: translations tried along a free twist
 _LOOSE = 0.002  # [m] standard deviation of a twist from which on it is polished
@@ -69,9 +73,10 @@ def likeliest_pose(
         given: Initial poses (4, 4) from prior knowledge, which are tried whatever their likelihood.
         to_beat: [nat] Log likelihood of another explanation; the search ends where all that was tried is far below it.
     """
+    rough, few = _rough(evidence, surface), surface.thinned(_ROUGH_MODEL)
 
-    def fitted(X: Array, X_start: Array, rounds: int = 2) -> _Candidate:
-        fit = fine_fit(evidence, surface, X, rounds)
+    def fitted(X: Array, X_start: Array) -> _Candidate:
+        fit = fine_fit(rough, few, X)
         return _Candidate(fit, X_start, log_likelihood(evidence, surface, fit.X_ST))
 
     def best_of(poses: Iterable[Array], most: int) -> list[Array]:
@@ -99,6 +104,13 @@ def likeliest_pose(
         best.log_likelihood,
         tuple(Hypothesis(X_sensor_target=readonly(each.X_ST), log_likelihood=each.log_likelihood) for each in others),
     )
+
+
+def _rough(evidence: Evidence, surface: ModelSurface) -> Evidence:
+    """Fewer pixels and points: enough to tell which of many poses are worth a fit to the end."""
+    picture = 2.0 * surface.radius / (evidence.scan.pitch * float(np.median(evidence.points[:, 2])))  # [px] across
+    step = int(np.clip(round(picture / _ROUGH_ACROSS), 1, _ROUGH_STEP))
+    return evidence.thinned(step, _ROUGH_POINTS)
 
 
 def best_alternative(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> float:
@@ -133,7 +145,9 @@ def _distinct(surface: ModelSurface, tried: list[_Candidate]) -> list[_Candidate
 
 
 def _finished(evidence: Evidence, surface: ModelSurface, candidate: _Candidate) -> _Candidate:
-    """The likeliest pose next to that of a candidate."""
+    """The likeliest pose next to that of a candidate, from all pixels and points."""
+    fit = fine_fit(evidence, surface, candidate.X_ST, GATES[1:])
+    candidate = _Candidate(fit, candidate.X_start, log_likelihood(evidence, surface, fit.X_ST))
     loose = _slackened(evidence, surface, candidate)
     X_ST, likelihood = polished(evidence, surface, loose.fit, loose.log_likelihood)
     return _Candidate(replace(loose.fit, X_ST=X_ST), loose.X_start, likelihood)

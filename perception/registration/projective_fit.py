@@ -52,7 +52,7 @@ def polished(evidence: Evidence, surface: ModelSurface, fit: IcpFit, likelihood:
 
 def _pixels(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> tuple[Array, Array]:
     """Normal equations (6, 6), (6,) of the depth differences, for a twist (linear; angular x radius) as in ICP."""
-    window = evidence.scan.window(transform_points(X_ST, surface.target.vertices), 0.0, _PIXELS)
+    window = evidence.scan.window(transform_points(X_ST, surface.hull), 0.0, _PIXELS)
     scan = evidence.scan.part(window)
     rays, X_TS = scan.rays, np.linalg.inv(X_ST)
     hit = surface.scene.cast(X_TS[:3, 3], rays @ X_TS[:3, :3].T)

@@ -6,7 +6,7 @@ import numpy as np
 
 from perception.clouds.scan import MIN_POINTS, Scan, SensorModel, near_any, without_flying_pixels
 from perception.registration.evidence import Evidence
-from perception.registration.fine_fit import fine_fit
+from perception.registration.fine_fit import GATES, fine_fit
 from perception.registration.model_surface import ModelSurface
 from perception.registration.pose_covariance import PoseCovariance, pose_covariance
 from sim.interfaces.spatial import Array, transform_points
@@ -40,7 +40,7 @@ def follow(scan: Scan, surface: ModelSurface, X_ST: Array, sensor: SensorModel) 
     Returns:
         The fit; None if fewer than MIN_POINTS of the frame lie where the object is expected.
     """
-    window = scan.window(transform_points(X_ST, surface.target.vertices), 0.1, _PIXELS)
+    window = scan.window(transform_points(X_ST, surface.hull), 0.1, _PIXELS)
     part = scan.part(window)
     if min(part.depth.shape) < 3:
         return None
@@ -52,7 +52,7 @@ def follow(scan: Scan, surface: ModelSurface, X_ST: Array, sensor: SensorModel) 
     evidence = Evidence.of(part, mask, 0.8 * surface.spacing, sensor, most=_POINTS)
     if len(evidence.points) < MIN_POINTS:
         return None
-    fit = fine_fit(evidence, surface, X_ST, rounds=1)
+    fit = fine_fit(evidence, surface, X_ST, GATES[:1])
     if not np.isfinite(fit.residual):
         return None
     doubt = pose_covariance(evidence, surface, fit.X_ST, fit.free, fit.pairing)

@@ -6,14 +6,15 @@ from time import process_time
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
+from scipy.stats import chi2
 
 from perception.registration.fine_fit import ModelSurface
-from perception.registration.identification import identify
+from perception.registration.identification import Identification, identify
 from perception.registration.pose_check import Decision
 from scenarios.study import Row, Summary, Table
 from scenarios.unseen.judge import RIVAL_GAIN, SIZED, TELLING, ViewOfObject, pose_error
 from scenarios.unseen.pictures import gallery, recall_chart
-from scenarios.unseen.scenes import UnseenCase, build, present
+from scenarios.unseen.scenes import UnseenCase, UnseenScene, build, present
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -80,12 +81,22 @@ def run(trial: UnseenTrial) -> Row:
         "position_m": error.position_m,
         "angle_deg": error.angle_deg,
         "found": bool(there and error.found),
+        **_doubt(found, scene, bool(there and error.found)),
         "decision": str(found.decision),
         "reason": found.reason,
         "scene_s": built - began,
         "model_s": prepared - built,
         "identify_s": spent,
     }
+
+
+def _doubt(found: Identification, scene: UnseenScene, right: bool) -> Row:
+    """Normalised squared error of a right pose over its covariance, and its degrees of freedom; None without one."""
+    if not right or found.covariance is None:
+        return {"nees": None, "nees_degrees": None}
+    X_CT = scene.likeness.symmetry.nearest_pose(scene.X_CT, found.X_sensor_target[:3, :3])
+    nees = found.covariance.normalised_error(found.X_sensor_target, X_CT)
+    return {"nees": nees, "nees_degrees": found.covariance.degrees}
 
 
 def line(row: Row) -> str:
@@ -144,6 +155,7 @@ def summarise(rows: list[Row], title: str) -> Summary:
     if sonar:
         metrics["confusion_sonar"] = confusion(sonar)
         tables.append(_confusion_table(metrics["confusion_sonar"], "Verdicts, sonar"))
+    metrics["covariance"] = doubts = consistency(depth)
     false = [row for row in depth if is_false_accept(row)]
     metrics["false_accepts"] = len(false)
     metrics["false_accept_percent"] = 100.0 * len(false) / max(1, len(depth))
@@ -151,6 +163,8 @@ def summarise(rows: list[Row], title: str) -> Summary:
     said = [
         f"false accepts: {len(false)} of {len(depth)} verdicts ({metrics['false_accept_percent']:.1f} %); sonar apart",
         f"processor time of a scene {metrics['scene_s']:.2f} s (mean)",
+        f"covariance of {doubts['poses']} poses found: squared error {doubts['nees_mean']:.2f} of what it says (mean),"
+        f" {doubts['nees_median']:.2f} (median); {doubts['covered_percent']:.0f} % within the 95 % ellipsoid",
         *(f"false accept: {line(row)}" for row in false),
     ]
     return Summary(metrics=metrics, tables=tables, lines=said, pictures=_pictures(there) if there else ())
@@ -201,6 +215,19 @@ def figures_of(rows: Sequence[Row]) -> dict[str, float]:
         "median_deg": median(found, "angle_deg"),
         "identify_ms": 1e3 * median(rows, "identify_s"),
         "identify_p95_ms": 1e3 * float(np.quantile([row["identify_s"] for row in rows], 0.95)),
+    }
+
+
+def consistency(rows: Sequence[Row]) -> dict[str, float]:
+    """Whether the errors of found poses are as their covariance says: chi-square with its degrees of freedom."""
+    nees, degrees = (
+        np.array([(row["nees"], row["nees_degrees"]) for row in rows if row["nees"] is not None]).reshape(-1, 2).T
+    )
+    return {
+        "poses": len(nees),
+        "nees_mean": float(nees.sum() / degrees.sum()) if len(nees) else np.nan,
+        "nees_median": float(np.median(nees / chi2.median(degrees))) if len(nees) else np.nan,
+        "covered_percent": 100.0 * float(np.mean(nees < chi2.ppf(0.95, degrees))) if len(nees) else np.nan,
     }
 
 

@@ -6,11 +6,13 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
+from scipy import ndimage
 from scipy.spatial import cKDTree
 
 from perception.clouds.nearest_point import NearestPoint
 from perception.clouds.scan import Contour, Scan, contour, jump, outward
 from perception.registration.evidence import Evidence
+from perception.registration.likelihood import OCCLUDER
 from perception.registration.model_surface import ModelSurface
 from sim.interfaces.spatial import Array, inverse, transform_points
 
@@ -18,6 +20,8 @@ SHARP_EDGE = np.cos(np.deg2rad(60.0))  # where a surface turns away more slowly 
 _WINDOW_PIXELS = 80_000  # pixels above which depth edges are taken from a thinned grid
 _RASTER = 32  # [px] to whose multiples the window of depth edges is extended, so that it seldom changes
 _BESIDE = (1.5, 3.0, 4.5)  # [px] beyond an edge, where the background is looked at
+_SHOWN = 0.1  # [-] share of the sharp edges that can show, below which they are too few to judge all by
+_BESIDE_OCCLUDER = 2  # [px] beside an occluder's picture that its mixed pixels reach
 _EDGE_BIAS = 0.1  # [px] by which all depth edges may be seen aside, or outward
 _HALVINGS = 4  # bisections of a pixel, to locate a model's depth edge
 
@@ -131,8 +135,8 @@ def edge_offsets(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> tupl
     points = transform_points(X_ST, edges.model_points[sharp])
     tangents = points[:, :2] / points[:, 2:]
     normal = edges.model_outward[sharp]
-    seen = ~_resting(evidence, points, normal)
-    if seen.sum() < 20:
+    seen = ~_hidden(evidence, points) & ~_resting(evidence, points, normal)
+    if seen.sum() < max(20, _SHOWN * len(points)):
         return np.zeros(0), np.nan, np.nan
     points, tangents, normal = points[seen], tangents[seen], normal[seen]
     tree = cKDTree(edges.scan.tangents)
@@ -151,6 +155,14 @@ def edge_offsets(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> tupl
         goes_on &= np.abs(evidence.scan.depth[row, column] - points[:, 2]) < step
         goes_on &= ~surface.covers(X_ST, probe)  # one part of the model in front of another does not end it
     return offsets[paired], float(paired.mean()), float((goes_on & ~paired).mean())
+
+
+def _hidden(evidence: Evidence, points: Array) -> np.ndarray:
+    """Mask (n,) of the model's edges (n, 3) [m] in S with an occluder in front of them."""
+    row, column, _ = evidence.scan.pixels(points)
+    first = np.where(np.isfinite(evidence.scan.depth), evidence.scan.depth, np.inf)
+    nearest = ndimage.minimum_filter(first, 2 * _BESIDE_OCCLUDER + 1)[row, column]
+    return nearest < points[:, 2] - np.maximum(OCCLUDER, 6.0 * evidence.sensor.sigma(points[:, 2]))
 
 
 def _resting(evidence: Evidence, points: Array, normal: Array) -> np.ndarray:

@@ -4,6 +4,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy import ndimage
 
 from perception.registration.evidence import Evidence, score
 from perception.registration.fine_fit import GATES, IcpFit, fine_fit
@@ -14,8 +15,9 @@ from perception.registration.projective_fit import polished
 from perception.registration.symmetry import ambiguous_poses
 from sim.interfaces.spatial import Array, exp_so3, pose, readonly
 
-_ROUGH_ACROSS = 110  # [px] of the object's picture in a rough fit, about
-_ROUGH_STEP = 3  # [px] by which the picture is thinned for it, at most: thin parts are to stay
+_ROUGH_ACROSS = 110  # [px] of the object's picture in a rough fit, at least
+_ROUGH_WIDTH = 5.0  # [px] of its parts, at least: bars are to stay
+_ROUGH_STEP = 3  # [px] by which the picture is thinned for it, at most
 _ROUGH_POINTS = 1000  # scan points in a rough fit, about
 _ROUGH_MODEL = 8000  # model points in a rough fit, about
 _REFINED = 3  # initial poses that get a rough fit
@@ -109,7 +111,9 @@ def likeliest_pose(
 def _rough(evidence: Evidence, surface: ModelSurface) -> Evidence:
     """Fewer pixels and points: enough to tell which of many poses are worth a fit to the end."""
     picture = 2.0 * surface.radius / (evidence.scan.pitch * float(np.median(evidence.points[:, 2])))  # [px] across
-    step = int(np.clip(round(picture / _ROUGH_ACROSS), 1, _ROUGH_STEP))
+    rim = evidence.mask & ~ndimage.binary_erosion(evidence.mask)
+    width = 2.0 * evidence.mask.sum() / max(1, int(rim.sum()))  # [px] of a part of the picture
+    step = int(np.clip(min(picture / _ROUGH_ACROSS, width / _ROUGH_WIDTH), 1, _ROUGH_STEP))
     return evidence.thinned(step, _ROUGH_POINTS)
 
 

@@ -17,6 +17,7 @@ from scipy import ndimage
 from models.meshes.closed_shells import sphere
 from perception.clouds.scan import Scan, SensorModel, connected_surfaces, facing_normals, voxel_means
 from perception.registration.model_surface import ModelSurface
+from perception.registration.point_pairs import point_pair_poses
 from sim.interfaces.spatial import Array, exp_so3, rotation_from_z, transform_points
 
 _SPINS = 12  # rotations about the line of sight, for each view
@@ -35,6 +36,8 @@ _CLOSE = (200, np.geomspace(0.25, 0.08, 10))  # the same for the second, finer I
 _FINE = (400, np.geomspace(0.08, 0.03, 6))  # and for the third
 _TRIED = 120  # poses of a patch that get the second ICP
 _SETTLED = 40  # poses of a patch that get the third
+_VOTED = 60  # poses for which most point pairs vote, that are tried
+_WHOLE = 1000  # points of the whole scan, to which they converge
 _LARGE = 1.3  # [radii] from a patch's middle to its rim, beyond which it holds more than the object
 _BALL = 0.7  # [radii] of the balls into which such patches are divided
 _BALLS = 8  # of them at most
@@ -169,9 +172,10 @@ def initial_poses(
     picture = _Picture(scan.depth, scan.tangent_x[0], scan.tangent_y[0], *scan.pitches)
     found: list[tuple[float, Array]] = []
     firsts: list[tuple[float, Array]] = []
-    for patch in _patches(points, surface.radius, expected):
+
+    def settled(patch: np.ndarray, X: Array) -> list[tuple[float, Array]]:
+        """Scores and poses, the best first, to which those of `X` (k, 4, 4) converge on a patch."""
         sigma = float(np.median(sensor.sigma(points[patch, 2])))
-        X = _turned(views, points[patch].mean(axis=0))
         X = X[expected.admits_turn(X[:, :3, :3], surface)]
         score = np.zeros(len(X))
         for (count, gates), most in ((_ROUGH, len(X)), (_CLOSE, _TRIED), (_FINE, _SETTLED)):
@@ -180,7 +184,10 @@ def initial_poses(
             score = _settle(X, points[some], normals[some], sigma, gates * views.radius, views)
             score += _confirmed(X, views, picture, 2.0 * views.spacing + 3.0 * sigma)
         admitted = expected.admits(X, surface)
-        of_patch = sorted(zip(score[admitted].tolist(), X[admitted], strict=True), key=lambda item: -item[0])
+        return sorted(zip(score[admitted].tolist(), X[admitted], strict=True), key=lambda item: -item[0])
+
+    for patch in _patches(points, surface.radius, expected):
+        of_patch = settled(patch, _turned(views, points[patch].mean(axis=0)))
         firsts += of_patch[:1]
         found += of_patch[1:]
     for each in (firsts, found):
@@ -194,6 +201,15 @@ def initial_poses(
             break
         if all(_differ(surface, X, Y) for Y in kept):
             kept.append(X)
+    if expected.R is None:
+        voted = point_pair_poses(points, normals, surface)[:_VOTED]
+        by_pairs = voted.copy()
+        sigma = float(np.median(sensor.sigma(points[:, 2])))
+        some = _some(np.arange(len(points)), min(len(points), _WHOLE))
+        _settle(by_pairs, points[some], normals[some], sigma, _CLOSE[1] * views.radius, views)
+        for X in np.concatenate([by_pairs, voted]):
+            if expected.admits(X[None], surface)[0] and all(_differ(surface, X, Y) for Y in kept):
+                kept.append(X)
     return kept
 
 

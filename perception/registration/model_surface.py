@@ -48,7 +48,7 @@ class ModelSurface:
         u[over], v[over] = 1.0 - u[over], 1.0 - v[over]
         a, b, c = corners[face].transpose(1, 0, 2)
         points = a + u[:, None] * (b - a) + v[:, None] * (c - a)
-        first = _one_per_cube(points, spacing)
+        first = one_per_cube(points, spacing)
         return cls(
             target=target,
             points=points[first],
@@ -143,11 +143,11 @@ def _thinned(surface: ModelSurface, points: int) -> ModelSurface:
     if share <= 1.0:
         return surface
     spacing = surface.spacing * float(np.sqrt(share))
-    kept = _one_per_cube(surface.points, spacing)
+    kept = one_per_cube(surface.points, spacing)
     return replace(surface, points=surface.points[kept], normals=surface.normals[kept], spacing=spacing)
 
 
-def _one_per_cube(points: Array, size: float) -> np.ndarray:
+def one_per_cube(points: Array, size: float) -> np.ndarray:
     """Index of one of the points (n, 3) in each cube of edge `size` [m]: their mean would leave the surface."""
     cells = np.floor((points - points.min(axis=0)) / size).astype(np.int64)
     return np.unique((cells[:, 0] << 42) | (cells[:, 1] << 21) | cells[:, 2], return_index=True)[1]

@@ -16,7 +16,7 @@ from perception.registration.likelihood import OCCLUDER
 from perception.registration.model_surface import ModelSurface
 from sim.interfaces.spatial import Array, inverse, transform_points
 
-SHARP_EDGE = np.cos(np.deg2rad(60.0))  # where a surface turns away more slowly the sensor fails, it has no edge
+SHARP_EDGE = np.cos(np.deg2rad(70.0))  # where a surface turns away more slowly the sensor fails, it has no edge
 _WINDOW_PIXELS = 80_000  # pixels above which depth edges are taken from a thinned grid
 _RASTER = 32  # [px] to whose multiples the window of depth edges is extended, so that it seldom changes
 _BESIDE = (1.5, 3.0, 4.5)  # [px] beyond an edge, where the background is looked at

@@ -1,0 +1,160 @@
+"""Starts of the search by point pair features: poses for which pairs of scan points vote [Drost 2010].
+
+A pair of oriented points has four numbers that no motion changes: their distance, the angles of both normals with the
+line between them, and the angle of the normals. Pairs of the model are sorted by these. Each pair of the scan with a
+common first point votes for the model's points and turns that lay such a pair on it. Touching objects need no
+segmentation: pairs across two objects vote for nothing in particular.
+"""
+
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from perception.registration.model_surface import ModelSurface, one_per_cube
+from sim.interfaces.spatial import Array
+
+_MODEL_POINTS = 500  # of the model that are paired, about
+_SCAN_POINTS = 900  # of the scan that are paired, at most about
+_REFERENCES = 120  # of these that are first points, about
+_DISTANCES = 20  # steps of distance over the model's extent
+_ANGLES = 12  # steps of an angle over 180 deg
+_TURNS = 24  # steps of the turn about the first point's normal
+_PEAKS = 3  # poses of a first point, those with most votes
+_NEARBY = 0.2  # [radii] between model points, within which two peaks are one
+
+
+class _Pairs(NamedTuple):
+    """Pairs of model points sorted by their features; a tuple, so that kernels take it whole."""
+
+    points: Array  # (m, 3) [m] in T
+    frames: Array  # (m, 3, 3) rows: normal, and two directions across it
+    step: float  # [m] of distance
+    start: np.ndarray  # (features + 1,) of the pairs of a feature
+    first: np.ndarray  # (pairs,) index of the first point
+    turn: Array  # (pairs,) [rad] about its normal, by which the second point comes to the first direction across
+
+
+def point_pair_poses(points: Array, normals: Array, surface: ModelSurface) -> Array:
+    """Poses for which most pairs vote, three for each of some scan points.
+
+    Args:
+        points: (n, 3) [m] of the scan, in S.
+        normals: (n, 3) unit, towards the sensor.
+        surface: Sampled model, its normals outward.
+
+    Returns:
+        Poses X_ST (k, 4, 4), those with most votes first.
+    """
+    pairs = _model_pairs(surface)
+    size = float(pairs.step)
+    kept = one_per_cube(points, size)
+    while len(kept) > _SCAN_POINTS:
+        size *= 1.2
+        kept = one_per_cube(points, size)
+    points, frames = points[kept], _frames(normals[kept])
+    references = np.unique(np.linspace(0, len(points) - 1, _REFERENCES).astype(np.int64))
+    X, votes = _vote(points, frames, references, pairs, _NEARBY * surface.radius)
+    return X.reshape(-1, 4, 4)[np.argsort(-votes.ravel(), kind="stable")]
+
+
+@lru_cache(maxsize=16)
+def _model_pairs(surface: ModelSurface) -> _Pairs:
+    thinned = surface.thinned(_MODEL_POINTS)
+    points, frames = thinned.points, _frames(thinned.normals)
+    step = 2.0 * surface.radius / _DISTANCES
+    feature, turn = _features(points, frames, step)
+    every = feature.ravel()
+    order = np.argsort(every, kind="stable")
+    order = order[every[order] >= 0]
+    start = np.searchsorted(every[order], np.arange(_DISTANCES * _ANGLES**3 + 1))
+    return _Pairs(points, frames, step, start, order // len(points), turn.ravel()[order])
+
+
+def _frames(normals: Array) -> Array:
+    """Rotations (n, 3, 3) whose first rows are the `normals` (n, 3)."""
+    aside = np.eye(3)[np.abs(normals).argmin(axis=1)]
+    u = np.cross(normals, aside)
+    u /= np.linalg.norm(u, axis=1, keepdims=True)
+    return np.stack([normals, u, np.cross(normals, u)], axis=1)
+
+
+@njit(cache=True)
+def _feature(p: Array, frame: Array, q: Array, normal: Array, step: float) -> tuple[int, float]:
+    """Number of the feature of two oriented points, -1 for none, and the turn [rad] about the first normal."""
+    x, y, z = q[0] - p[0], q[1] - p[1], q[2] - p[2]
+    length = np.sqrt(x * x + y * y + z * z)
+    far = int(length / step)
+    if far >= _DISTANCES or length < 0.5 * step:
+        return -1, 0.0
+    along = frame[0, 0] * x + frame[0, 1] * y + frame[0, 2] * z
+    a = along / length
+    b = (normal[0] * x + normal[1] * y + normal[2] * z) / length
+    c = frame[0, 0] * normal[0] + frame[0, 1] * normal[1] + frame[0, 2] * normal[2]
+    number = far
+    for cosine in (a, b, c):
+        angle = np.arccos(min(1.0, max(-1.0, cosine)))
+        number = number * _ANGLES + min(_ANGLES - 1, int(angle * (_ANGLES / np.pi)))
+    u = frame[1, 0] * x + frame[1, 1] * y + frame[1, 2] * z
+    v = frame[2, 0] * x + frame[2, 1] * y + frame[2, 2] * z
+    return number, np.arctan2(-v, u)
+
+
+@njit(cache=True)
+def _features(points: Array, frames: Array, step: float) -> tuple[np.ndarray, Array]:
+    """Features (m, m) of all ordered pairs, -1 for none, and turns (m, m) [rad]."""
+    feature = np.full((len(points), len(points)), -1)
+    turn = np.zeros((len(points), len(points)))
+    for i in range(len(points)):
+        for j in range(len(points)):
+            if i != j:
+                feature[i, j], turn[i, j] = _feature(points[i], frames[i], points[j], frames[j, 0], step)
+    return feature, turn
+
+
+@njit(cache=True)
+def _vote(points: Array, frames: Array, references: np.ndarray, pairs: _Pairs, nearby: float) -> tuple[Array, Array]:
+    """Poses (k, peaks, 4, 4) and votes (k, peaks) of the k `references` among the scan's points."""
+    X = np.zeros((len(references), _PEAKS, 4, 4))
+    votes = np.zeros((len(references), _PEAKS))
+    count = np.empty((len(pairs.points), _TURNS))
+    for k in range(len(references)):
+        r = references[k]
+        count[:] = 0.0
+        for s in range(len(points)):
+            if s == r:
+                continue
+            number, turn = _feature(points[r], frames[r], points[s], frames[s, 0], pairs.step)
+            if number < 0:
+                continue
+            for n in range(pairs.start[number], pairs.start[number + 1]):
+                place = (pairs.turn[n] - turn) * (_TURNS / (2.0 * np.pi))
+                low = np.floor(place)
+                share = place - low
+                count[pairs.first[n], int(low) % _TURNS] += 1.0 - share
+                count[pairs.first[n], (int(low) + 1) % _TURNS] += share
+        for peak in range(_PEAKS):
+            best = int(count.argmax())
+            m, at = best // _TURNS, best % _TURNS
+            votes[k, peak] = count[m, at]
+            _lay(X[k, peak], points[r], frames[r], pairs.points[m], pairs.frames[m], at * (2.0 * np.pi / _TURNS))
+            for other in range(len(pairs.points)):
+                off = pairs.points[other] - pairs.points[m]
+                if off[0] ** 2 + off[1] ** 2 + off[2] ** 2 < nearby**2:
+                    for turned in (-1, 0, 1):
+                        count[other, (at + turned) % _TURNS] = 0.0
+    return X, votes
+
+
+@njit(cache=True)
+def _lay(X: Array, p: Array, frame: Array, q: Array, model_frame: Array, angle: float) -> None:
+    """Write the pose `X` (4, 4) that lays a model point with its frame on a scan point, turned about the normal."""
+    c, s = np.cos(angle), np.sin(angle)
+    for a in range(3):
+        for b in range(3):
+            n, u, v = model_frame[0, b], model_frame[1, b], model_frame[2, b]
+            X[a, b] = frame[0, a] * n + frame[1, a] * (c * u - s * v) + frame[2, a] * (s * u + c * v)
+    for a in range(3):
+        X[a, 3] = p[a] - (X[a, 0] * q[0] + X[a, 1] * q[1] + X[a, 2] * q[2])
+    X[3, 3] = 1.0

@@ -10,6 +10,7 @@ from models.objects.target_model import Symmetry
 from sim.interfaces.spatial import Array, exp_so3, rotation_angle
 
 _ALIKE = 0.006  # [radii] distance between the surfaces, up to which they are the same; a 24-sided pipe is round
+_CHIPPED = 0.1  # [-] largest share of the surface of a cloud's mesh that may lie farther off, up to a spacing
 _FOLDS = range(2, 13)  # orders of rotation that are tried
 _ROUND = np.deg2rad([13.0, 37.0, 71.0, 103.0, 163.0])  # [rad] turns that map only a surface of revolution onto itself
 _EQUAL = 0.02  # [-] relative difference of moments of inertia, up to which axes are not unique
@@ -26,8 +27,10 @@ _SAME = np.deg2rad(1.5)  # [rad] between axes or rotations that count as one
 _LARGEST = 60  # rotations in a group: those of an icosahedron
 
 
-def mesh_symmetry(vertices: Array, triangles: np.ndarray, rng: np.random.Generator) -> Symmetry:
-    """Rotations that map a mesh onto itself within 0.6 % of its radius.
+def mesh_symmetry(
+    vertices: Array, triangles: np.ndarray, rng: np.random.Generator, spacing: float = 0.0
+) -> Symmetry:
+    """Rotations that map a mesh onto itself within 0.6 % of its radius, and one made of a cloud as well as it tells.
 
     They turn about the centroid of the surface. Axes are sought along the principal axes of inertia, and where two
     moments are equal, all around the third. A sphere has no single axis; it counts as without symmetry.
@@ -36,11 +39,12 @@ def mesh_symmetry(vertices: Array, triangles: np.ndarray, rng: np.random.Generat
         vertices: (V, 3) [m].
         triangles: (T, 3) indices.
         rng: Draws the points that are compared.
+        spacing: [m] between the points of which the mesh was made: some of it lies so far off the surface.
 
     Returns:
         An axis of revolution with half turns across it, or a discrete group.
     """
-    shape = _Shape(vertices, triangles, rng)
+    shape = _Shape(vertices, triangles, rng, spacing)
     moments, axes = np.linalg.eigh(shape.inertia)
     for axis in axes.T:
         if all(shape.is_like(exp_so3(angle * axis)) for angle in _ROUND):
@@ -60,15 +64,18 @@ def mesh_symmetry(vertices: Array, triangles: np.ndarray, rng: np.random.Generat
     return Symmetry(rotations=_group(shape, candidates), center=shape.center)
 
 
-def has_mirror_plane(vertices: Array, triangles: np.ndarray, rng: np.random.Generator) -> bool:
+def has_mirror_plane(
+    vertices: Array, triangles: np.ndarray, rng: np.random.Generator, spacing: float = 0.0
+) -> bool:
     """Whether a reflection maps a mesh onto itself within 0.6 % of its radius; such a mesh has no other hand.
 
     Args:
         vertices: (V, 3) [m].
         triangles: (T, 3) indices.
         rng: Draws the points that are compared.
+        spacing: [m] as of `mesh_symmetry`.
     """
-    shape = _Shape(vertices, triangles, rng)
+    shape = _Shape(vertices, triangles, rng, spacing)
     moments, axes = np.linalg.eigh(shape.inertia)
     if any(shape.is_like(_reflection(axis)) for axis in axes.T):
         return True
@@ -89,7 +96,8 @@ def _reflection(normal: Array) -> Array:
 class _Shape:
     """A mesh with points on it that are turned and compared with it."""
 
-    def __init__(self, vertices: Array, triangles: np.ndarray, rng: np.random.Generator) -> None:
+    def __init__(self, vertices: Array, triangles: np.ndarray, rng: np.random.Generator, spacing: float) -> None:
+        self.spacing = spacing
         corners = vertices[triangles]
         areas = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
         shares = areas / areas.sum()
@@ -115,7 +123,10 @@ class _Shape:
         """True if the mesh turned by `R` is the mesh, within _ALIKE."""
         limit = _ALIKE * self.radius
         for points in (self.points[:_FIRST], self.points[_FIRST:]):
-            if self.surface.query(points @ R.T).distance.max() > limit:
+            distance = self.surface.query(points @ R.T).distance
+            if distance.max() > max(limit, self.spacing):
+                return False
+            if self.spacing > limit and np.mean(distance > limit) > _CHIPPED:
                 return False
         return True
 

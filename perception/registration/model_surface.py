@@ -4,12 +4,15 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
+from scipy.spatial import cKDTree
 
-from models.meshes.ray_casting import RayScene
+from models.meshes.ray_casting import OneSidedScene, RayScene
 from models.objects.mesh_symmetry import mesh_symmetry
 from models.objects.target_model import Symmetry, TargetModel
 from perception.clouds.scan import Scan
 from sim.interfaces.spatial import Array, inverse, transform_points
+
+_AT_BORDER = 2.0  # [spacings of the cloud] from its border, within which an edge is the border's
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -23,7 +26,9 @@ class ModelSurface:
     center: Array  # (3,) [m], of the target's bounding box
     radius: float  # [m], of the sphere around it
     scene: RayScene
-    symmetry: Symmetry  # declared by the target, or else found in its mesh
+    symmetry: Symmetry  # declared by the target, or else found in its mesh; of an open cloud only what is declared
+    resolution: float = 0.0  # [m] spacing of the cloud that the mesh was made of; 0 for a mesh
+    border: cKDTree | None = None  # points in T where an open cloud ends, though the object may go on
 
     @classmethod
     def of(cls, target: TargetModel, seed: int = 0) -> "ModelSurface":
@@ -46,6 +51,12 @@ class ModelSurface:
         u[over], v[over] = 1.0 - u[over], 1.0 - v[over]
         a, b, c = corners[face].transpose(1, 0, 2)
         points = a + u[:, None] * (b - a) + v[:, None] * (c - a)
+        cloud = target.cloud
+        is_open = cloud is not None and cloud.is_open
+        resolution = cloud.spacing if cloud is not None else 0.0
+        symmetry = target.symmetry
+        if symmetry.is_none and not is_open:
+            symmetry = mesh_symmetry(target.vertices, target.triangles, rng, resolution)
         # One sample per cell, not their mean: a mean would leave the surface.
         cells = np.floor((points - points.min(axis=0)) / spacing).astype(np.int64)
         _, first = np.unique((cells[:, 0] << 42) | (cells[:, 1] << 21) | cells[:, 2], return_index=True)
@@ -56,11 +67,22 @@ class ModelSurface:
             spacing=spacing,
             center=target.center,
             radius=target.radius,
-            scene=RayScene(target.vertices, target.triangles),
-            symmetry=mesh_symmetry(target.vertices, target.triangles, rng)
-            if target.symmetry.is_none
-            else target.symmetry,
+            scene=(OneSidedScene if is_open else RayScene)(target.vertices, target.triangles),
+            symmetry=symmetry,
+            resolution=resolution,
+            border=cKDTree(cloud.border) if cloud is not None and len(cloud.border) else None,
         )
+
+    @property
+    def is_open(self) -> bool:
+        """True for a scan from some sides: what lies behind it, and beyond its border, is unknown."""
+        return isinstance(self.scene, OneSidedScene)
+
+    def on_border(self, points: Array) -> np.ndarray:
+        """Mask (n,) of the points (n, 3) [m] in T near the border of an open cloud: no edges of the object."""
+        if self.border is None:
+            return np.zeros(len(points), dtype=bool)
+        return self.border.query(points, distance_upper_bound=_AT_BORDER * self.resolution)[0] < np.inf
 
     def visible(self, X_ST: Array, scan: Scan, max_incidence: float, step: int = 1) -> np.ndarray:
         """Mask (m,) of the points that the sensor can see: in view, not hidden, not at grazing incidence.
@@ -93,7 +115,8 @@ class ModelSurface:
         points, normals = self.points[::step], self.normals[::step]
         rays = points - origin
         distance = np.linalg.norm(rays, axis=1)
-        seen = np.abs(np.einsum("ij,ij->i", rays, normals)) > np.cos(max_incidence) * distance
+        facing = -np.einsum("ij,ij->i", rays, normals)
+        seen = (facing if self.is_open else np.abs(facing)) > np.cos(max_incidence) * distance
         if among is not None:
             seen &= among
         first = self.scene.distance(origin, rays[seen]) * distance[seen]

@@ -27,6 +27,7 @@ _FLAT = 0.2  # [-] thickness over width of a neighbourhood, up to which its norm
 _CREASE = np.cos(np.deg2rad(30.0))  # cosine of the angle between normals from which on an edge lies between two points
 _BEYOND = 1.0  # [-] of their distance, within which this edge must lie
 _ROUGH = 0.5  # [spacings] standard deviation of the points off their surface, above which they are averaged
+_SMOOTHED = 40  # neighbours to whose plane such points are moved first
 _SMOOTH = 0.25  # [spacings] and what is left of it
 _RING = 20  # neighbours among which the end of the surface is sought
 _GAP = np.deg2rad(150.0)  # [rad] around a point without any of them, from which on the surface ends there
@@ -85,7 +86,7 @@ def mesh_of_cloud(points: Array, normals: Array | None = None) -> CloudMesh:
         triangles=triangles,
         spacing=spacing,
         is_open=is_open,
-        border=points[_ends(points, axes)] if is_open else np.zeros((0, 3)),
+        border=_ends(points, axes, spacing) if is_open else np.zeros((0, 3)),
         note=f"meshed from a cloud of {given} points{fewer}, {1e3 * spacing:.1f} mm apart, normals {how}; {ends}",
     )
 
@@ -126,31 +127,46 @@ def _turned(points: Array, normals: Array, near: np.ndarray) -> Array:
         order, parent = breadth_first_order(tree, members[0], directed=False)
         for k in order[1:]:
             sign[k] = sign[parent[k]] * (1.0 if normals[k] @ normals[parent[k]] >= 0.0 else -1.0)
-        out = np.einsum("ni,ni->n", sign[members, None] * normals[members], points[members] - points[members].mean(axis=0))
+        out = np.einsum(
+            "ni,ni->n", sign[members, None] * normals[members], points[members] - points[members].mean(axis=0)
+        )
         sign[members] *= 1.0 if out.sum() >= 0.0 else -1.0
     return sign[:, None] * normals
 
 
 def _averaged(points: Array, normals: Array | None) -> tuple[Array, Array | None]:
     """Fewer points, averaged over cubes, where they scatter about their surface or are too many."""
-    distance, near = cKDTree(points).query(points, k=_NEIGHBOURS)
-    around = points[near] - points[near].mean(axis=1, keepdims=True)
-    least = np.linalg.eigvalsh(np.einsum("nki,nkj->nij", around, around))[:, 0]
-    off = float(np.median(np.sqrt(np.maximum(least, 0.0) / (_NEIGHBOURS - 3))))
-    spacing = float(np.median(distance[:, _COUNTED])) * np.sqrt(np.pi / _COUNTED)
-    many = max(off / (_SMOOTH * spacing) if off > _ROUGH * spacing else 1.0, len(points) / _MOST)
-    if many <= 1.0:
-        return points, normals
-    key = np.floor(points / (spacing * np.sqrt(many))).astype(np.int64)
-    if normals is not None:  # the two sides of a plate stay apart
+    while True:
+        near = cKDTree(points).query(points, k=_NEIGHBOURS)[1]
+        around = points[near] - points[near].mean(axis=1, keepdims=True)
+        least = np.linalg.eigvalsh(np.einsum("nki,nkj->nij", around, around))[:, 0]
+        off = float(np.median(np.sqrt(np.maximum(least, 0.0) / (_NEIGHBOURS - 3))))
+        spacing = _spacing(points)[1]
+        many = len(points) / _MOST
+        rough = off > _ROUGH * spacing
+        if rough:  # seen in a neighbourhood as thin as the scatter, it is more than it seems
+            many = max(many, off / (_SMOOTH * spacing))
+        if many <= 1.0 or len(points) < many * FEWEST:
+            return points, normals
+        if rough:
+            near = cKDTree(points).query(points, k=_SMOOTHED)[1]
+            middle = points[near].mean(axis=1)
+            away = points[near] - middle[:, None]
+            axes = np.linalg.eigh(np.einsum("nki,nkj->nij", away, away))[1][:, :, 0]
+            points = points - np.einsum("ni,ni->n", points - middle, axes)[:, None] * axes
+        points, normals = _means(points, normals, spacing * np.sqrt(many))
+
+
+def _means(points: Array, normals: Array | None, edge: float) -> tuple[Array, Array | None]:
+    """Mean points (m, 3) and unit normals over cubes of an `edge` [m]; the two sides of a plate stay apart."""
+    key = np.floor(points / edge).astype(np.int64)
+    if normals is not None:
         main = np.abs(normals).argmax(axis=1)
-        side = 2 * main + (normals[np.arange(len(normals)), main] > 0.0)
-        key = np.column_stack([key, side])
+        key = np.column_stack([key, 2 * main + (normals[np.arange(len(normals)), main] > 0.0)])
     _, index, count = np.unique(key, axis=0, return_inverse=True, return_counts=True)
-    index = index.ravel()
 
     def mean(values: Array) -> Array:
-        return np.column_stack([np.bincount(index, values[:, i]) for i in range(3)]) / count[:, None]
+        return np.column_stack([np.bincount(index.ravel(), values[:, i]) for i in range(3)]) / count[:, None]
 
     if normals is None:
         return mean(points), None
@@ -267,7 +283,7 @@ def _sharpened(points: Array, triangles: np.ndarray, normals: Array, flat: np.nd
 
 
 def _share_open(vertices: Array, triangles: np.ndarray, spacing: float) -> float:
-    """Share (0..1) of the surface from both of whose sides the sky is seen: all of a sheet, nothing of a closed mesh."""
+    """Share (0..1) of the surface that has open sky on both sides: all of a sheet, nothing of a closed mesh."""
     rng = np.random.default_rng(0)
     corners = vertices[triangles]
     cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -305,8 +321,8 @@ def _met(vertices: Array, triangles: np.ndarray, spacing: float) -> np.ndarray:
     return np.where(turned[:, None], triangles[:, ::-1], triangles)[seen.any(axis=0)]
 
 
-def _ends(points: Array, normals: Array) -> np.ndarray:
-    """Mask (n,) of the points around which, in their plane, a wide angle is empty: there the surface ends."""
+def _ends(points: Array, normals: Array, spacing: float) -> Array:
+    """Points (k, 3) around which, in their plane, a wide angle is empty, in rows: there the surface ends."""
     near = cKDTree(points).query(points, k=min(_RING + 1, len(points)))[1][:, 1:]
     u = np.cross(normals, np.eye(3)[np.abs(normals).argmin(axis=1)])
     u /= np.linalg.norm(u, axis=1, keepdims=True)
@@ -315,4 +331,6 @@ def _ends(points: Array, normals: Array) -> np.ndarray:
         np.arctan2(np.einsum("nki,ni->nk", away, np.cross(normals, u)), np.einsum("nki,ni->nk", away, u)), axis=1
     )
     gap = np.diff(np.column_stack([angle, angle[:, 0] + 2.0 * np.pi]), axis=1).max(axis=1)
-    return gap > _GAP
+    ends = points[gap > _GAP]
+    beside = cKDTree(ends).query_ball_point(ends, 3.0 * spacing, return_length=True) if len(ends) else np.zeros(0)
+    return ends[beside > 2]  # one alone is a gap between random points

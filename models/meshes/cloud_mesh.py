@@ -26,6 +26,9 @@ _HOLE = 2.2  # [spacings] radius of the largest empty ball under a face that lie
 _FLAT = 0.2  # [-] thickness over width of a neighbourhood, up to which its normal counts
 _CREASE = np.cos(np.deg2rad(30.0))  # cosine of the angle between normals from which on an edge lies between two points
 _BEYOND = 1.0  # [-] of their distance, within which this edge must lie
+_IN_PLANE = 0.1  # [-] of their distance, by which two points of one plane may lie off it
+_PARALLEL = 0.9  # [-] cosine between normals, above which they are parallel
+_MIXED = 0.1  # [-] share of opposite ones among them, above which normals do not tell the sides
 _ROUGH = 0.5  # [spacings] standard deviation of the points off their surface, above which they are averaged
 _SMOOTHED = 40  # neighbours to whose plane such points are moved first
 _SMOOTH = 0.25  # [spacings] and what is left of it
@@ -58,8 +61,8 @@ def mesh_of_cloud(points: Array, normals: Array | None = None) -> CloudMesh:
 
     Args:
         points: (n, 3) [m], finite, on the surface of an object or of a part of it.
-        normals: (n, 3) outward, of any length but 0; None: found from the points, and turned so that the surface
-            bulges outward.
+        normals: (n, 3) outward, of any length but 0; None: found from the points. Where they do not tell the sides they
+            are turned, those of an open surface so that it bulges outward.
 
     Raises:
         ConfigurationError: for fewer than FEWEST distinct points, or points that form no surface.
@@ -69,6 +72,10 @@ def mesh_of_cloud(points: Array, normals: Array | None = None) -> CloudMesh:
     if len(points) < FEWEST:
         raise ConfigurationError(f"cloud: a model needs at least {FEWEST} distinct points, got {len(points)}")
     outward = None if normals is None else normals[first] / np.linalg.norm(normals[first], axis=1, keepdims=True)
+    how = "found from the points" if outward is None else "given"
+    if outward is not None and not _one_sided(points, outward):
+        outward = _turned(points, outward, cKDTree(points).query(points, k=_NEIGHBOURS)[1])
+        how = "given, but of either sign: turned to one side"
     points, outward = _averaged(points, outward)
     local, spacing = _spacing(points)
     axes, flat = _normals(points) if outward is None else (outward, np.ones(len(points), dtype=bool))
@@ -78,7 +85,8 @@ def mesh_of_cloud(points: Array, normals: Array | None = None) -> CloudMesh:
     vertices, triangles = _sharpened(points, triangles, axes, flat)
     is_open = _share_open(vertices, triangles, spacing) > _OPEN
     triangles = _met(vertices, triangles, 0.0 if is_open else spacing)
-    how = "found from the points" if normals is None else "given"
+    if is_open and np.einsum("ni,ni->", axes, points - points.mean(axis=0)) < 0.0:
+        triangles, axes, how = triangles[:, ::-1], -axes, f"{how}, turned over: it bulged inward"
     fewer = f", averaged to {len(points)}" if len(points) < len(first) else ""
     ends = "open: what lies behind it, and beyond its borders, counts as unknown" if is_open else "all around"
     return CloudMesh(
@@ -112,6 +120,16 @@ def _normals(points: Array) -> tuple[Array, np.ndarray]:
     off = np.abs(np.einsum("nki,nki->nk", normals[near], points[:, None] - middle[near]))
     best = near[np.arange(len(points)), (values[near, 0] + off).argmin(axis=1)]
     return _turned(points, normals[best], near), values[best, 0] < _FLAT * values[best, 1]
+
+
+def _one_sided(points: Array, normals: Array) -> bool:
+    """Whether the normals (n, 3) tell the sides: those of neighbours on one plane point the same way."""
+    near = cKDTree(points).query(points, k=_NEIGHBOURS)[1][:, 1:]
+    away = points[near] - points[:, None]
+    along = np.einsum("nki,ni->nk", normals[near], normals)
+    flat = np.abs(np.einsum("nki,ni->nk", away, normals)) < _IN_PLANE * np.linalg.norm(away, axis=2)
+    pairs = flat & (np.abs(along) > _PARALLEL)
+    return bool((along[pairs] < 0.0).mean() < _MIXED) if pairs.any() else True
 
 
 def _turned(points: Array, normals: Array, near: np.ndarray) -> Array:

@@ -80,6 +80,20 @@ def test_a_scan_from_one_side_stays_open(rng: np.random.Generator, given: bool) 
     assert (RayScene(made.vertices, made.triangles).distance(flat, [[0.0, 0.0, 1.0]] * 500) > 2.3).mean() > 0.99
 
 
+def test_normals_of_either_sign_are_turned_outward(rng: np.random.Generator) -> None:
+    points, normals = sampled(*sphere(3), 8000, rng)
+    half = points[:, 2] > 0.0
+    points, normals = points[half], normals[half]
+    for given, said in (
+        (-normals, "turned over"),
+        (normals * rng.choice([-1.0, 1.0], (len(normals), 1)), "either sign"),
+    ):
+        made = mesh_of_cloud(points, given)
+        assert said in made.note
+        scene = OneSidedScene(made.vertices, made.triangles)
+        assert np.isfinite(scene.distance([0.0, 0.0, 3.0], [[0.0, 0.0, -1.0]])[0])
+
+
 def test_noise_and_numbers_of_points_are_averaged(rng: np.random.Generator) -> None:
     points, _ = sampled(*sphere(3), 12_000, rng)
     made = mesh_of_cloud(points * (1.0 + 0.04 * rng.normal(size=(len(points), 1))))

@@ -311,8 +311,12 @@ class TargetModel:
         path = existing_file(file, "target mesh")
         if scale is not None:
             scale = finite_number(scale, "target mesh: scale", least=1e-9, most=1e9)
+        normals, triangles = None, np.zeros((0, 3), dtype=np.int64)
         is_cloud = is_cloud_file(path)
-        vertices, more = read_surfels(path) if is_cloud else read_mesh(path)
+        if is_cloud:
+            vertices, normals = read_surfels(path)
+        else:
+            vertices, triangles = read_mesh(path)
         vertices = vertices * (1.0 if scale is None else scale)
         size = float(np.ptp(vertices, axis=0).max()) if len(vertices) else 0.0
         if scale is None and size > LARGEST:
@@ -321,11 +325,11 @@ class TargetModel:
                 "scale (0.001 for mm, 1 if it is so large)"
             )
         if is_cloud:
-            return cls.from_cloud(vertices, more, name or path.stem, symmetry, paths)
+            return cls.from_cloud(vertices, normals, name or path.stem, symmetry, paths)
         return cls(
             name=name or path.stem,
             vertices=vertices,
-            triangles=more,
+            triangles=triangles,
             symmetry=symmetry or Symmetry(),
             paths=paths or {},
         )

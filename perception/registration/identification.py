@@ -357,7 +357,9 @@ def sampled(target: Any, seed: int = 0) -> ModelSurface:
     if hasattr(target, "points"):
         normals = getattr(target, "normals", None)
         points, normals = np.asarray(target.points), None if normals is None else np.asarray(normals)
-        return ModelSurface.of(TargetModel.from_cloud(points, normals if np.size(normals) else None), seed)
+        return ModelSurface.of(
+            TargetModel.from_cloud(points, normals if normals is not None and normals.size else None), seed
+        )
     if isinstance(target, np.ndarray) and target.ndim == 2 and target.shape[1] in (3, 6):
         return ModelSurface.of(
             TargetModel.from_cloud(target[:, :3], target[:, 3:] if target.shape[1] == 6 else None), seed

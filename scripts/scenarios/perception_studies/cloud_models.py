@@ -30,7 +30,7 @@ class CloudCase:
 def sampled_cloud(target: TargetModel, count: int, seed: int = 0) -> tuple[Array, Array]:
     """Points (n, 3) [m] drawn evenly from the mesh of `target`, and its outward normals (n, 3) there."""
     mesh = trimesh.Trimesh(target.vertices, target.triangles, process=False)
-    points, faces = trimesh.sample.sample_surface(mesh, count, seed=seed)
+    points, faces = trimesh.sample.sample_surface(mesh, count, seed=seed)[:2]
     return np.asarray(points), np.asarray(mesh.face_normals)[faces]
 
 

@@ -12,6 +12,7 @@ from models.objects.mesh_symmetry import mesh_symmetry
 from models.objects.target_model import TargetModel
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array
+from untyped import untyped
 
 SIZE = np.array([0.4, 0.3, 0.2])
 
@@ -128,7 +129,7 @@ def test_what_is_no_model_is_refused_in_a_line(rng: np.random.Generator) -> None
         ((1e200 * points,), "must lie within"),
     ):
         with pytest.raises(ConfigurationError, match=words):
-            TargetModel.from_cloud(*given)
+            TargetModel.from_cloud(*untyped(given))
 
 
 def test_files_of_surfels(tmp_path, rng: np.random.Generator) -> None:

@@ -9,6 +9,7 @@ from perception.registration.pose_check import MIN_MARGIN, Decision
 from scenarios.object_scenes import object_scene, target_of
 from scenarios.perception_studies.cloud_models import sampled_cloud
 from sim.interfaces.errors import ConfigurationError
+from untyped import untyped
 
 NAMES = ("starfish", "valve", "manifold")
 
@@ -70,4 +71,4 @@ def test_targets_that_are_none_are_refused_in_a_line(tmp_path):
         (str(tmp_path / "none"), "or the name of a folder, got"),
     ):
         with pytest.raises(ConfigurationError, match=words):
-            perception.recognise(cloud, targets)
+            perception.recognise(cloud, untyped(targets))

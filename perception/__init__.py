@@ -11,18 +11,30 @@ import sim.interfaces  # noqa: F401  decides where compiled loops are kept
 if TYPE_CHECKING:
     from perception.clouds.scan import Scan, SensorModel
     from perception.registration.identification import Identification, identify
+    from perception.registration.recognition import Recognition, recognise
     from perception.target_finder import KnownObjectFinder
     from perception.toolpath.path_planner import plan_path
 
 _HOME = {
     "Identification": "perception.registration.identification",
     "KnownObjectFinder": "perception.target_finder",
+    "Recognition": "perception.registration.recognition",
     "Scan": "perception.clouds.scan",
     "SensorModel": "perception.clouds.scan",
     "identify": "perception.registration.identification",
     "plan_path": "perception.toolpath.path_planner",
+    "recognise": "perception.registration.recognition",
 }
-__all__ = ["Identification", "KnownObjectFinder", "Scan", "SensorModel", "identify", "plan_path"]
+__all__ = [
+    "Identification",
+    "KnownObjectFinder",
+    "Recognition",
+    "Scan",
+    "SensorModel",
+    "identify",
+    "plan_path",
+    "recognise",
+]
 
 
 def __getattr__(name: str) -> Any:

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from models.meshes.ply_files import NO_SUCH_VERTEX, need_corners, read_ply
+from models.meshes.surfel_files import TEXT
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.files import bytes_of
 from sim.interfaces.spatial import Array
@@ -31,7 +32,10 @@ def read_mesh(file: Path) -> tuple[Array, np.ndarray]:
     """
     kind = file.suffix.lower().removeprefix(".")
     if kind not in FORMATS:
-        raise ConfigurationError(f"target mesh {str(file)!r}: the formats are {', '.join(FORMATS.values())}")
+        raise ConfigurationError(
+            f"target mesh {str(file)!r}: the formats are {', '.join(FORMATS.values())}, and for clouds PCD and "
+            f"{', '.join(TEXT)}"
+        )
     own = {"ply": read_ply, "off": _read_off}.get(kind)
     try:
         vertices, triangles = own(bytes_of(file, "target mesh")) if own else _read_by_trimesh(file)

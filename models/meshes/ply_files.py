@@ -42,6 +42,16 @@ def read_ply(content: bytes) -> tuple[Array, np.ndarray]:
     Raises:
         ValueError: no PLY file, or one that is malformed or cut short, with the reason.
     """
+    points, _, triangles = read_ply_normals(content)
+    return points, triangles
+
+
+def read_ply_normals(content: bytes) -> tuple[Array, Array | None, np.ndarray]:
+    """As `read_ply`, with the normals (N, 3) between points and triangles; None for a file without nx, ny and nz.
+
+    Raises:
+        ValueError: as `read_ply` does.
+    """
     try:
         return _read(content)
     except OverflowError as error:
@@ -54,10 +64,10 @@ def need_corners(points: Array, triangles: np.ndarray) -> None:
         raise ValueError(NO_SUCH_VERTEX)
 
 
-def _read(content: bytes) -> tuple[Array, np.ndarray]:
+def _read(content: bytes) -> tuple[Array, Array | None, np.ndarray]:
     order, elements, at = _header(content)
     source = _Text(content[at:].split()) if not order else _Binary(content, at, order)
-    points, triangles = np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64)
+    points, normals, triangles = np.zeros((0, 3)), None, np.zeros((0, 3), dtype=np.int64)
     for element in elements:
         columns = source.read(element)
         if element.name == "vertex":
@@ -65,6 +75,8 @@ def _read(content: bytes) -> tuple[Array, np.ndarray]:
                 raise ValueError("its vertices have no x, y and z")
             with np.errstate(invalid="ignore"):  # a signalling NaN raises a flag
                 points = np.column_stack([np.asarray(columns[axis], dtype=np.float64) for axis in "xyz"])
+                if {"nx", "ny", "nz"} <= columns.keys():
+                    normals = np.column_stack([np.asarray(columns[f"n{axis}"], dtype=np.float64) for axis in "xyz"])
         elif element.name == "face":
             corners = next((columns[name] for name in _FACES if name in columns), None)
             if corners is None:
@@ -72,7 +84,7 @@ def _read(content: bytes) -> tuple[Array, np.ndarray]:
             triangles = _triangles(corners)
             break  # later elements are not needed
     need_corners(points, triangles)
-    return points, triangles
+    return points, normals, triangles
 
 
 def write_ply(

@@ -105,6 +105,23 @@ class RayScene:
         return t.reshape(ways.shape[:-1])
 
 
+class OneSidedScene(RayScene):
+    """A surface that is known from outside only: rays that meet it from behind count as having met nothing."""
+
+    __slots__ = ()
+
+    def cast(self, origins: ArrayLike, directions: ArrayLike) -> dict[str, np.ndarray]:
+        """As `RayScene.cast`."""
+        hit = super().cast(origins, directions)
+        behind = np.einsum("...i,...i->...", hit["normal"], np.asarray(directions)) > 0.0
+        hit["t"] = np.where(behind, np.inf, hit["t"]).astype(hit["t"].dtype)
+        return hit
+
+    def distance(self, origins: ArrayLike, directions: ArrayLike) -> np.ndarray:
+        """As `RayScene.distance`."""
+        return self.cast(origins, directions)["t"]
+
+
 def _rays(origins: ArrayLike, directions: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
     """Origins, one for each direction, and directions, in single precision."""
     ways = np.ascontiguousarray(directions, dtype=np.float32)

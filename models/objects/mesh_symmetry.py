@@ -4,12 +4,16 @@ from collections.abc import Sequence
 from itertools import combinations
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from models.meshes.nearest_surface import NearestSurface
 from models.objects.target_model import Symmetry
 from sim.interfaces.spatial import Array, exp_so3, rotation_angle
 
 _ALIKE = 0.006  # [radii] distance between the surfaces, up to which they are the same; a 24-sided pipe is round
+_EVEN = 40_000  # triangles drawn from the mesh of a cloud
+_LOST = 0.01  # [-] largest share of the surface of a cloud's mesh that may lie a spacing off and more
+_CHIPPED = 0.1  # [-] largest share of the surface of a cloud's mesh that may lie farther off than _ALIKE
 _FOLDS = range(2, 13)  # orders of rotation that are tried
 _ROUND = np.deg2rad([13.0, 37.0, 71.0, 103.0, 163.0])  # [rad] turns that map only a surface of revolution onto itself
 _EQUAL = 0.02  # [-] relative difference of moments of inertia, up to which axes are not unique
@@ -26,8 +30,8 @@ _SAME = np.deg2rad(1.5)  # [rad] between axes or rotations that count as one
 _LARGEST = 60  # rotations in a group: those of an icosahedron
 
 
-def mesh_symmetry(vertices: Array, triangles: np.ndarray, rng: np.random.Generator) -> Symmetry:
-    """Rotations that map a mesh onto itself within 0.6 % of its radius.
+def mesh_symmetry(vertices: Array, triangles: np.ndarray, rng: np.random.Generator, spacing: float = 0.0) -> Symmetry:
+    """Rotations that map a mesh onto itself within 0.6 % of its radius, and one made of a cloud as well as it tells.
 
     They turn about the centroid of the surface. Axes are sought along the principal axes of inertia, and where two
     moments are equal, all around the third. A sphere has no single axis; it counts as without symmetry.
@@ -36,11 +40,12 @@ def mesh_symmetry(vertices: Array, triangles: np.ndarray, rng: np.random.Generat
         vertices: (V, 3) [m].
         triangles: (T, 3) indices.
         rng: Draws the points that are compared.
+        spacing: [m] between the points of which the mesh was made: some of it lies so far off the surface.
 
     Returns:
         An axis of revolution with half turns across it, or a discrete group.
     """
-    shape = _Shape(vertices, triangles, rng)
+    shape = _Shape(vertices, triangles, rng, spacing)
     moments, axes = np.linalg.eigh(shape.inertia)
     for axis in axes.T:
         if all(shape.is_like(exp_so3(angle * axis)) for angle in _ROUND):
@@ -60,15 +65,16 @@ def mesh_symmetry(vertices: Array, triangles: np.ndarray, rng: np.random.Generat
     return Symmetry(rotations=_group(shape, candidates), center=shape.center)
 
 
-def has_mirror_plane(vertices: Array, triangles: np.ndarray, rng: np.random.Generator) -> bool:
+def has_mirror_plane(vertices: Array, triangles: np.ndarray, rng: np.random.Generator, spacing: float = 0.0) -> bool:
     """Whether a reflection maps a mesh onto itself within 0.6 % of its radius; such a mesh has no other hand.
 
     Args:
         vertices: (V, 3) [m].
         triangles: (T, 3) indices.
         rng: Draws the points that are compared.
+        spacing: [m] as of `mesh_symmetry`.
     """
-    shape = _Shape(vertices, triangles, rng)
+    shape = _Shape(vertices, triangles, rng, spacing)
     moments, axes = np.linalg.eigh(shape.inertia)
     if any(shape.is_like(_reflection(axis)) for axis in axes.T):
         return True
@@ -89,10 +95,13 @@ def _reflection(normal: Array) -> Array:
 class _Shape:
     """A mesh with points on it that are turned and compared with it."""
 
-    def __init__(self, vertices: Array, triangles: np.ndarray, rng: np.random.Generator) -> None:
+    def __init__(self, vertices: Array, triangles: np.ndarray, rng: np.random.Generator, spacing: float) -> None:
+        self.spacing = spacing
         corners = vertices[triangles]
         areas = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
         shares = areas / areas.sum()
+        if spacing > 0.0:
+            corners, shares = _evenly(corners, areas, spacing, rng)
         self.center = shares @ corners.mean(axis=1)
         # Of a triangle: its second moment about its centroid is the corners' mean square over 4.
         off = corners - self.center
@@ -115,8 +124,12 @@ class _Shape:
         """True if the mesh turned by `R` is the mesh, within _ALIKE."""
         limit = _ALIKE * self.radius
         for points in (self.points[:_FIRST], self.points[_FIRST:]):
-            if self.surface.query(points @ R.T).distance.max() > limit:
+            distance = self.surface.query(points @ R.T).distance
+            if self.spacing == 0.0 and distance.max() > limit:
                 return False
+            for off, share in ((max(limit, self.spacing), _LOST), (limit, _CHIPPED)):
+                if (distance > off).sum() > share * len(points) + 2.0 * np.sqrt(share * len(points)):  # 2 sigma
+                    return False
         return True
 
     def half_turns(self, axes: Array) -> list[Array]:
@@ -139,6 +152,18 @@ class _Shape:
         return found
 
 
+def _evenly(corners: Array, areas: Array, spacing: float, rng: np.random.Generator) -> tuple[Array, Array]:
+    """Triangles (n, 3, 3) drawn from `corners` (t, 3, 3) by area, and shares (n,) that spread evenly over the surface.
+
+    The mesh of a cloud has several layers here and there, which must not count twice.
+    """
+    some = corners[rng.choice(len(corners), _EVEN, p=areas / areas.sum())]
+    tree = cKDTree(some.mean(axis=1))
+    reach = max(spacing, 3.0 * np.sqrt(areas.sum() / _EVEN))
+    weight = 1.0 / tree.query_ball_point(tree.data, reach, return_length=True)
+    return some, weight / weight.sum()
+
+
 def _of_revolution(shape: _Shape, axis: Array) -> Symmetry:
     across = np.cross(axis, np.eye(3)[int(np.abs(axis).argmin())])
     flip = exp_so3(np.pi * across / np.linalg.norm(across))
@@ -154,6 +179,8 @@ def _group(shape: _Shape, axes: list[Array]) -> Array:
             R = exp_so3(2.0 * np.pi / fold * axis)
             if _is_new(R, group) and shape.is_like(R):
                 group = _closed([*group, R])
+    if shape.spacing > 0.0 and len(group) == _LARGEST:
+        return np.eye(3)[None]  # they do not close: each was only nearly one
     return np.stack(group)
 
 

@@ -13,7 +13,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from models.meshes import convex_parts
+from models.meshes.cloud_mesh import CloudMesh, mesh_of_cloud
 from models.meshes.mesh_files import read_mesh
+from models.meshes.surfel_files import is_cloud_file, read_surfels
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.files import existing_file
 from sim.interfaces.spatial import (
@@ -154,6 +156,7 @@ class TargetModel:
     solids: tuple[Solid, ...] = ()  # collision primitives, each the same shape as that part of the mesh
     hulls: tuple[Array, ...] = ()  # (n, 3) [m] corners, in T, of convex collision parts beside the solids
     stand: tuple[Solid, ...] = ()  # support: in the scene, but not part of the model used for identification
+    cloud: CloudMesh | None = None  # how the mesh was made, if the object was given as a point cloud
 
     def __post_init__(self) -> None:
         if not isinstance(self.name, str):
@@ -287,39 +290,104 @@ class TargetModel:
         paths: Mapping[str, ModelPath] | None = None,
         scale: float | None = None,
     ) -> "TargetModel":
-        """Load a target from a mesh file (STL, PLY, OBJ, OFF, glTF or GLB).
+        """Load a target from a mesh file (STL, PLY, OBJ, OFF, glTF or GLB) or a cloud (PLY without faces, PCD, text).
+
+        A cloud is meshed as by `from_cloud`; text files hold x y z, or x y z and the outward normal, a line.
 
         Args:
             file: path.
             name: by default the file's stem.
             symmetry: by default none.
             paths: tool paths by name.
-            scale: metres per unit of the file (0.001 for millimetres). None means metres, and a mesh larger than
+            scale: metres per unit of the file (0.001 for millimetres). None means metres, and a model larger than
                 `LARGEST` is refused.
 
         Returns:
             The target.
 
         Raises:
-            ConfigurationError: a file that is missing, unreadable, without triangles or in a wrong unit.
+            ConfigurationError: a file that is missing, unreadable, without a surface or in a wrong unit.
         """
         path = existing_file(file, "target mesh")
         if scale is not None:
             scale = finite_number(scale, "target mesh: scale", least=1e-9, most=1e9)
-        vertices, triangles = read_mesh(path)
+        normals, triangles = None, np.zeros((0, 3), dtype=np.int64)
+        is_cloud = is_cloud_file(path)
+        if is_cloud:
+            vertices, normals = read_surfels(path)
+        else:
+            vertices, triangles = read_mesh(path)
         vertices = vertices * (1.0 if scale is None else scale)
-        size = float(np.ptp(vertices, axis=0).max())
+        size = float(np.ptp(vertices, axis=0).max()) if len(vertices) else 0.0
         if scale is None and size > LARGEST:
             raise ConfigurationError(
                 f"target mesh {str(path)!r}: {size:.4g} m across, more than {LARGEST:.0f} m: millimetres? Give its "
                 "scale (0.001 for mm, 1 if it is so large)"
             )
+        if is_cloud:
+            return cls.from_cloud(vertices, normals, name or path.stem, symmetry, paths)
         return cls(
             name=name or path.stem,
             vertices=vertices,
             triangles=triangles,
             symmetry=symmetry or Symmetry(),
             paths=paths or {},
+        )
+
+    @classmethod
+    def from_cloud(
+        cls,
+        points: ArrayLike,
+        normals: ArrayLike | None = None,
+        name: str = "cloud",
+        symmetry: Symmetry | None = None,
+        paths: Mapping[str, ModelPath] | None = None,
+    ) -> "TargetModel":
+        """Target given as a point cloud, which is meshed; `cloud.note` says how.
+
+        The scale of all that is decided is the spacing of the points. A scan from some sides stays open: its borders
+        are not taken for edges of the object, and nothing is assumed of the side that was not scanned.
+
+        Args:
+            points: (n, 3) [m] on the surface, in T, in any order; rows that are not finite are left out.
+            normals: (n, 3) outward, of any length but 0; None: found from the points.
+            name: of the target.
+            symmetry: by default none.
+            paths: tool paths by name.
+
+        Raises:
+            ConfigurationError: arrays of another shape, too few points, or points that form no surface.
+        """
+        what = f"target cloud {name!r}"
+        values = real_array(points, f"{what}: points", "(n, 3) numbers [m]")
+        if values.ndim != 2 or values.shape[1] != 3:
+            raise ConfigurationError(f"{what}: points must be (n, 3) numbers [m], got shape {values.shape}")
+        finite = np.isfinite(values).all(axis=1)
+        outward = None
+        if normals is not None:
+            outward = real_array(normals, f"{what}: normals", "(n, 3) numbers")
+            if outward.shape != values.shape:
+                raise ConfigurationError(
+                    f"{what}: normals must be {values.shape}, one for each point, got {outward.shape}"
+                )
+            finite &= np.isfinite(outward).all(axis=1)
+            largest = np.abs(outward).max(axis=1, initial=0.0, where=np.isfinite(outward))
+            if not np.all(largest[finite] > 0.0):
+                raise ConfigurationError(f"{what}: a normal must not be zero, {int((largest == 0.0).sum())} are")
+            outward = outward[finite] / largest[finite, None]  # the square of a very long one overflows
+        if finite.any() and not np.abs(values[finite]).max() <= FARTHEST_VERTEX:
+            farthest = float(np.abs(values[finite]).max())
+            raise ConfigurationError(
+                f"{what}: points must lie within {FARTHEST_VERTEX:g} m of its origin, got {farthest:g}"
+            )
+        made = mesh_of_cloud(values[finite], outward)
+        return cls(
+            name=name,
+            vertices=made.vertices,
+            triangles=made.triangles,
+            symmetry=symmetry or Symmetry(),
+            paths=paths or {},
+            cloud=made,
         )
 
 

@@ -77,7 +77,7 @@ def named(name: str, **options: Any) -> TargetModel:
 
 
 def of(name_or_file: str | Path, scale: float | None = None) -> TargetModel:
-    """Object by name, or from a mesh file (`TargetModel.from_file`) if the argument has a file ending.
+    """Object by name, or from a mesh or cloud file (`TargetModel.from_file`) if the argument has a file ending.
 
     Raises:
         ConfigurationError: an unknown name, or an invalid file or `scale`.

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import numpy as np
 
+from models.meshes.pcd_files import read_pcd
 from models.meshes.ply_files import read_ply
-from perception.clouds.pcd_files import read_pcd
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.files import bytes_of, existing_file, text_of
 from sim.interfaces.spatial import Array
@@ -30,7 +30,8 @@ def read_organised_cloud(file: str | Path) -> tuple[Array, tuple[int, int] | Non
     path = existing_file(file, "cloud")
     match path.suffix.lower():
         case ".pcd":
-            return read_pcd(path)
+            points, _, shape = read_pcd(path)
+            return points, shape
         case ".ply":
             return _ply_points(path), None
         case _:

@@ -78,6 +78,12 @@ class Identification:
     duration_s: float  # [s] computing time
 
     @property
+    def model_note(self) -> str:
+        """How the model was made, if it was given as a cloud; empty for a mesh."""
+        cloud = self.surface.target.cloud
+        return "" if cloud is None else f"model {self.surface.target.name!r}: {cloud.note}"
+
+    @property
     def margin(self) -> float:
         """Log likelihood [nat] above that of the best other hypothesis; inf if there is none."""
         if len(self.hypotheses) < 2:
@@ -96,7 +102,7 @@ class Identification:
 
 def identify(
     cloud: ArrayLike | Scan,
-    target: TargetModel | ModelSurface | str | Path | Any,
+    target: TargetModel | ModelSurface | str | Path | np.ndarray | Any,
     approach: ArrayLike | None = None,
     orientation: ArrayLike | None = None,
     *,
@@ -112,7 +118,9 @@ def identify(
 
     Args:
         cloud: Points (n, 3) or organised (h, w, 3) [m] in the sensor frame S (OpenCV axes, NaN allowed), or a Scan.
-        target: A TargetModel, a mesh file [m], or an object with `vertices` and `faces` (trimesh) or `triangles` [m].
+        target: A TargetModel, a mesh or cloud file [m], an object with `vertices` and `faces` (trimesh) or `triangles`
+            [m], or a cloud: points (n, 3) [m], (n, 6) with outward normals, or an object with `points` and perhaps
+            `normals` (Open3D). A cloud is meshed: `model_note` says how.
         approach: (3,) [m] coarse position of the target's centre in S; None: anywhere.
         orientation: (3, 3) coarse rotation of T in S, wrong by up to 45 deg; None: any.
         sensor: Accuracy of the sensor, from which the limits follow; None: `SensorModel()`.
@@ -144,7 +152,7 @@ def identify(
     one_of(method, get_args(Method), "method")
     if sensor is not None and not isinstance(sensor, SensorModel):
         raise ConfigurationError(f"sensor: expected a SensorModel, got {shown(sensor)}")
-    surface = _surface(target, seed)
+    surface = sampled(target, seed)
     sensor = sensor or SensorModel()
     X_prior = pose(R_prior if R_prior is not None else np.eye(3), p_approach)
     if p_approach is not None:
@@ -329,17 +337,35 @@ def _refused(surface: ModelSurface, X_prior: Array, reason: str, started: float)
     )
 
 
-def _surface(target: Any, seed: int) -> ModelSurface:
-    """Sample `target`, in any of the forms that `identify` accepts."""
+def sampled(target: Any, seed: int = 0) -> ModelSurface:
+    """Sample `target`, in any of the forms that `identify` accepts.
+
+    Raises:
+        ConfigurationError: It is in none of them, or not a model.
+    """
     if isinstance(target, ModelSurface):
         return target
     if isinstance(target, TargetModel):
         return ModelSurface.of(target, seed)
     if isinstance(target, (str, Path)):
         return ModelSurface.of(TargetModel.from_file(target), seed)
-    if hasattr(target, "vertices") and (hasattr(target, "faces") or hasattr(target, "triangles")):
-        triangles = target.faces if hasattr(target, "faces") else target.triangles  # trimesh's are corners (t, 3, 3)
-        return ModelSurface.of(TargetModel(name="mesh", vertices=target.vertices, triangles=triangles), seed)
+    faces = next((name for name in ("faces", "triangles") if hasattr(target, name)), None)
+    if hasattr(target, "vertices") and faces is not None:  # `triangles` of trimesh's are corners (t, 3, 3)
+        return ModelSurface.of(
+            TargetModel(name="mesh", vertices=target.vertices, triangles=getattr(target, faces)), seed
+        )
+    if hasattr(target, "points"):
+        normals = getattr(target, "normals", None)
+        points, normals = np.asarray(target.points), None if normals is None else np.asarray(normals)
+        return ModelSurface.of(
+            TargetModel.from_cloud(points, normals if normals is not None and normals.size else None), seed
+        )
+    if isinstance(target, np.ndarray) and target.ndim == 2 and target.shape[1] in (3, 6):
+        return ModelSurface.of(
+            TargetModel.from_cloud(target[:, :3], target[:, 3:] if target.shape[1] == 6 else None), seed
+        )
+    given = f"an array of shape {target.shape}" if isinstance(target, np.ndarray) else type(target).__name__
     raise ConfigurationError(
-        f"target: expected a TargetModel, a mesh file or a mesh (vertices, faces), got {type(target).__name__}"
+        "target: expected a TargetModel, a mesh or cloud file, a mesh (vertices, faces), or a cloud: an array (n, 3), "
+        f"or (n, 6) with normals, or an object with points and normals; got {given}"
     )

@@ -4,8 +4,8 @@ from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
+from scipy.spatial import cKDTree
 
-from models.meshes.ray_casting import RayScene
 from models.objects.mesh_symmetry import has_mirror_plane
 from models.objects.target_model import Symmetry, TargetModel
 from perception.registration.evidence import Evidence
@@ -43,7 +43,7 @@ def mirrored_log_likelihood(evidence: Evidence, surface: ModelSurface, X_ST: Arr
 def mirror_image(surface: ModelSurface) -> ModelSurface | None:
     """The model reflected in the plane x = 0 of T; None if it has a plane of symmetry."""
     vertices, triangles = surface.target.vertices, surface.target.triangles
-    if has_mirror_plane(vertices, triangles, np.random.default_rng(0)):
+    if has_mirror_plane(vertices, triangles, np.random.default_rng(0), surface.resolution):
         return None
     flip = np.array([-1.0, 1.0, 1.0])
     symmetry = surface.symmetry
@@ -53,8 +53,9 @@ def mirror_image(surface: ModelSurface) -> ModelSurface | None:
         points=surface.points * flip,
         normals=surface.normals * flip,
         center=surface.center * flip,
-        scene=RayScene(vertices * flip, triangles[:, ::-1]),
+        scene=type(surface.scene)(vertices * flip, triangles[:, ::-1]),
         hull=surface.hull * flip,
+        border=None if surface.border is None else cKDTree(surface.border.data * flip),
         symmetry=Symmetry(
             axis=None if symmetry.axis is None else symmetry.axis * flip,
             rotations=np.diag(flip) @ symmetry.rotations @ np.diag(flip),

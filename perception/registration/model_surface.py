@@ -4,13 +4,16 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from models.meshes.closed_shells import sphere
-from models.meshes.ray_casting import RayScene
+from models.meshes.ray_casting import OneSidedScene, RayScene
 from models.objects.mesh_symmetry import mesh_symmetry
 from models.objects.target_model import Symmetry, TargetModel
 from perception.clouds.scan import Scan
 from sim.interfaces.spatial import Array, inverse, transform_points
+
+_AT_BORDER = 2.0  # [spacings of the cloud] from its border, within which an edge is the border's
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -24,8 +27,10 @@ class ModelSurface:
     center: Array  # (3,) [m], of the target's bounding box
     radius: float  # [m], of the sphere around it
     scene: RayScene
-    symmetry: Symmetry  # declared by the target, or else found in its mesh
+    symmetry: Symmetry  # declared by the target, or else found in its mesh; of an open cloud only what is declared
     hull: Array  # (k, 3) [m] outermost corners in many directions, which bound its picture
+    resolution: float = 0.0  # [m] spacing of the cloud that the mesh was made of; 0 for a mesh
+    border: cKDTree | None = None  # points in T where an open cloud ends, though the object may go on
 
     @classmethod
     def of(cls, target: TargetModel, seed: int = 0) -> "ModelSurface":
@@ -48,6 +53,12 @@ class ModelSurface:
         u[over], v[over] = 1.0 - u[over], 1.0 - v[over]
         a, b, c = corners[face].transpose(1, 0, 2)
         points = a + u[:, None] * (b - a) + v[:, None] * (c - a)
+        cloud = target.cloud
+        is_open = cloud is not None and cloud.is_open
+        resolution = cloud.spacing if cloud is not None else 0.0
+        symmetry = target.symmetry
+        if symmetry.is_none and not is_open:
+            symmetry = mesh_symmetry(target.vertices, target.triangles, rng, resolution)
         first = one_per_cube(points, spacing)
         return cls(
             target=target,
@@ -56,16 +67,27 @@ class ModelSurface:
             spacing=spacing,
             center=target.center,
             radius=target.radius,
-            scene=RayScene(target.vertices, target.triangles),
-            symmetry=mesh_symmetry(target.vertices, target.triangles, rng)
-            if target.symmetry.is_none
-            else target.symmetry,
+            scene=(OneSidedScene if is_open else RayScene)(target.vertices, target.triangles),
+            symmetry=symmetry,
             hull=_hull(target.vertices),
+            resolution=resolution,
+            border=cKDTree(cloud.border) if cloud is not None and len(cloud.border) else None,
         )
 
     def thinned(self, points: int) -> "ModelSurface":
         """The same surface with fewer points, `points` at most, about; itself where it has no more."""
         return _thinned(self, points)
+
+    @property
+    def is_open(self) -> bool:
+        """True for a scan from some sides: what lies behind it, and beyond its border, is unknown."""
+        return isinstance(self.scene, OneSidedScene)
+
+    def on_border(self, points: Array) -> np.ndarray:
+        """Mask (n,) of the points (n, 3) [m] in T near the border of an open cloud: no edges of the object."""
+        if self.border is None:
+            return np.zeros(len(points), dtype=bool)
+        return self.border.query(points, distance_upper_bound=_AT_BORDER * self.resolution)[0] < np.inf
 
     def visible(self, X_ST: Array, scan: Scan, max_incidence: float, step: int = 1) -> np.ndarray:
         """Mask (m,) of the points that the sensor can see: in view, not hidden, not at grazing incidence.
@@ -98,7 +120,8 @@ class ModelSurface:
         points, normals = self.points[::step], self.normals[::step]
         rays = points - origin
         distance = np.linalg.norm(rays, axis=1)
-        seen = np.abs(np.einsum("ij,ij->i", rays, normals)) > np.cos(max_incidence) * distance
+        facing = -np.einsum("ij,ij->i", rays, normals)
+        seen = (facing if self.is_open else np.abs(facing)) > np.cos(max_incidence) * distance
         if among is not None:
             seen &= among
         first = self.scene.distance(origin, rays[seen]) * distance[seen]

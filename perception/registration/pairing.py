@@ -34,7 +34,7 @@ class DepthEdges:
     scan_outward: Array  # (n, 2) unit, across the edge in the image
     model_points: Array  # (k, 3) [m] in T
     model_outward: Array  # (k, 2) unit
-    model_sharp: np.ndarray  # (k,) bool: see SHARP_EDGE
+    model_sharp: np.ndarray  # (k,) bool: see SHARP_EDGE; where an open model merely ends there is none
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -334,12 +334,13 @@ def _edges(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> DepthEdges
         return None
     tangents = _refined(surface, X_ST, part, of_model)
     points = of_model.depth[:, None] * np.column_stack([tangents, np.ones(len(tangents))])
+    points = transform_points(inverse(X_ST), points)
     return DepthEdges(
         scan=of_scan,
         scan_outward=scan_outward,
-        model_points=transform_points(inverse(X_ST), points),
+        model_points=points,
         model_outward=outward(covered, model.depth, of_model.rows, of_model.columns),
-        model_sharp=cosine[of_model.rows, of_model.columns] > SHARP_EDGE,
+        model_sharp=(cosine[of_model.rows, of_model.columns] > SHARP_EDGE) & ~surface.on_border(points),
     )
 
 

@@ -45,6 +45,7 @@ _ACROSS_EDGES = 1.5  # [px] by which a ray is moved aside to detect a nearby edg
 _MIN_RAYS = 40  # rays without which there is no verdict
 _RIM = 1.0  # [noise lengths] width below which a missing part is the error of an edge
 _FEATURE = 2.0  # [noise lengths^2] largest part that may be missing by chance
+_UNTOLD = 3.0  # [spacings] edge of a part that a cloud does not tell from a gap between two of its surfaces
 _AGREES = 1.5  # [sigma] within which scan and model agree
 _ABRUPT = 0.6  # [-] share of such pixels among those within 3 sigma around a missing part, of a dent less
 _FEW_RAYS = 120  # parallel rays below which lines of sight replace them
@@ -281,7 +282,8 @@ def _missing(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> tuple[in
     cell = evidence.sensor.noise_length * evidence.scan.pitch / scan.pitch  # [px] of one independent reading
     wide = 2 * int(np.ceil(0.5 * _RIM * cell)) + 1
     label, count = ndimage.label(ndimage.binary_opening(behind > 3.0, np.ones((wide, wide))))
-    least = round(_FEATURE * cell**2)
+    pixel = scan.pitch * float(np.median(depth[shown])) if shown.any() else np.inf  # [m]
+    least = round(max(_FEATURE * cell**2, (_UNTOLD * surface.resolution / pixel) ** 2))
     rough, agrees = shown & (np.abs(behind) < 3.0), shown & (np.abs(behind) < _AGREES)
     largest = 0
     for part in range(1, count + 1):
@@ -505,6 +507,8 @@ def _beyond(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> float:
 
     A neighbour that touches the object meets it at a crease, and is another surface.
     """
+    if surface.is_open:
+        return 0.0  # the object goes on where its scan ends
     on_model = explained(evidence, surface, X_ST)
     label = connected_surfaces(evidence.points, _TOGETHER * surface.spacing, evidence.normals)
     taken = (np.bincount(label, weights=on_model) > _PART * np.bincount(label))[label]

@@ -2,6 +2,8 @@
 
 A pose counts as found if its centre is within 1 % of the range and its attitude within 5 deg, modulo the object's
 declared symmetry. Errors are over all scenes, found or not, accepted or not. Times are processor times of all threads.
+With --recognise the object is not told: which of --objects it is must be found too. With --points the model is given
+as point clouds too, drawn from its mesh.
 """
 
 from scenarios.start import parse, run_scenario  # isort: skip
@@ -12,6 +14,7 @@ from typing import Literal
 
 from models.objects import targets
 from scenarios.object_scenes import SENSORS, target_of
+from scenarios.perception_studies import cloud_models, recognition
 from scenarios.perception_studies.identification import SceneCase, Start, line, run, summarise
 from scenarios.study import Study, StudyOptions
 
@@ -34,6 +37,10 @@ class Options(StudyOptions):
     """Distance from camera to object [m]."""
     gap: tuple[float, float] = (0.05, 0.4)
     """Distance from the object down to the seabed [m]; 0 0: it lies on it."""
+    recognise: bool = False
+    """Find out which of --objects is in the scene."""
+    points: tuple[int, ...] = ()
+    """Give the model as clouds of so many points, with and without normals, and compare the pose with its mesh's."""
     workers: int = 1
     """Number of processes; 0: one for each core, 1: this one. Computing times are comparable with 1 only."""
 
@@ -50,6 +57,24 @@ def main() -> int:
         for sensor in options.sensors
         for k in range(options.runs)
     ]
+    if options.recognise:
+        asked = [recognition.RecognitionCase(c.name, options.objects, c.sensor, c.seed, c.start) for c in cases]
+        title = f"{start}: which of {len(options.objects)} objects is it?"
+        study = Study(
+            cases=asked,
+            run_one=recognition.run,
+            summarise=partial(recognition.summarise, title=title),
+            line=recognition.line,
+        )
+        return study.carry_out("study_recognition", options, "Recognition on random scenes")
+    if options.points:
+        study = Study(
+            cases=[cloud_models.CloudCase(c.name, options.points, c.sensor, c.seed, c.start) for c in cases],
+            run_one=cloud_models.run,
+            summarise=partial(cloud_models.summarise, title=f"{start}: models as clouds"),
+            line=cloud_models.line,
+        )
+        return study.carry_out("study_cloud_models", options, "Models given as clouds")
     study = Study(cases=cases, run_one=run, summarise=partial(summarise, title=str(start)), line=line)
     return study.carry_out("study_identification", options, "Identification on random scenes")
 

@@ -56,3 +56,14 @@ def test_deformed_object_is_mapped(script, tmp_path):
     assert "Off the model" in done.stdout
     for name in ("deformation.ply", "deformation.png"):
         assert (tmp_path / name).stat().st_size > 5000
+
+
+def test_which_of_several_objects_it_is(script, tmp_path):
+    done = script("identify_object", "--object", "starfish", "--among", "starfish", "valve", "--out", tmp_path)
+    assert done.returncode == 0, done.stdout + done.stderr
+    said = json.loads((tmp_path / "identification.json").read_text())
+    assert said["object"] == "starfish"
+    assert [each["object"] for each in said["candidates"]] == ["starfish", "valve"]
+    refused = script("identify_object", "--among", "valve", "valve", "--out", tmp_path / "twice")
+    assert refused.returncode == 2
+    assert "'valve' is there twice" in refused.stdout + refused.stderr

@@ -7,13 +7,15 @@ from typing import Any, Literal
 import numpy as np
 from matplotlib.figure import Figure
 
+from models.objects import targets
 from models.objects.targets import TargetModel
 from perception.clouds.cloud_files import load_cloud
 from perception.clouds.scan import SIGMA_ALLOWED, SensorModel
 from perception.registration.identification import Identification, Method, identify
 from perception.registration.pose_check import PoseCheck
 from perception.registration.pose_covariance import PoseCovariance
-from scenarios.object_scenes import object_scene
+from perception.registration.recognition import Recognition, model_files, recognise
+from scenarios.object_scenes import ObjectScene, object_scene
 from scenarios.site import with_growth_and_dents
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import exp_so3, transform_points
@@ -27,13 +29,17 @@ class IdentificationOptions:
     """Identify a known object in a point cloud."""
 
     object: str = "barrel"
-    """A name of models.objects.targets.available(), or a mesh file (STL, PLY, OBJ, OFF, glTF)."""
+    """A name of models.objects.targets.available(), a mesh file (STL, PLY, OBJ, OFF, glTF), or a cloud of the surface
+    (PLY, PCD, text with x y z or x y z nx ny nz a line), which is meshed."""
+    among: tuple[str, ...] = ()
+    """Names, mesh or cloud files, and folders of them: which of these is it? --object is then only what the simulated
+    scene shows."""
     cloud: Path | None = None
     """Text (x y z a line), PLY or PCD, in the sensor's frame; default: a simulated scene."""
     scale: float | None = None
     """Unit of the cloud in metres: 0.001 for millimetres."""
     mesh_scale: float | None = None
-    """Unit of the mesh file in metres."""
+    """Unit of the mesh or cloud files of models in metres."""
     approach: tuple[float, float, float] | None = None
     """Coarse position of the object's centre in the sensor's frame [m]; default: unknown."""
     rotation: tuple[float, float, float] | None = None
@@ -60,42 +66,112 @@ class IdentificationOptions:
             raise ConfigurationError(f"--sigma: must lie in {least:g} to {most:g} m (at 1 m), got {self.sigma}")
 
 
-def found_in(options: IdentificationOptions, target: TargetModel) -> tuple[Identification, list[str]]:
-    """Identifies the object in the cloud or the simulated scene of `options`; also returns notes on the input.
+def models_among(options: IdentificationOptions) -> dict[str, TargetModel]:
+    """The models of `options.among` by name, those of a folder one by one.
 
     Raises:
-        ConfigurationError: The cloud is unusable, its units do not match the object's, or a number is out of range.
+        ConfigurationError: An unknown name, an unreadable file, a folder without models, or two models of one name.
+    """
+    files = [file for each in options.among for file in (model_files(each) if Path(each).is_dir() else [each])]
+    models: dict[str, TargetModel] = {}
+    for file in files:
+        # A scale is for files: named objects have their size.
+        model = targets.of(file, options.mesh_scale if Path(file).suffix else None)
+        if model.name in models:
+            raise ConfigurationError(f"--among: every model needs a name of its own, {model.name!r} is there twice")
+        models[model.name] = model
+    return models
+
+
+@dataclass(frozen=True, slots=True)
+class Seen:
+    """A scan, as `identify` takes it, with what is known beforehand."""
+
+    cloud: Any  # points or Scan
+    approach: Any  # (3,) [m], None if unknown
+    orientation: Any  # (3, 3), None if unknown
+    sensor: SensorModel
+    notes: list[str]  # on the input
+    scene: ObjectScene | None  # that was simulated
+
+
+def seen_by(options: IdentificationOptions, target: TargetModel, sizes: dict[str, float]) -> Seen:
+    """The cloud, or the simulated scene with `target`, of `options`.
+
+    Args:
+        options: Those of the command.
+        target: Object of the simulated scene.
+        sizes: Radius [m] of each model that is looked for, by name.
+
+    Raises:
+        ConfigurationError: The cloud is unusable, its units do not match a model's, or a number is out of range.
     """
     R = None if options.rotation is None else exp_so3(np.radians(options.rotation))
     if options.cloud is not None:
         cloud = load_cloud(options.cloud, options.scale)
         points = cloud.points.reshape(-1, 3)
         extent = 2.0 * float(np.nanmax(np.linalg.norm(points - np.nanmedian(points, axis=0), axis=1)))
-        if 2.0 * target.radius > _TOO_LARGE * extent:
-            raise ConfigurationError(
-                f"{target.name!r} is {2.0 * target.radius:.3g} m across, the cloud {extent:.3g} m: is one of them in "
-                "millimetres? Give --scale (of the cloud) or --mesh-scale"
-            )
-        sensor = told(SensorModel(), options.sigma)
-        found = identify(
-            cloud.points, target, options.approach, R, sensor=sensor, seed=options.seed, method=options.method
-        )
-        return found, [*cloud.notes]
+        for name, radius in sizes.items():
+            if 2.0 * radius > _TOO_LARGE * extent:
+                raise ConfigurationError(
+                    f"{name!r} is {2.0 * radius:.3g} m across, the cloud {extent:.3g} m: is one of them in "
+                    "millimetres? Give --scale (of the cloud) or --mesh-scale"
+                )
+        return Seen(cloud.points, options.approach, R, told(SensorModel(), options.sigma), [*cloud.notes], None)
     there = with_growth_and_dents(target, options.fouled, options.dented, np.random.default_rng([options.seed, 4]))
     scene = object_scene(target, options.seed, options.sensor, there=there)
-    approach = scene.approach if options.approach is None else options.approach
-    found = identify(
-        scene.scan,
-        target,
-        approach,
-        scene.orientation if R is None else R,
+    return Seen(
+        cloud=scene.scan,
+        approach=scene.approach if options.approach is None else options.approach,
+        orientation=scene.orientation if R is None else R,
         sensor=told(scene.sensor.model, options.sigma),
+        notes=[],
+        scene=scene,
+    )
+
+
+def found_in(options: IdentificationOptions, target: TargetModel) -> tuple[Identification, list[str]]:
+    """Identifies the object in the cloud or the simulated scene of `options`; also returns notes on input and model.
+
+    Raises:
+        ConfigurationError: The cloud is unusable, its units do not match the object's, or a number is out of range.
+    """
+    seen = seen_by(options, target, {target.name: target.radius})
+    found = identify(
+        seen.cloud,
+        target,
+        seen.approach,
+        seen.orientation,
+        sensor=seen.sensor,
         seed=options.seed,
         method=options.method,
     )
-    position, angle = scene.error(found.X_sensor_target)
-    said = f"off the truth by {1e3 * position:.2f} mm and {np.degrees(angle):.2f} deg, at {scene.range_m:.2f} m"
-    return found, [f"scene of seed {options.seed}, {options.sensor}: {said}"]
+    return found, _notes(options, seen, found)
+
+
+def recognised_in(options: IdentificationOptions, models: dict[str, TargetModel]) -> tuple[Recognition, list[str]]:
+    """Finds out which of `models` is in the cloud or the simulated scene of `options`; also returns notes.
+
+    Raises:
+        ConfigurationError: As `found_in` does, and for another method than that of the library.
+    """
+    if options.method != "planes":
+        raise ConfigurationError(f"--among: models are compared by --method planes only, got {options.method}")
+    shown = next(iter(models.values())) if options.cloud is not None else targets.of(options.object)
+    seen = seen_by(options, shown, {name: model.radius for name, model in models.items()})
+    # Each model has axes of its own: a coarse attitude is none of theirs.
+    orientation = None if options.rotation is None else seen.orientation
+    made = recognise(seen.cloud, models, seen.approach, orientation, sensor=seen.sensor, seed=options.seed)
+    return made, _notes(options, seen, made.found)
+
+
+def _notes(options: IdentificationOptions, seen: Seen, found: Identification) -> list[str]:
+    notes = [*seen.notes, *([found.model_note] if found.model_note else [])]
+    if seen.scene is None:
+        return notes
+    position, angle = seen.scene.error(found.X_sensor_target)
+    said = f"off the truth by {1e3 * position:.2f} mm and {np.degrees(angle):.2f} deg, at {seen.scene.range_m:.2f} m"
+    return [*notes, f"scene of seed {options.seed}, {options.sensor}: {said}"]
 
 
 def told(sensor: SensorModel, sigma: float | None) -> SensorModel:
@@ -165,6 +241,20 @@ def report(found: Identification, target: TargetModel, notes: list[str]) -> dict
         "duration_s": found.duration_s,
         "notes": notes,
     }
+
+
+def candidates_of(made: Recognition) -> list[dict[str, Any]]:
+    """The candidates of a recognition as JSON can hold them, the likeliest first."""
+    return [
+        {
+            "object": each.name,
+            "log_likelihood": float(each.log_likelihood) if np.isfinite(each.log_likelihood) else None,
+            "decision": each.found.decision.value,
+            "reason": each.found.reason,
+            "X_sensor_target": each.found.X_sensor_target.tolist(),
+        }
+        for each in made.candidates
+    ]
 
 
 def picture(found: Identification, title: str) -> Figure:

@@ -15,15 +15,15 @@ _TYPES = {("F", 4): "<f4", ("F", 8): "<f8"} | {
 _LONGEST_HEADER = 100  # lines of the header, at most
 
 
-def read_pcd(file: Path) -> tuple[Array, tuple[int, int] | None]:
+def read_pcd(file: Path) -> tuple[Array, Array | None, tuple[int, int] | None]:
     """Read the points of a PCD file.
 
     Args:
         file: Path of the file.
 
     Returns:
-        Points (n, 3), n > 0, in the unit of the file, NaN kept in place. And rows and columns if the cloud is
-        organised, else None.
+        Points (n, 3), n > 0, in the unit of the file, NaN kept in place. Normals (n, 3) as they are in the file, None
+        without any. And rows and columns if the cloud is organised, else None.
 
     Raises:
         ConfigurationError: For a file that cannot be read, is not PCD, has no x, y, z, or is cut short.
@@ -36,11 +36,13 @@ def read_pcd(file: Path) -> tuple[Array, tuple[int, int] | None]:
         count = int(header["POINTS"][0]) if "POINTS" in header else int(header["WIDTH"][0]) * int(header["HEIGHT"][0])
         height, width = (int(header.get(key, ["1"])[0]) for key in ("HEIGHT", "WIDTH"))
         columns = [names.index(axis) for axis in "xyz"]
+        if all(f"normal_{axis}" in names for axis in "xyz"):
+            columns += [names.index(f"normal_{axis}") for axis in "xyz"]
         kind = header["DATA"][0].lower()
         if not len(names) == len(counts) == len(types) or count < 0 or min(counts) < 0:
             raise ValueError("fields")
         if not all(counts[k] for k in columns):
-            raise ValueError("x, y and z must have a COUNT of at least 1")
+            raise ValueError("x, y and z, and normals, must have a COUNT of at least 1")
     except (KeyError, ValueError, IndexError) as error:
         raise ConfigurationError(
             f"cloud {file}: no points can be read from this PCD file: bad header ({error})"
@@ -50,7 +52,7 @@ def read_pcd(file: Path) -> tuple[Array, tuple[int, int] | None]:
     shape = (height, width) if min(height, width) > 1 and height * width == count else None
     widths = [np.dtype(type_).itemsize * many for type_, many in zip(types, counts, strict=True)]
     if kind == "ascii":
-        return _from_text(data, count, [sum(counts[:k]) for k in columns], sum(counts), file), shape
+        return *_parted(_from_text(data, count, [sum(counts[:k]) for k in columns], sum(counts), file)), shape
     if kind == "binary":
         if len(data) < count * sum(widths):
             raise _cut_short(file, count)
@@ -70,7 +72,12 @@ def read_pcd(file: Path) -> tuple[Array, tuple[int, int] | None]:
         raise ConfigurationError(f"cloud {file}: PCD data must be ascii, binary or binary_compressed, got {kind!r}")
     with np.errstate(invalid="ignore"):  # for a signalling NaN
         values = [np.ascontiguousarray(parts[k]).view(types[k])[:, 0].astype(np.float64) for k in columns]
-    return np.column_stack(values), shape
+    return *_parted(np.column_stack(values)), shape
+
+
+def _parted(values: Array) -> tuple[Array, Array | None]:
+    """Points (n, 3), and normals (n, 3) if there are more columns."""
+    return values[:, :3], values[:, 3:] if values.shape[1] > 3 else None
 
 
 def _header(content: bytes, file: Path) -> tuple[dict[str, list[str]], bytes]:
@@ -94,7 +101,7 @@ def _from_text(data: bytes, count: int, columns: list[int], width: int, file: Pa
     lines = [line.split() for line in data.decode("ascii", "replace").splitlines() if line.strip()]
     if len(lines) < count:
         raise _cut_short(file, count)
-    points = np.empty((count, 3))
+    points = np.empty((count, len(columns)))
     for i, words in enumerate(lines[:count]):
         try:
             if len(words) != width:

@@ -1,0 +1,190 @@
+"""Which of several known objects is in a scan: each is identified, and all are compared on the same pixels.
+
+The scan's likelihood with one object at its best pose, over that with another, says how much better it explains the
+scan. The pixels must be the same for both: those that stand out for any object that the scan does not contradict. An
+object that is likelier than the accepted one, though not accepted itself, is a reason to look again.
+"""
+
+from collections.abc import Iterable, Mapping
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from models.meshes.mesh_files import FORMATS
+from models.meshes.surfel_files import TEXT
+from perception.clouds.scan import Scan, SensorModel
+from perception.registration.identification import APPROACH_ERROR, Identification, identify, sampled
+from perception.registration.likelihood import log_likelihood
+from perception.registration.model_surface import ModelSurface
+from perception.registration.pose_check import MIN_MARGIN, Decision
+from sim.interfaces.errors import ConfigurationError, PerceptionError
+from sim.interfaces.spatial import shown
+
+_ENDINGS = {f".{kind}" for kind in (*FORMATS, *TEXT, "pcd")}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Candidate:
+    """One of the objects, where it fits best."""
+
+    name: str
+    found: Identification
+    log_likelihood: float  # [nat] of the scan, on the pixels that all candidates share; -inf if it was not found
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Recognition:
+    """Result of `recognise`. Without acceptance the first candidate is the likeliest one, for logs only."""
+
+    name: str | None  # of the object that was recognised; None if none was accepted
+    reason: str  # why not; empty if one was accepted
+    decision: Decision
+    candidates: tuple[Candidate, ...]  # the likeliest first
+    duration_s: float  # [s] computing time
+
+    @property
+    def accepted(self) -> bool:
+        """True if one object is accepted and no other fits as well."""
+        return self.name is not None
+
+    @property
+    def found(self) -> Identification:
+        """The likeliest object's identification, with its pose."""
+        return self.candidates[0].found
+
+    @property
+    def margin(self) -> float:
+        """Log likelihood [nat] of the likeliest object above that of the runner-up; inf if there is none."""
+        if len(self.candidates) < 2:
+            return np.inf
+        first, second = (each.log_likelihood for each in self.candidates[:2])
+        return first - second if np.isfinite(second) else np.inf
+
+
+def recognise(
+    cloud: ArrayLike | Scan,
+    targets: Mapping[str, Any] | Iterable[Any] | str | Path,
+    approach: ArrayLike | None = None,
+    orientation: ArrayLike | None = None,
+    *,
+    sensor: SensorModel | None = None,
+    approach_error: float = APPROACH_ERROR,
+    seed: int = 0,
+) -> Recognition:
+    """Find out which of several objects is in one scan, and where.
+
+    Args:
+        cloud: As for `identify`.
+        targets: The objects, each in any form that `identify` accepts: by name, or in a row, or a folder of mesh and
+            cloud files. Names must differ.
+        approach: (3,) [m] coarse position of the object's centre in S; None: anywhere.
+        orientation: (3, 3) coarse rotation of T in S, common to all; None: any.
+        sensor: Accuracy of the sensor; None: `SensorModel()`.
+        approach_error: [m] largest error of `approach`.
+        seed: Of all random samples.
+
+    Returns:
+        The likeliest object if its pose is accepted and it is likelier than each other by MIN_MARGIN; else a reason.
+
+    Raises:
+        ConfigurationError: For arguments of a wrong type or shape, no targets, or two of one name.
+    """
+    started = perf_counter()
+    surfaces = models_of(targets, seed)
+    scan: Any = cloud
+    if not isinstance(cloud, Scan):
+        with suppress(PerceptionError):  # each says it
+            scan = Scan.from_cloud(cloud)  # once for all
+    found = {
+        name: identify(scan, surface, approach, orientation, sensor=sensor, approach_error=approach_error, seed=seed)
+        for name, surface in surfaces.items()
+    }
+    candidates = _compared(found)
+    name, reason = None, _doubt(candidates)
+    decision = candidates[0].found.decision
+    if not reason:
+        name = candidates[0].name
+    elif decision is Decision.ACCEPT or any(each.found.accepted for each in candidates):
+        decision = Decision.RESCAN
+    return Recognition(
+        name=name, reason=reason, decision=decision, candidates=candidates, duration_s=perf_counter() - started
+    )
+
+
+def models_of(targets: Mapping[str, Any] | Iterable[Any] | str | Path, seed: int = 0) -> dict[str, ModelSurface]:
+    """Sampled models by name; arguments and errors as those of `recognise`."""
+    if isinstance(targets, (str, Path)):
+        named: list[tuple[str | None, Any]] = [(None, file) for file in model_files(targets)]
+    elif isinstance(targets, Mapping):
+        named = [(str(name), target) for name, target in targets.items()]
+    elif isinstance(targets, Iterable) and not isinstance(targets, np.ndarray):
+        named = [(None, target) for target in targets]
+    else:
+        raise ConfigurationError(f"targets: expected several models, or the name of a folder, got {shown(targets)}")
+    models: dict[str, ModelSurface] = {}
+    for k, (name, target) in enumerate(named):
+        try:
+            surface = sampled(target, seed)
+        except ConfigurationError as error:
+            raise ConfigurationError(f"targets, {name or f'number {k + 1}'}: {error}") from error
+        name = name or surface.target.name
+        if name in models:
+            raise ConfigurationError(f"targets: every model needs a name of its own, {name!r} is there twice")
+        models[name] = surface
+    if not models:
+        raise ConfigurationError("targets: at least one model is needed, got none")
+    return models
+
+
+def model_files(folder: str | Path) -> list[Path]:
+    """The mesh and cloud files of a folder, by name.
+
+    Raises:
+        ConfigurationError: There is no such folder, or no such file in it.
+    """
+    path = Path(folder)
+    if not path.is_dir():
+        raise ConfigurationError(f"targets: expected several models, or the name of a folder, got {shown(str(folder))}")
+    files = sorted(file for file in path.iterdir() if file.suffix.lower() in _ENDINGS and file.is_file())
+    if not files:
+        raise ConfigurationError(f"targets: no model in folder {shown(str(folder))}; files end in {sorted(_ENDINGS)}")
+    return files
+
+
+def _compared(found: Mapping[str, Identification]) -> tuple[Candidate, ...]:
+    """The candidates on common pixels, the likeliest first; those that were not found last."""
+    seen = {name: each.evidence for name, each in found.items() if each.evidence is not None}
+    rivals = [evidence for name, evidence in seen.items() if found[name].decision is not Decision.REFUSE]
+    common = None
+    for evidence in rivals or list(seen.values()):
+        common = evidence if common is None else replace(common, standing=common.standing | evidence.standing)
+    candidates = [
+        Candidate(
+            name=name,
+            found=each,
+            log_likelihood=-np.inf
+            if common is None or each.evidence is None
+            else log_likelihood(common, each.surface, each.X_sensor_target),
+        )
+        for name, each in found.items()
+    ]
+    return tuple(sorted(candidates, key=lambda each: (-each.log_likelihood, not each.found.accepted)))
+
+
+def _doubt(candidates: tuple[Candidate, ...]) -> str:
+    """Why the likeliest of the candidates is not taken for the object; empty if it is."""
+    first = candidates[0]
+    if not any(each.found.accepted for each in candidates):
+        return f"none of {len(candidates)} objects is accepted; the likeliest, {first.name}: {first.found.reason}"
+    if not first.found.accepted:
+        return f"{first.name} is the likeliest, but not accepted: {first.found.reason}"
+    for other in candidates[1:]:
+        ahead = first.log_likelihood - other.log_likelihood
+        if ahead < MIN_MARGIN:
+            return f"{other.name} fits as well as {first.name}: {ahead:.1f} nat between them, need {MIN_MARGIN:g}"
+    return ""

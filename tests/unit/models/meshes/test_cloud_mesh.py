@@ -1,0 +1,164 @@
+"""Meshes of point clouds: on the surface, sharp at its edges, open where the cloud is, whatever the scale."""
+
+import numpy as np
+import pytest
+
+from models.meshes.closed_shells import box, sphere
+from models.meshes.cloud_mesh import FEWEST, CloudMesh, mesh_of_cloud
+from models.meshes.nearest_surface import NearestSurface
+from models.meshes.ray_casting import OneSidedScene, RayScene
+from models.meshes.surfel_files import read_surfels
+from models.objects.mesh_symmetry import mesh_symmetry
+from models.objects.target_model import TargetModel
+from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.spatial import Array
+from untyped import untyped
+
+SIZE = np.array([0.4, 0.3, 0.2])
+
+
+def sampled(vertices: Array, triangles: np.ndarray, count: int, rng: np.random.Generator) -> tuple[Array, Array]:
+    """Points (n, 3) spread evenly over a mesh, and normals (n, 3)."""
+    corners = vertices[triangles]
+    cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    area = np.linalg.norm(cross, axis=1)
+    face = rng.choice(len(triangles), count, p=area / area.sum())
+    weight = rng.dirichlet(np.ones(3), count)
+    return np.einsum("nk,nki->ni", weight, corners[face]), cross[face] / area[face, None]
+
+
+def off(made: CloudMesh, vertices: Array, triangles: np.ndarray, rng: np.random.Generator) -> Array:
+    """Distances (n,) [m] of points on the made mesh from another."""
+    points = sampled(made.vertices, made.triangles, 4000, rng)[0]
+    return NearestSurface.of(vertices, triangles).query(points).distance
+
+
+@pytest.mark.parametrize("given", [True, False])
+@pytest.mark.parametrize("scale", [1.0, 1e3])
+def test_a_box_gets_its_faces_and_edges_back(rng: np.random.Generator, given: bool, scale: float, within) -> None:
+    solid = box(SIZE * scale, np.zeros(3))
+    points, normals = sampled(*solid, 4000, rng)
+    made = mesh_of_cloud(points, normals if given else None)
+    assert not made.is_open
+    assert not len(made.border)
+    distance = off(made, *solid, rng)
+    assert np.quantile(distance, 0.95) < 0.1 * made.spacing
+    # Without sharpening no vertex lies on an edge, and the box is as much smaller as the points lie apart.
+    across = np.ptp(made.vertices, axis=0)
+    within("extent [spacings]", (across - SIZE * scale) / made.spacing, 0.2 if given else 1.0)
+    rays = rng.normal(size=(2000, 3))
+    out = RayScene(made.vertices, made.triangles).cast(np.zeros(3), rays)
+    assert np.isfinite(out["t"]).mean() > 0.99  # closed but for cracks
+    outward = np.einsum("ni,ni->n", out["normal"], rays) > 0.0
+    assert outward[np.isfinite(out["t"])].mean() > 0.97
+
+
+def test_the_sides_of_a_plate_stay_apart(rng: np.random.Generator) -> None:
+    thin = box([0.5, 0.4, 0.004], np.zeros(3))  # the points lie 9 mm apart
+    points, normals = sampled(*thin, 5000, rng)
+    made = mesh_of_cloud(points, normals)
+    hit = RayScene(made.vertices, made.triangles).distance([0.05, 0.02, 1.0], [[0.0, 0.0, -1.0]])
+    assert hit[0] == pytest.approx(0.998, abs=1e-4)
+    distance = off(made, *thin, rng)
+    assert np.median(distance) < 1e-6
+    assert np.quantile(distance, 0.95) < 2.5e-3  # at the rim, where hardly a point lies
+
+
+@pytest.mark.parametrize("given", [True, False])
+def test_a_scan_from_one_side_stays_open(rng: np.random.Generator, given: bool) -> None:
+    points, normals = sampled(*sphere(3), 8000, rng)
+    half = points[:, 2] > 0.0
+    made = mesh_of_cloud(points[half], normals[half] if given else None)
+    assert made.is_open
+    assert "open" in made.note
+    assert np.quantile(np.abs(made.border[:, 2]), 0.9) < 4.0 * made.spacing
+    assert len(made.border) > 0.3 * 2.0 * np.pi / made.spacing
+    scene = OneSidedScene(made.vertices, made.triangles)
+    assert scene.distance([0.0, 0.0, 3.0], [[0.0, 0.0, -1.0]])[0] == pytest.approx(2.0, abs=0.02)
+    assert np.isinf(scene.distance([0.0, 0.0, -3.0], [[0.0, 0.0, 1.0]])[0])  # from behind nothing is known
+    # Nothing spans the open side.
+    flat = np.column_stack([rng.uniform(-0.6, 0.6, (500, 2)), np.full(500, -2.0)])
+    assert (RayScene(made.vertices, made.triangles).distance(flat, [[0.0, 0.0, 1.0]] * 500) > 2.3).mean() > 0.99
+
+
+def test_normals_of_either_sign_are_turned_outward(rng: np.random.Generator) -> None:
+    points, normals = sampled(*sphere(3), 8000, rng)
+    half = points[:, 2] > 0.0
+    points, normals = points[half], normals[half]
+    for given, said in (
+        (-normals, "turned over"),
+        (normals * rng.choice([-1.0, 1.0], (len(normals), 1)), "either sign"),
+    ):
+        made = mesh_of_cloud(points, given)
+        assert said in made.note
+        scene = OneSidedScene(made.vertices, made.triangles)
+        assert np.isfinite(scene.distance([0.0, 0.0, 3.0], [[0.0, 0.0, -1.0]])[0])
+
+
+def test_noise_and_numbers_of_points_are_averaged(rng: np.random.Generator) -> None:
+    points, _ = sampled(*sphere(3), 12_000, rng)
+    made = mesh_of_cloud(points * (1.0 + 0.04 * rng.normal(size=(len(points), 1))))
+    assert "averaged to" in made.note
+    assert np.median(np.abs(np.linalg.norm(made.vertices, axis=1) - 1.0)) < 0.03
+
+
+def test_the_symmetry_of_a_cloud_is_that_of_its_object(rng: np.random.Generator) -> None:
+    solid = box([0.5, 0.3, 0.3], np.zeros(3))
+    made = mesh_of_cloud(*sampled(*solid, 5000, rng))
+    found = mesh_symmetry(made.vertices, made.triangles, np.random.default_rng(0), made.spacing)
+    assert len(found.rotations) == 8
+    assert np.linalg.norm(found.center) < 0.003
+
+
+def test_the_same_points_give_the_same_mesh(rng: np.random.Generator) -> None:
+    points, _ = sampled(*box(SIZE, np.zeros(3)), 2000, rng)
+    one, other = mesh_of_cloud(points), mesh_of_cloud(points[rng.permutation(len(points))])
+    assert np.array_equal(one.vertices, other.vertices)
+    assert np.array_equal(one.triangles, other.triangles)
+
+
+def test_what_is_no_model_is_refused_in_a_line(rng: np.random.Generator) -> None:
+    points = rng.uniform(size=(300, 3))
+    for given, words in (
+        ((points[:50],), f"at least {FEWEST} distinct points, got 50"),
+        ((np.ones((300, 3)),), "distinct points, got 1"),
+        ((np.linspace(0.0, 1.0, 300)[:, None] * np.ones(3),), "form no surface"),
+        ((points, points[:10]), r"normals must be \(300, 3\), one for each point, got \(10, 3\)"),
+        ((points, np.zeros((300, 3))), "a normal must not be zero, 300 are"),
+        ((points[:, :2],), r"points must be \(n, 3\)"),
+        ((1e200 * points,), "must lie within"),
+    ):
+        with pytest.raises(ConfigurationError, match=words):
+            TargetModel.from_cloud(*untyped(given))
+
+
+def test_files_of_surfels(tmp_path, rng: np.random.Generator) -> None:
+    points, normals = sampled(*box(SIZE, np.zeros(3)), 2000, rng)
+    points[7] = np.nan
+    rows = np.column_stack([points, normals])
+    pcd = (
+        "VERSION 0.7\nFIELDS x y z normal_x normal_y normal_z\nSIZE 8 8 8 8 8 8\nTYPE F F F F F F\nCOUNT 1 1 1 1 1 1\n"
+    )
+    pcd += "WIDTH 2000\nHEIGHT 1\nPOINTS 2000\nDATA binary\n"
+    (tmp_path / "a.pcd").write_bytes(pcd.encode() + rows.tobytes())
+    ply = "ply\nformat binary_little_endian 1.0\nelement vertex 2000\n"
+    ply += "".join(f"property double {name}\n" for name in ("x", "y", "z", "nx", "ny", "nz"))
+    (tmp_path / "a.ply").write_bytes((ply + "end_header\n").encode() + rows.tobytes())
+    np.savetxt(tmp_path / "a.xyz", np.delete(rows, 7, axis=0), fmt="%.17g")
+    np.savetxt(tmp_path / "bare.xyz", points[8:], fmt="%.17g", delimiter=",")
+    for name in ("a.pcd", "a.ply", "a.xyz"):
+        read, turned = read_surfels(tmp_path / name)
+        assert np.array_equal(read, np.delete(points, 7, axis=0))
+        assert turned is not None
+        assert np.array_equal(turned, np.delete(normals, 7, axis=0))
+        target = TargetModel.from_file(tmp_path / name)
+        assert target.cloud is not None
+        assert "normals given" in target.cloud.note
+    assert read_surfels(tmp_path / "bare.xyz")[1] is None
+    assert TargetModel.from_file(tmp_path / "bare.xyz", scale=0.5).radius < 0.14
+    (tmp_path / "bad.xyz").write_text("1 2\n3 4\n")
+    with pytest.raises(ConfigurationError, match=r"bad\.xyz.*3 numbers .x y z. or 6.*'1 2'"):
+        TargetModel.from_file(tmp_path / "bad.xyz")
+    np.savetxt(tmp_path / "mm.xyz", 1e3 * points[8:])
+    with pytest.raises(ConfigurationError, match="millimetres"):
+        TargetModel.from_file(tmp_path / "mm.xyz")

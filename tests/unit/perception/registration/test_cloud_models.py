@@ -1,0 +1,74 @@
+"""A model given as a point cloud, by every door: the pose of its mesh on the same scan, and what was done in words."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+import perception
+from models.meshes.ply_files import write_ply
+from models.objects.targets import TargetModel
+from perception.registration.model_surface import ModelSurface
+from scenarios.object_scenes import object_scene, target_of
+from scenarios.perception_studies.cloud_models import sampled_cloud
+from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.spatial import transform_points
+
+NAME = "starfish"
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return object_scene(NAME, 5000)
+
+
+@pytest.fixture(scope="module")
+def by_mesh(scene):
+    return perception.identify(
+        scene.scan, target_of(NAME), scene.approach, scene.orientation, sensor=scene.sensor.model
+    )
+
+
+@pytest.mark.parametrize("door", ["array", "array with normals", "object", "file", "model"])
+def test_a_cloud_gives_the_pose_of_its_mesh(scene, by_mesh, door: str, tmp_path, within):
+    points, normals = sampled_cloud(target_of(NAME), 5000)
+    write_ply(tmp_path / "star.ply", points)
+    model = {
+        "array": points,
+        "array with normals": np.column_stack([points, normals]),
+        "object": SimpleNamespace(points=list(points), normals=[]),  # as Open3D's: normals are there, but none
+        "file": tmp_path / "star.ply",
+        "model": TargetModel.from_cloud(points, normals, "star"),
+    }[door]
+    found = perception.identify(scene.scan, model, scene.approach, scene.orientation, sensor=scene.sensor.model)
+    assert found.accepted, found.reason
+    X = scene.target.symmetry.nearest_pose(found.X_sensor_target, by_mesh.X_sensor_target[:3, :3])
+    center = scene.target.center
+    apart = transform_points(X, center) - transform_points(by_mesh.X_sensor_target, center)
+    within("from the mesh's pose [m]", np.linalg.norm(apart), 1e-3)  # measured 1.2e-4 to 6e-4
+    assert "meshed from a cloud of 5000 points" in found.model_note
+    assert not by_mesh.model_note
+
+
+def test_an_open_scan_is_seen_from_its_side_only_and_its_border_is_no_edge():
+    points, normals = sampled_cloud(target_of(NAME), 8000)
+    upper = normals[:, 2] > 0.2
+    surface = ModelSurface.of(TargetModel.from_cloud(points[upper], normals[upper]))
+    assert surface.is_open
+    assert surface.exposed(np.array([0.0, 0.0, 1.0]), np.deg2rad(75.0)).mean() > 0.6
+    assert surface.exposed(np.array([0.0, 0.0, -1.0]), np.deg2rad(75.0)).mean() < 0.01
+    assert surface.border is not None
+    assert surface.on_border(surface.border.data).all()
+    assert not surface.on_border(points[upper][np.linalg.norm(points[upper][:, :2], axis=1) < 0.03]).any()
+    assert not ModelSurface.of(target_of(NAME)).is_open
+
+
+def test_what_is_no_model_is_told_by_kind():
+    for given, words in (
+        (np.zeros((10, 4)), r"or a cloud: an array \(n, 3\).*got an array of shape \(10, 4\)"),
+        (np.zeros((10, 3)), "at least 100 distinct points, got 1"),
+        (SimpleNamespace(points=np.zeros((0, 3))), "got 0"),
+        (7, "got int"),
+    ):
+        with pytest.raises(ConfigurationError, match=words):
+            perception.identify(np.zeros((0, 3)), given)

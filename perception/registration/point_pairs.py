@@ -76,8 +76,8 @@ def _frames(normals: Array) -> Array:
     """Rotations (n, 3, 3) whose first rows are the `normals` (n, 3)."""
     aside = np.eye(3)[np.abs(normals).argmin(axis=1)]
     u = np.cross(normals, aside)
-    u /= np.linalg.norm(u, axis=1, keepdims=True)
-    return np.stack([normals, u, np.cross(normals, u)], axis=1)
+    u = u / np.linalg.norm(u, axis=1, keepdims=True)
+    return np.stack([normals, u, np.cross(normals, u)], axis=1).astype(np.float64)
 
 
 @njit(cache=True)

@@ -174,6 +174,8 @@ def _spread(H: Array, s: Array, common: Array, held: Array) -> Array:
     """
     H, s = held @ H @ held.T, s @ held.T
     g, k = s.shape
+    if k == 0:
+        return np.zeros((0, 0))
     total = H.sum(axis=0) + 1e-9 * np.trace(H.sum(axis=0)) / k * np.eye(k)
     moved = np.linalg.solve(total - _LEFT_OUT * H, (s - s.mean(axis=0))[..., None])  # by leaving one tile out
     alone = moved[..., 0]

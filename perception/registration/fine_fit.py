@@ -17,6 +17,7 @@ from perception.registration.pairing import Pairing
 from sim.interfaces.spatial import Array, exp_so3, pose, transform_points
 
 GATES = (8.0, 3.0)  # [spacings] distance within which points are paired, in the first and in the last round
+_NUDGES = 3  # steps of ICP after which a start is judged
 _AT_REST = 0.01  # [spacings] a step below which ICP with the same pairs has converged
 _STALE = 0.2  # [spacings] by which the model may move before nearest points are looked up again
 _FREE = 1e-4  # [-] eigenvalues of the normal equations below this share of the largest count as free
@@ -32,6 +33,17 @@ class IcpFit:
     size: float  # [-] scale of the object against the model that would minimise the residual
     size_sigma: float  # [-] standard deviation of `size`, from the sensor's noise
     pairing: Pairing | None = None  # the last one; None if the model is out of view
+
+
+def nudged(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> Array:
+    """Pose (4, 4) after a few steps of ICP on planes alone, with one pairing: a start is better judged there."""
+    pairing, gate = Pairing.of(evidence, surface, X_ST, with_edges=False), GATES[0] * surface.spacing
+    if pairing is None:
+        return X_ST
+    for _ in range(_NUDGES):
+        H, g, _ = pairing.terms(X_ST, gate, pairing.nearest(X_ST, gate))
+        X_ST = _moved(X_ST, H, g, surface)[0]
+    return X_ST
 
 
 def fine_fit(

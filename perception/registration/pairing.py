@@ -66,13 +66,13 @@ class Pairing:
     edges: DepthEdges | None
 
     @classmethod
-    def of(cls, evidence: Evidence, surface: ModelSurface, X_ST: Array) -> "Pairing | None":
+    def of(cls, evidence: Evidence, surface: ModelSurface, X_ST: Array, with_edges: bool = True) -> "Pairing | None":
         """Pairing with the model at `X_ST`; None if fewer than 10 of its points are in view."""
         visible = surface.visible(X_ST, evidence.scan, evidence.sensor.max_incidence)
         if visible.sum() < 10:
             return None
         points = surface.points[visible]
-        edges = _edges(evidence, surface, X_ST)
+        edges = _edges(evidence, surface, X_ST) if with_edges else None
         return cls(evidence, surface, points, surface.normals[visible], NearestPoint.of(points, surface.spacing), edges)
 
     def nearest(self, X_ST: Array, gate: float) -> np.ndarray:

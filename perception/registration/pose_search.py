@@ -7,7 +7,7 @@ import numpy as np
 from scipy import ndimage
 
 from perception.registration.evidence import Evidence, score
-from perception.registration.fine_fit import GATES, IcpFit, fine_fit
+from perception.registration.fine_fit import GATES, IcpFit, fine_fit, nudged
 from perception.registration.likelihood import glance, log_likelihood
 from perception.registration.model_surface import ModelSurface
 from perception.registration.pose_covariance import PoseCovariance, pose_covariance
@@ -20,6 +20,8 @@ _ROUGH_WIDTH = 5.0  # [px] of its parts, at least: bars are to stay
 _ROUGH_STEP = 3  # [px] by which the picture is thinned for it, at most
 _ROUGH_POINTS = 1000  # scan points in a rough fit, about
 _ROUGH_MODEL = 8000  # model points in a rough fit, about
+_NUDGED = 40  # initial poses that get a few steps of ICP, if there are many
+_NUDGE_POINTS, _NUDGE_MODEL = 300, 3000  # points of scan and model in these, about
 _REFINED = 8  # initial poses that get a rough fit
 _ALIKE = 3  # poses that look like the likeliest one that get a rough fit
 _SLIDING = 0.7  # [-] translational share of a free twist, from which on it is searched by translation
@@ -27,6 +29,8 @@ _SLIDES = (-0.4, -0.2, -0.1, 0.1, 0.2, 0.4)  # [radii] of the model: translation
 _LOOSE = 0.002  # [m] standard deviation of a twist from which on it is polished
 _SLACKENED = 2  # twists polished one after the other, at most
 _STEPS = (-2.0, -1.0, -0.5, 0.5, 1.0, 2.0)  # [sigma] tried
+_FAR = (-12.0, -8.0, -6.0, -4.5, -3.0, 3.0, 4.5, 6.0, 8.0, 12.0)  # [sigma] where other maxima are sought
+_NEARLY = 30.0  # [nat] below the likeliest pose, within which a fit is worthwhile
 _EXPLORED = 3  # poses whose look-alikes are tried
 _FINISHED = 4  # distinct poses that are refined to the end: ICP stops up to 20 nat short of the likeliest one
 _RIVAL = 150.0  # [nat] below the likeliest pose, within which another one is refined and its look-alikes are tried
@@ -75,15 +79,20 @@ def likeliest_pose(
         given: Initial poses (4, 4) from prior knowledge, which are tried whatever their likelihood.
         to_beat: [nat] Log likelihood of another explanation; the search ends where all that was tried is far below it.
     """
-    rough, few = _rough(evidence, surface), surface.thinned(_ROUGH_MODEL)
+    rough, rougher = _rough(evidence, surface), surface.thinned(_ROUGH_MODEL)
 
     def fitted(X: Array, X_start: Array) -> _Candidate:
-        fit = fine_fit(rough, few, X)
-        return _Candidate(fit, X_start, log_likelihood(evidence, surface, fit.X_ST))
+        fit = fine_fit(rough, rougher, X)
+        seen = fit.pairing is not None  # ICP may drive a bad start out of view, where no pixel speaks against it
+        return _Candidate(fit, X_start, log_likelihood(evidence, surface, fit.X_ST) if seen else -np.inf)
 
     def best_of(poses: Iterable[Array], most: int) -> list[Array]:
         return sorted(poses, key=lambda X: -glance(evidence, surface, X))[:most]
 
+    if len(starts) > _REFINED:
+        hint = evidence.thinned(_ROUGH_STEP, _NUDGE_POINTS)
+        few = surface.thinned(_NUDGE_MODEL)
+        starts = [nudged(hint, few, X) for X in best_of(starts, _NUDGED)]
     tried = [fitted(X, X) for X in [*best_of(starts, _REFINED), *given]]
     best = _likeliest(tried)
     tried += [fitted(X, best.X_start) for X in _slides(evidence, surface, best.fit)]
@@ -98,6 +107,7 @@ def likeliest_pose(
         alike = best_of((explored[-1].X_ST @ G for G in ambiguous_poses(surface)), _ALIKE)
         tried += [fitted(X, explored[-1].X_start) for X in alike if _is_new(surface, X, tried)]
     tried += [_finished(evidence, surface, each) for each in _distinct(surface, _rivals(tried, to_beat))[:_FINISHED]]
+    tried += _beside(evidence, surface, _likeliest(tried))
     best, *others = _distinct(surface, tried)
     return Found(
         best.X_ST,
@@ -185,14 +195,39 @@ def _along_loosest(
             break
         found = best
         for step in _STEPS:
-            R = exp_so3(step * sigma * axis[3:] / surface.radius)
-            X = pose(R, covariance.center + step * sigma * axis[:3] - R @ covariance.center) @ best.X_ST
+            X = _along(covariance, step * sigma * axis) @ best.X_ST
             likelihood = log_likelihood(evidence, surface, X)
             if likelihood > found.log_likelihood:
                 found = _Candidate(replace(best.fit, X_ST=X), best.X_start, likelihood)
         if found is not best:
             return found
     return best
+
+
+def _beside(evidence: Evidence, surface: ModelSurface, best: _Candidate) -> list[_Candidate]:
+    """Poses far along the loosest twist that are nearly as likely: the likelihood may have several maxima there."""
+    covariance = pose_covariance(evidence, surface, best.X_ST, best.fit.free, best.fit.pairing)
+    if covariance is None:
+        return []
+    variances, axes = np.linalg.eigh(covariance.matrix)
+    sigma = float(np.sqrt(max(variances[-1], 0.0)))
+    if sigma < _LOOSE:
+        return []
+    found: list[_Candidate] = []
+    for step in _FAR:
+        X = _along(covariance, step * sigma * axes[:, -1]) @ best.X_ST
+        if log_likelihood(evidence, surface, X) > best.log_likelihood - _NEARLY and _differ(surface, X, best.X_ST):
+            fit = fine_fit(evidence, surface, X, GATES[1:])
+            likelihood = log_likelihood(evidence, surface, fit.X_ST)
+            X_ST, likelihood = polished(evidence, surface, fit, likelihood)
+            found.append(_Candidate(replace(fit, X_ST=X_ST), best.X_start, likelihood))
+    return found
+
+
+def _along(covariance: PoseCovariance, twist: Array) -> Array:
+    """Motion (4, 4) in S by a `twist` (6,) (linear; angular x radius) [m] about the model's centre."""
+    R = exp_so3(twist[3:] / covariance.radius)
+    return pose(R, covariance.center + twist[:3] - R @ covariance.center)
 
 
 def _slides(evidence: Evidence, surface: ModelSurface, fit: IcpFit) -> list[Array]:

@@ -2,8 +2,7 @@
 
     ./uvw run scripts/benchmarks/contact_score.py                                   # the default, 100 public cases
     ./uvw run scripts/benchmarks/contact_score.py --entry mymodule:MyController --cases 10
-    ./uvw run scripts/benchmarks/contact_score.py --entry mymodule:MyController --only 3   # with log and report
-    ./uvw run scripts/benchmarks/contact_score.py --seed 4711                       # 100 fresh cases
+    ./uvw run scripts/benchmarks/contact_score.py --seed 4711 --only 3     # a fresh case, with log and report
 
 The result file is metrics.json in the folder of results; contact_leaderboard.py makes a table of several.
 docs/benchmark.md says what is scored and how to enter a controller.

@@ -213,7 +213,8 @@ class FaultDetection:
                 said = (
                     f"stood still for {still[1]:.0f} ms"
                     if frozen[1, j]
-                    else f"{1e3 * encoder_off[j]:+.3g} mrad off the integral of its speed"
+                    else f"{1e3 * encoder_off[j]:+.3g} mrad off the integral of its speed, "
+                    f"{1e3 * limits.encoder_slip:g} are allowed"
                 )
                 self._add(state, FaultKind.ENCODER, name, j, time, said)
 

@@ -137,7 +137,7 @@ def adrift(limit: float) -> Condition:
 
     def found(held: Held, now: Context) -> str:
         off = held.off(now.estimate)
-        return f"the hull cannot hold its place: {off:.2f} m off" if off > limit else ""
+        return f"the hull cannot hold its place: {off:.3f} m off, above the limit of {limit:g} m" if off > limit else ""
 
     return found
 

@@ -2,7 +2,7 @@
 
     ./uvw run scripts/benchmarks/contact_leaderboard.py --results runs/contact_score-default runs/contact_score-joint-PD
 
-All results must be of the same cases.
+All results must be of the same cases; one alone gives a page too.
 """
 
 from scenarios.start import parse, run_scenario  # isort: skip
@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from scenarios.contact_benchmark.leaderboard import page, read_result
+from sim.runs.run_folder import RUNS
 from sim.runs.saving import write_whole
 
 
@@ -20,7 +21,7 @@ class Options:
 
     results: tuple[Path, ...]
     """Result files, metrics.json of contact_score.py, or their folders."""
-    out: Path = Path("leaderboard.md")
+    out: Path = RUNS / "leaderboard.md"
     """File of the page, in Markdown."""
 
 
@@ -28,8 +29,10 @@ def main() -> int:
     """Writes and prints the page."""
     options = parse(Options)
     text = page([read_result(file) for file in options.results])
+    options.out.parent.mkdir(parents=True, exist_ok=True)
     write_whole(options.out, text)
     print(text)
+    print(f"written to {options.out}")
     return 0
 
 

@@ -2,23 +2,29 @@
 
     ./uvw run scripts/benchmarks/contact_score.py                                   # the default, 100 public cases
     ./uvw run scripts/benchmarks/contact_score.py --entry mymodule:MyController --cases 10
-    ./uvw run scripts/benchmarks/contact_score.py --seed 4711                       # 100 fresh cases
+    ./uvw run scripts/benchmarks/contact_score.py --seed 4711 --only 3     # a fresh case, with log and report
 
 The result file is metrics.json in the folder of results; contact_leaderboard.py makes a table of several.
-docs/benchmark.md
-says what is scored and how to enter a controller.
+docs/benchmark.md says what is scored and how to enter a controller.
 """
 
 from scenarios.start import parse, run_scenario  # isort: skip
 
-from dataclasses import dataclass
+import time
+from contextlib import ExitStack
+from dataclasses import dataclass, replace
 
-from scenarios.contact_benchmark.cases import CASES, PUBLIC_SEED, VERSION, cases, digest
+from scenarios.assembly import Assembly
+from scenarios.command import command
+from scenarios.contact_benchmark.cases import CASES, PUBLIC_SEED, VERSION, BenchmarkCase, cases, digest
 from scenarios.contact_benchmark.entries import Entry
-from scenarios.contact_benchmark.score import ScoredCase, score, summary
+from scenarios.contact_benchmark.score import ScoredCase, entered, line, score, summary
+from scenarios.scenario import Scenario
 from scenarios.study import Study, StudyOptions
 from scenarios.study.harness import key_of
 from scenarios.study.loaded_code import digests, loaded_files
+from scenarios.study.options import at_least
+from sim.runs.command_line import RunOptions
 
 
 @dataclass(kw_only=True)
@@ -31,16 +37,27 @@ class Options(StudyOptions):
     """MODULE:CLASS of an estimator that the entry brings; empty: navigation is given, as to all others."""
     cases: int = CASES
     """Number of cases, from the first on."""
+    only: int | None = None
+    """Do only the case of this number, with all its logs, in a folder of its own; its row is left as it is."""
     seed: int = PUBLIC_SEED
     """Seed of the cases; the default gives the public ones, any other fresh ones."""
     in_process: bool = False
     """Run the controller in the simulation's process: faster, and no entry, for it could read the truth."""
 
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        at_least(self, only=0)
+
 
 def main() -> int:
-    """Runs or resumes the benchmark and returns the exit code."""
-    options = parse(Options)
-    entry, chosen = Entry.of(options.entry, options.estimator), cases(options.cases, seed=options.seed)
+    """Runs or resumes the benchmark, or does a single case; returns the exit code."""
+    started, options = time.perf_counter(), parse(Options)
+    entry = Entry.of(options.entry, options.estimator)
+    name = "contact_score-" + "".join(c if c.isalnum() else "-" for c in entry.name)
+    if options.only is not None:
+        case = BenchmarkCase(seed=options.seed, index=options.only)
+        return with_report(ScoredCase(case=case, entry=entry, in_process=options.in_process), name, options, started)
+    chosen = cases(options.cases, seed=options.seed)
     about = {
         "version": VERSION,
         "seed": options.seed,
@@ -52,11 +69,31 @@ def main() -> int:
         "source": entry.source,
         "in_process": options.in_process,
     }
-    todo = [ScoredCase(case=case, entry=entry, in_process=options.in_process) for case in chosen]
-    name = "contact_score-" + "".join(c if c.isalnum() else "-" for c in entry.name)
-    return Study(cases=todo, run_one=score, summarise=lambda rows: summary(rows, about)).carry_out(
-        name, options, f"UUV contact, version {VERSION}: {entry.name}"
+    study = Study(
+        cases=[ScoredCase(case=case, entry=entry, in_process=options.in_process) for case in chosen],
+        run_one=score,
+        summarise=lambda rows: summary(rows, about),
+        line=line,
+        code=entry.code(),
+        of={
+            f"--{name.replace('_', '-')}": getattr(options, name)
+            for name in ("entry", "estimator", "seed", "in_process")
+        },
     )
+    return study.carry_out(name, options, f"UUV contact, version {VERSION}: {entry.name}")
+
+
+def with_report(scored: ScoredCase, study: str, options: Options, started: float) -> int:
+    """Does a single case with all its output; returns the exit code."""
+    scenario = scored.case.scenario(scored.entry.control)
+    scenario = replace(scenario, name=f"{study}/case_{scored.case.index:04d}")
+    with ExitStack() as stack:
+
+        def assembled(_: Scenario, *, full: bool) -> Assembly:
+            return stack.enter_context(entered(scored, full=full))[0]
+
+        after = f", case {scored.case.index} by {scored.entry.name}"
+        return command(scenario, RunOptions(out=options.out), started, after, assembled)
 
 
 if __name__ == "__main__":

@@ -3,6 +3,7 @@
 import math
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
 from controllers.tuning import table
 from scenarios import first_start
-from scenarios.assembly import assemble
+from scenarios.assembly import Assembly, assemble
 from scenarios.runner import Run, SignalStop, assessed, rehearse, run_through
 from scenarios.scenario import Scenario
 from scenarios.scenario_file import as_dict, write_scenario
@@ -29,7 +30,13 @@ NOT_ACCEPTED = 1  # exit code
 SCENARIO_FILE = "scenario.toml"  # in the folder of every run
 
 
-def command(scenario: Scenario, options: RunOptions, started: float, after: str = "") -> int:
+def command(
+    scenario: Scenario,
+    options: RunOptions,
+    started: float,
+    after: str = "",
+    assembled: Callable[..., Assembly] = assemble,
+) -> int:
     """Assembles and runs a scenario with progress on screen, and writes its results to a new folder.
 
     Args:
@@ -37,6 +44,7 @@ def command(scenario: Scenario, options: RunOptions, started: float, after: str 
         options: Folder, recording and viewer.
         started: [s] time.perf_counter() at the start of the command.
         after: Appended to the title of log and report.
+        assembled: Assembles the scenario, as `scenarios.assembly.assemble` does.
 
     Returns:
         The exit code.
@@ -48,7 +56,7 @@ def command(scenario: Scenario, options: RunOptions, started: float, after: str 
     console = Console()
     first_start.build()
     folder = new_folder(scenario.name, options.out, scenario.seed)  # before the work: the folder may be unusable
-    assembly = assemble(scenario, full=options.record)
+    assembly = assembled(scenario, full=options.record)
     if assembly.said:
         console.print(assembly.said, highlight=False)
     plant, placed = assembly.plant, assembly.placed

@@ -5,6 +5,7 @@ with an estimator gets the measurements too. A crash, a silence beyond the limit
 in the simulation.
 """
 
+import json
 import os
 import pickle
 import socket
@@ -20,6 +21,7 @@ from typing import Any, Self
 from models.vehicle import Vehicle
 from scenarios.contact_benchmark.wire import (
     FAILED,
+    LOADED,
     MEASURED,
     READY,
     START_CONTROLLER,
@@ -29,6 +31,7 @@ from scenarios.contact_benchmark.wire import (
     EntryError,
     EstimateCodec,
 )
+from scenarios.study.loaded_code import told_by_another
 from sim.interfaces.errors import one_line
 from sim.interfaces.messages import Command, Measurement, Reference, StateEstimate
 from sim.interfaces.spatial import finite_number
@@ -129,6 +132,9 @@ class EntryProcess:
         try:
             self._connection.send_bytes(message)
             reply = self._connection.recv_bytes()
+            while reply[:1] == LOADED:
+                told_by_another(_digests(reply[1:]))
+                reply = self._connection.recv_bytes()
         except BlockingIOError as error:
             raise EntryError(f"the entry gave no answer for {limit:g} s") from error
         except (OSError, EOFError) as error:
@@ -220,6 +226,14 @@ class RemoteEstimator:
         reply = self._process.answer(MEASURED + _pickled(list(measurements)), first=self._first)
         self._first = False
         return state, self._estimates.decode_reply(reply)
+
+
+def _digests(told: bytes) -> dict[str, str]:
+    """Digests of files, by name, that an entry's process has told."""
+    try:
+        return {str(name): str(digest) for name, digest in json.loads(told).items()}
+    except (ValueError, AttributeError) as error:
+        raise EntryError("the entry answered before it was asked") from error
 
 
 def _pickled(message: Any) -> bytes:

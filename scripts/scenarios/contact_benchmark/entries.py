@@ -1,13 +1,11 @@
 """Entries of the benchmark: controllers by name, those that it begins with, and those of users with estimators."""
 
-import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass
-from importlib.util import find_spec
-from pathlib import Path
 from typing import get_args
 
 from scenarios.scenario import Control, Method
+from scenarios.study.loaded_code import digests, file_of
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import shown
 
@@ -26,7 +24,7 @@ class Entry:
     name: str
     control: Control
     estimator: str = ""  # MODULE:CLASS; empty: the estimates are the ones that all other entries get
-    source: str = ""  # digest of its modules' files; the results of a changed one are not taken for its own
+    source: str = ""  # digests of the files of its classes; the results of a changed one are not taken for its own
 
     @classmethod
     def of(cls, name: str, estimator: str = "") -> "Entry":
@@ -44,22 +42,28 @@ class Entry:
         if not module or (colon and not word):
             known = ", ".join(ENTRIES)
             raise ConfigurationError(f"--entry: allowed {known}, a registered name or MODULE:CLASS, got {shown(name)}")
-        source = _digest(module, "--entry") if colon else ""
         if estimator:
             home, _, brought = estimator.partition(":")
             if not (home and brought):
                 raise ConfigurationError(f"--estimator: expected MODULE:CLASS, got {shown(estimator)}")
-            source += _digest(home, "--estimator")
             name += f" with {estimator}"
-        return cls(name=name, control=control, estimator=estimator, source=source)
+        code = _code(control, estimator)
+        return cls(name=name, control=control, estimator=estimator, source="".join(code.values()))
+
+    def code(self) -> dict[str, str]:
+        """Digests of the files of its classes, by name as of `scenarios.study.loaded_code.loaded_files`."""
+        return _code(self.control, self.estimator)
 
 
-def _digest(module: str, option: str) -> str:
-    """Digest of the file of a module that is not imported here."""
-    try:
-        spec = find_spec(module)
-    except (ImportError, ValueError) as error:
-        raise ConfigurationError(f"{option}: there is no module {shown(module)}") from error
-    if spec is None or spec.origin is None or not Path(spec.origin).is_file():
-        raise ConfigurationError(f"{option}: there is no module {shown(module)}")
-    return hashlib.sha256(Path(spec.origin).read_bytes()).hexdigest()[:16]
+def _code(control: Control, estimator: str) -> dict[str, str]:
+    """Digests of the files of the modules, which are not imported here."""
+    found: dict[str, str] = {}
+    for option, named in (("--entry", control.controller), ("--estimator", estimator)):
+        module, colon, _ = named.partition(":")
+        if not colon:
+            continue
+        try:
+            found |= digests([file_of(module)])
+        except ImportError as error:
+            raise ConfigurationError(f"{option}: there is no module {shown(module)}") from error
+    return found

@@ -4,6 +4,7 @@ With an estimator it answers measurements with an estimate too. Started by `scen
 simulation. Its one argument is the number of its socket.
 """
 
+import json
 import pickle
 import sys
 from multiprocessing.connection import Connection
@@ -12,6 +13,7 @@ from typing import Any
 from models.vehicle import Vehicle
 from scenarios.contact_benchmark.wire import (
     FAILED,
+    LOADED,
     MEASURED,
     READY,
     START_CONTROLLER,
@@ -21,6 +23,7 @@ from scenarios.contact_benchmark.wire import (
     EstimateCodec,
 )
 from scenarios.contact_parts import controller, estimator
+from scenarios.study.loaded_code import new_digests
 from sim.interfaces.errors import one_line
 from sim.interfaces.messages import Reference
 
@@ -33,6 +36,7 @@ def main() -> None:
     except EOFError:
         return
     except Exception as error:
+        _tell_code(connection)
         connection.send_bytes(FAILED + f"{type(error).__name__}: {one_line(str(error))}".encode())
 
 
@@ -53,6 +57,7 @@ def serve(connection: Connection) -> None:
     vehicle = Vehicle.of(briefing.model)
     commands = CommandCodec(len(vehicle.joints), len(vehicle.thruster_names))
     estimates = EstimateCodec(len(vehicle.joints))
+    _tell_code(connection)
     connection.send_bytes(READY + " ".join(repr(float(part.period)) for part in made).encode())
     state: Any = None
     navigation: Any = None
@@ -74,6 +79,11 @@ def serve(connection: Connection) -> None:
             state, command = entry.step(state, estimate, reference)
             reply = commands.encode(command)
         connection.send_bytes(reply)
+
+
+def _tell_code(connection: Connection) -> None:
+    """Sends the digests of the files of project and entry that this process has loaded."""
+    connection.send_bytes(LOADED + json.dumps(new_digests()).encode())
 
 
 if __name__ == "__main__":

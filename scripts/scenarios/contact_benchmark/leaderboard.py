@@ -9,7 +9,13 @@ from scenarios.contact_benchmark.score import by_family, totals
 from scenarios.study import Table
 from sim.interfaces.errors import ConfigurationError
 
-_SAME = ("version", "seed", "cases_digest")  # that all results of one table share
+_BOTH = "score both with the same --cases and --seed"
+_SAME = {  # that all results of one table share: its name, and what to do
+    "version": ("benchmark version", "score both with one"),
+    "seed": ("cases of seed", _BOTH),
+    "cases": ("number of cases", _BOTH),
+    "cases_digest": ("cases with digest", "their code differs; score both with one"),
+}
 _COLUMNS = (
     "entry",
     "kept [%]",
@@ -20,7 +26,8 @@ _COLUMNS = (
     "excursion [mm]",
     "energy [kJ]",
     "step [us]",
-    "code",
+    "entry's file",
+    "project",
 )
 
 
@@ -34,7 +41,7 @@ def read_result(file: Path) -> dict[str, Any]:
     try:
         result = json.loads(path.read_text(encoding="utf-8"))
         about, rows = result["benchmark"], result["rows"]
-        for name in (*_SAME, "public", "cases", "entry", "code", "in_process"):
+        for name in (*_SAME, "public", "entry", "source", "code", "in_process"):
             about[name]
         if len(rows) != about["cases"]:
             raise ConfigurationError(f"{path}: expected {about['cases']} rows, got {len(rows)}")
@@ -56,11 +63,11 @@ def page(results: Sequence[Mapping[str, Any]]) -> str:
     first = results[0]["benchmark"]
     for result in results:
         about = result["benchmark"]
-        for name in _SAME:
+        for name, (said, cure) in _SAME.items():
             if about[name] != first[name]:
                 raise ConfigurationError(
-                    f"leaderboard: {name} must be one for all; {first['entry']!r} has {first[name]}, "
-                    f"{about['entry']!r} has {about[name]}"
+                    f"leaderboard: {first['entry']!r} has {said} {first[name]}, {about['entry']!r} has {about[name]}: "
+                    f"{cure}"
                 )
     scored = [(result["benchmark"], totals(result["rows"]), by_family(result["rows"])) for result in results]
     scored.sort(key=lambda each: (-each[1]["kept"]["value"], each[0]["entry"]))
@@ -83,7 +90,9 @@ def page(results: Sequence[Mapping[str, Any]]) -> str:
             "Shares with exact binomial intervals of 95 %; medians with bootstrap intervals of 95 %, over the runs "
             "that gave the figure. Force and path are of surface work, without the insertions. Step is the mean wall "
             "time of one answer through the door, the entry's computing included; a dash: the controller ran in the "
-            "simulation's process. See docs/benchmark.md.",
+            "simulation's process. Entry's file is the digest of the file with its class, and of the one with its "
+            "estimator; a dash: the entry is a setting of the project's own controller. Project is the digest of the "
+            "project's code, without the entry's. See docs/benchmark.md.",
             *(table.markdown() for table in tables),
             f"Digest of the cases: {first['cases_digest']}.\n",
         )
@@ -102,6 +111,7 @@ def _cells(about: Mapping[str, Any], total: Mapping[str, Any]) -> tuple[str, ...
         _interval(total["excursion_max_m"], 1e3, 1),
         _interval(total["energy_j"], 1e-3, 2),
         "–" if step is None else f"{1e6 * step:.0f}",
+        " ".join(about["source"][at : at + 6] for at in range(0, len(about["source"]), 16)) or "–",
         about["code"],
     )
 

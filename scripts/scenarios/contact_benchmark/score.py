@@ -1,8 +1,8 @@
 """Score of an entry by the truth: one row for a case, and a summary of all with intervals."""
 
 import traceback
-from collections.abc import Mapping, Sequence
-from contextlib import nullcontext
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -73,15 +73,9 @@ def score(scored: ScoredCase) -> Row:
         **dict.fromkeys((*FIGURES, "force_over_set", "collision_s", "simulated_s", "door")),
     }
     try:
-        control = scored.entry.control
-        if not scored.in_process:  # the entry's own module is not imported here
-            control = replace(control, controller=Control().controller)
-        built = assemble(scored.case.scenario(control))
-        process = None if scored.in_process else _process(built, scored)
-        with process or nullcontext():
+        with entered(scored) as (built, process):
             energy = ThrusterEnergy(built.plant.timestep)
-            entered = _in_process(built, scored.entry) if process is None else behind_door(built, process)
-            outcome = run(entered, observers=[energy])
+            outcome = run(built, observers=[energy])
         if process is not None:
             row["door"] = {"steps": process.steps, "waited_s": process.waited, "longest_s": process.longest}
     except EntryError as error:
@@ -91,6 +85,28 @@ def score(scored: ScoredCase) -> Row:
     except Exception:
         return row | {"detail": traceback.format_exc()[-500:]}
     return row | figures(outcome, energy.energy) | _class(outcome)
+
+
+@contextmanager
+def entered(scored: ScoredCase, *, full: bool = False) -> Iterator[tuple[Assembly, EntryProcess | None]]:
+    """Context manager: the case assembled with its entry, and the entry's process; None: it has none.
+
+    Args:
+        scored: Case and entry.
+        full: Record all that a report needs.
+
+    Raises:
+        UuvError: The case cannot be assembled, or the entry cannot be made.
+    """
+    control = scored.entry.control
+    if not scored.in_process:  # the entry's own module is not imported here
+        control = replace(control, controller=Control().controller)
+    built = assemble(scored.case.scenario(control), full=full)
+    if scored.in_process:
+        yield _in_process(built, scored.entry), None
+        return
+    with _process(built, scored) as process:
+        yield behind_door(built, process), process
 
 
 def _process(built: Assembly, scored: ScoredCase) -> EntryProcess:
@@ -172,6 +188,11 @@ def _class(outcome: Run) -> dict[str, Any]:
     return {"class": KEPT, "detail": ""}
 
 
+def line(row: Row) -> str:
+    """Line about a case that was run."""
+    return f"case {row['case']:3d}, {row['family']}: {row['class']}" + (f": {row['detail']}" if row["detail"] else "")
+
+
 def share(good: int, of: int) -> dict[str, float]:
     """Share with its exact binomial interval of 95 % (Clopper and Pearson, by SciPy)."""
     interval = binomtest(good, of).proportion_ci(_CONFIDENCE)
@@ -235,7 +256,7 @@ def summary(rows: list[Row], about: Mapping[str, Any]) -> Summary:
     total = totals(rows)
     families = by_family(rows)
     cells = [(name, f"{count['kept']} of {count['runs']}") for name, count in families.items()]
-    lines = [f"case {row['case']}, {row['family']}: {row['class']}: {row['detail']}" for row in rows if row["detail"]]
+    lines = [line(row) for row in rows if row["detail"]]
     if total["step_wall_s"] is not None:
         lines.append(
             f"a step through the door: {1e6 * total['step_wall_s']:.0f} us on average, "

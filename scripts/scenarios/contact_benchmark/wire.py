@@ -18,6 +18,7 @@ from sim.interfaces.messages import Command, ContactEstimate, HullLoad, Referenc
 from sim.interfaces.spatial import Array, checked_pose
 
 READY, COMMAND, ESTIMATE, FAILED = b"R", b"C", b"S", b"F"  # first letter of a reply
+LOADED = b"L"  # of the files that the entry has loaded, in JSON, before the reply to its briefing
 START_ESTIMATOR, START_CONTROLLER, MEASURED = b"I", b"J", b"M"  # first letter of a message that is pickled
 _NO_LOAD, _SAME_LOAD, _NEW_LOAD = 0.0, 1.0, 2.0
 _REST = 2 + 7 + 1 + 9  # numbers beside torques and thrusters

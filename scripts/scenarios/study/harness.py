@@ -5,7 +5,7 @@ import json
 import sys
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import dataclass, field, fields, is_dataclass
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
@@ -153,6 +153,8 @@ class Study(Generic[Case]):
     summarise: Callable[[list[Row]], Summary]  # the rows are in the order of the cases
     failed: Callable[[Case, str], Mapping[str, Any]] | None = None  # row of a case that failed; None: the study ends
     line: Callable[[Row], str] = lambda _: ""  # printed when a row is there; empty: nothing
+    code: Mapping[str, str] = field(default_factory=dict)  # digests of files that no process of the study may load
+    of: Mapping[str, Any] = field(default_factory=dict)  # options that all rows of its folder share, by name
 
     def carry_out(self, name: str, options: PoolOptions, title: str, limits: Limits = NO_LIMITS) -> int:
         """Runs the cases that are missing in the study's folder, then prints and writes the results of all.
@@ -176,7 +178,7 @@ class Study(Generic[Case]):
         folder = options.out or RUNS / name
         keyed = {key_of(case): case for case in self.cases}
         began, made_by = time.perf_counter(), provenance(name, options)
-        with RowLog.open(folder, anew=options.anew) as log:
+        with RowLog.open(folder, anew=options.anew, of=self.of) as log:
             left = {key: case for key, case in keyed.items() if not log.has(key)}
             if len(left) < len(keyed):
                 console.print(f"{len(keyed) - len(left)} of {len(keyed)} runs are there already", highlight=False)
@@ -235,7 +237,7 @@ class Study(Generic[Case]):
             console=console,
             disable=not console.is_terminal,
         )
-        log.depends_on(digests(loaded_files()))
+        log.depends_on({**digests(loaded_files()), **self.code})
         run = partial(_timed, self.run_one, limits.time_s)
         with progress:
             bar = progress.add_task("runs", total=len(left))

@@ -2,8 +2,9 @@
 
 import hashlib
 import sys
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from functools import cache
+from importlib.util import find_spec
 from pathlib import Path
 
 from sim.runs.command_line import ROOMS, is_installed
@@ -30,14 +31,38 @@ def loaded_files() -> frozenset[str]:
 def new_digests() -> dict[str, str]:
     """Digests of those `loaded_files` that this process has not told before; what it has told, it does not read again.
 
-    So a process that loads a changed file later than another one tells another digest of it.
+    So a process that loads a changed file later than another one tells another digest of it. With them are those
+    that processes started by this one have told since (`told_by_another`).
     """
     files = loaded_files() - _told
     _told.update(files)
-    return digests(files)
+    told = digests(files) | _of_others
+    _of_others.clear()
+    return told
+
+
+def told_by_another(code: Mapping[str, str]) -> None:
+    """Takes the digests of files that a process started by this one has loaded; `new_digests` tells them on."""
+    _of_others.update(code)
+
+
+def file_of(module: str) -> str:
+    """File of a module that is not imported here, named as by `loaded_files`.
+
+    Raises:
+        ImportError: There is no such module, or it has no file.
+    """
+    try:
+        spec = find_spec(module)
+    except ValueError as error:
+        raise ModuleNotFoundError(module) from error
+    if spec is None or spec.origin is None or not Path(spec.origin).is_file():
+        raise ModuleNotFoundError(module)
+    return _named(Path(spec.origin).resolve())
 
 
 _told: set[str] = set()
+_of_others: dict[str, str] = {}
 
 
 def digests(files: Iterable[str]) -> dict[str, str]:
@@ -54,7 +79,11 @@ def _with_data(package: str, file: str) -> tuple[str, ...]:
     found = [path]
     if (path.parent / "__init__.py").exists():
         found += [other for other in path.parent.iterdir() if other.is_file() and other.suffix not in (".py", ".pyc")]
-    return tuple(str(one.relative_to(HOME) if one.is_relative_to(HOME) else one) for one in found)
+    return tuple(map(_named, found))
+
+
+def _named(file: Path) -> str:
+    return str(file.relative_to(HOME) if file.is_relative_to(HOME) else file)
 
 
 def _digest(file: Path) -> str:

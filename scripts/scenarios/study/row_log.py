@@ -23,7 +23,7 @@ _NAMED = 4  # changed files that a message names
 class RowLog:
     """Rows of a study by case, beside study.json: settings, versions, and digests of the files that rows depend on."""
 
-    def __init__(self, folder: Path, *, anew: bool = False) -> None:
+    def __init__(self, folder: Path, *, anew: bool = False, of: Mapping[str, Any] | None = None) -> None:
         """Opens the log in `folder`.
 
         For one process at a time: see `open`.
@@ -31,11 +31,12 @@ class RowLog:
         Args:
             folder: Existing folder.
             anew: Delete old rows.
+            of: Options that all its rows share, of JSON types, by name.
 
         Raises:
-            ConfigurationError: The rows were made by other code, or the folder holds other files.
+            ConfigurationError: The rows were made by other code or with other options, or the folder holds other files.
         """
-        self.folder = folder
+        self.folder, self._of = folder, dict(of or {})
         self._about = folder / "study.json"
         foreign = [path.name for path in folder.iterdir() if path.is_file() and not path.name.startswith(".")]
         if foreign and not self._about.exists():
@@ -58,6 +59,13 @@ class RowLog:
         if has_rows(folder):
             about = _read_about(self._about)
             self._code, self._settings = about.get("code", {}), about.get("settings", {})
+            before = about.get("of", {})
+            if other := [name for name, value in self._of.items() if before.get(name) != value]:
+                there, asked = (", ".join(f"{name} {of.get(name)}" for name in other) for of in (before, self._of))
+                raise ConfigurationError(
+                    f"{folder} holds runs of {there}, asked for are those of {asked}; --anew throws them away, or take "
+                    "another --out"
+                )
             if changed := self._changed(about):
                 more = f" and {len(changed) - _NAMED} more" if len(changed) > _NAMED else ""
                 raise ConfigurationError(
@@ -71,12 +79,13 @@ class RowLog:
 
     @classmethod
     @contextmanager
-    def open(cls, folder: Path, *, anew: bool = False) -> Iterator[Self]:
+    def open(cls, folder: Path, *, anew: bool = False, of: Mapping[str, Any] | None = None) -> Iterator[Self]:
         """Context manager: the log in `folder`, created if necessary, locked for this process.
 
         Args:
             folder: Folder of the study.
             anew: Delete old rows.
+            of: Options that all its rows share, of JSON types, by name.
 
         Raises:
             ConfigurationError: As `RowLog` does, or another process works in the folder.
@@ -86,7 +95,7 @@ class RowLog:
         except OSError as error:
             raise ConfigurationError(f"--out {folder}: cannot be made a folder ({error.strerror})") from error
         with alone_in(folder):
-            yield cls(folder, anew=anew)
+            yield cls(folder, anew=anew, of=of)
 
     def has(self, key: str) -> bool:
         """True if there is a row of that case from a run that came to an end; one whose process died is done again."""
@@ -132,7 +141,13 @@ class RowLog:
         self.rows |= rows
 
     def _write_about(self) -> None:
-        about = {"schema": SCHEMA_VERSION, "settings": self._settings, "versions": versions(), "code": self._code}
+        about = {
+            "schema": SCHEMA_VERSION,
+            "settings": self._settings,
+            "of": self._of,
+            "versions": versions(),
+            "code": self._code,
+        }
         write_json(self._about, about)
 
     def _changed(self, about: dict[str, Any]) -> list[str]:

@@ -2,7 +2,7 @@
 
 import re
 import sys
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
 from typing import Any
@@ -11,20 +11,49 @@ import numpy as np
 import pytest
 
 import models
+from controllers.arm.inverse_dynamics import ArmDynamics
 from models.vehicle import Vehicle
 from scenarios import assemble, barrel
-from sim.interfaces.messages import Command, StateEstimate
+from sim.interfaces.messages import Command, Reference, StateEstimate
 from sim.interfaces.protocols import Controller
 from untyped import untyped
 
 
-def names_of(root: Path, word: str) -> dict[str, Any]:
-    """What the one block of Python with `word` in it defines."""
-    page = (root / "docs" / "concepts.md").read_text()
-    (block,) = [block for block in re.findall(r"```python\n(.*?)```", page, flags=re.DOTALL) if word in block]
-    names: dict[str, Any] = {"__name__": "of_the_documents"}
-    exec(compile(block, "docs/concepts.md", "exec"), names)
+def names_of(root: Path, word: str, page: str = "docs/concepts.md", **given: Any) -> dict[str, Any]:
+    """What the one block of Python with `word` in it defines, where the names in `given` are there already."""
+    blocks = re.findall(r"```python\n(.*?)```", (root / page).read_text(), flags=re.DOTALL)
+    (block,) = [block for block in blocks if word in block]
+    names: dict[str, Any] = {"__name__": "of_the_documents", **given}
+    exec(compile(block, page, "exec"), names)
     return names
+
+
+def fields_of(root: Path, message: type) -> set[str]:
+    """Names in the first column of the table of a message's fields in concepts.md."""
+    page = (root / "docs" / "concepts.md").read_text()
+    table = page.split(f"| field of `{message.__name__}` | |\n|---|---|\n")[1].split("\n\n")[0]
+    return {name for row in table.splitlines() for name in re.findall(r"`(\w+)`", row.split("|")[1])}
+
+
+@pytest.mark.parametrize("message", [StateEstimate, Reference, Command])
+def test_every_field_of_a_message_is_in_the_documents(root, message):
+    assert fields_of(root, message) == {field.name for field in fields(message)}
+
+
+def test_the_call_of_inverse_dynamics_in_the_documents_is_as_it_says(root):
+    """The wrench on the tip acts by -J^T on the joints, and by itself on the hull."""
+    model = models.load("uuv_puma").compile()
+    arm, vehicle = ArmDynamics(model), Vehicle.of(model)
+    rest, still = np.zeros(arm.n), np.zeros(3)
+    estimate = SimpleNamespace(q=vehicle.q_ready, qd=rest, X_WB=np.eye(4), v_WB_B=still, w_WB_B=still, a_WB_B=still)
+    given = names_of(root, "arm.inverse(", "docs/benchmark.md", arm=arm, estimate=estimate, qdd=rest)
+    none = {"nu_B": np.zeros(6), "a_B": np.zeros(6), "v_current_W": still, "wrench_tip_G": np.zeros(6)}
+    tau, wrench_B = arm.inverse(vehicle.q_ready, rest, rest, R_WB=np.eye(3), **none)
+    X_BG, J_B = arm.tip(vehicle.q_ready)
+    force_B = X_BG[:3, :3] @ [0.0, 0.0, -60.0]
+    np.testing.assert_allclose(given["tau"] - tau, -J_B[:3].T @ force_B, atol=1e-9)
+    np.testing.assert_allclose((given["wrench_B"] - wrench_B)[:3], force_B, atol=1e-9)
+    assert np.abs(force_B).max() > 10.0
 
 
 def test_the_force_law_of_the_documents_is_the_controllers(root):

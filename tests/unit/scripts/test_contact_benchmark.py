@@ -1,5 +1,6 @@
 """The contact benchmark: pinned cases, a door that no entry can break, scores that do not depend on the door."""
 
+import json
 from dataclasses import fields, replace
 from pathlib import Path
 
@@ -16,6 +17,7 @@ from scenarios.contact_benchmark.score import KEPT, ScoredCase, behind_door, med
 from scenarios.contact_benchmark.wire import Briefing, CommandCodec, EntryError, EstimateCodec
 from scenarios.runner import run
 from scenarios.scenario import Control
+from scenarios.study import read_rows
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import AbortCode, Command, ContactEstimate, GroundPlane, HullLoad, StateEstimate
 from sim.interfaces.spatial import exp_so3, pose
@@ -164,6 +166,56 @@ def test_an_entry_with_an_estimator_is_another_entry():
         Entry.of("default", "nowhere")
 
 
+ENTRY = "import {helper}\n\n\nclass Failing:\n    def __init__(self, model, *, water_error):\n        {helper}.fail()\n"
+HELPER = "def fail():\n    raise RuntimeError('out of {word}')\n"
+
+
+def test_rows_of_a_changed_entry_are_refused_and_none_is_doubled(script, monkeypatch, tmp_path):
+    """By the command: the file of its class changes, then one that this imports, then other options are given."""
+    monkeypatch.syspath_prepend(str(tmp_path))
+    entry, helper, out = tmp_path / "failing_entry.py", tmp_path / "help_of_entry.py", tmp_path / "out"
+    entry.write_text(ENTRY.format(helper=helper.stem))
+    helper.write_text(HELPER.format(word="ideas"))
+
+    def scored(*more):
+        given = ("--entry", f"{entry.stem}:Failing", "--cases", 1, "--workers", 1, "--out", out, *more)
+        return script("benchmarks.contact_score", *given)
+
+    said = scored().stdout
+    assert "case   0, barrel: entry failed: the entry raised" in said
+    assert "out of ideas" in said
+    assert "1 of 1 runs are there already" in scored().stdout
+    for changed, text in ((entry, "# mended\n"), (helper, "# mended\n")):
+        before = changed.read_text()
+        changed.write_text(before + text)
+        refused = scored()
+        assert refused.returncode == 2
+        assert f"(changed: {changed}); --anew throws them away, or take another --out" in refused.stderr
+        assert len(refused.stderr.splitlines()) == 1
+        changed.write_text(before)
+    for option, there in (("--seed", "20261123"), ("--entry", f"{entry.stem}:Failing")):
+        refused = scored(option, {"--seed": 7, "--entry": "default"}[option])
+        assert refused.returncode == 2
+        assert f"holds runs of {option} {there}, asked for are those of {option}" in refused.stderr
+    helper.write_text(HELPER.format(word="luck"))
+    assert "out of luck" in scored("--anew").stdout
+    (row,) = read_rows(out)
+    assert row["class"] == "entry failed"
+    assert "out of luck" in row["detail"]
+
+
+@pytest.mark.long
+def test_one_case_again_gives_the_same_figures(script, tmp_path):
+    """With log and report; its figures are those of the row."""
+    row = score(ScoredCase(case=BenchmarkCase(index=0), entry=Entry.of("joint PD")))
+    done = script("benchmarks.contact_score", "--entry", "joint PD", "--only", 0, "--out", tmp_path / "one")
+    assert done.returncode == (0 if row["class"] == KEPT else 1)
+    assert {"metrics.json", "report.html", "run.rrd"} <= {path.name for path in (tmp_path / "one").iterdir()}
+    contact = json.loads((tmp_path / "one" / "metrics.json").read_text())["contact"]
+    assert contact["force_error_rms_n"] == row["force_rms_n"]
+    assert contact["force_error_max_n"] == row["force_peak_n"]
+
+
 @pytest.mark.long
 def test_scores_are_the_same_through_the_door():
     entry = Entry.of("default")
@@ -236,9 +288,14 @@ def test_results_of_other_cases_make_no_table():
     row = {"case": 0, "family": "barrel", "class": KEPT, "door": None}
     row |= dict.fromkeys(("force_rms_n", "force_peak_n", "path_max_m", "excursion_max_m", "energy_j"), 1.0)
     about = {"version": 0, "seed": 1, "public": False, "cases": 1, "cases_digest": "a", "entry": "mine", "code": "c"}
+    about["source"] = "0123456789abcdef" + "fedcba9876543210"  # of a controller and an estimator
     one = {"benchmark": about, "rows": [row]}
     assert "| mine | 100 (3 to 100) |" in page([one])  # by hand: the least share is 0.025
-    with pytest.raises(ConfigurationError, match="seed must be one for all"):
-        page([one, {"benchmark": {**about, "seed": 2}, "rows": [row]}])
+    assert "| 012345 fedcba | c |" in page([one])
+    other = {**about, "entry": "other"}
+    with pytest.raises(ConfigurationError, match="'mine' has cases of seed 1, 'other' has 2: score both with the same"):
+        page([one, {"benchmark": {**other, "seed": 2}, "rows": [row]}])
+    with pytest.raises(ConfigurationError, match="number of cases 1, 'other' has 10: score both with the same --cases"):
+        page([one, {"benchmark": {**other, "cases": 10, "cases_digest": "b"}, "rows": [row]}])
     with pytest.raises(ConfigurationError, match="at least one"):
         page([])

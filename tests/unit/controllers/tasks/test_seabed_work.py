@@ -170,7 +170,9 @@ def test_a_tool_is_dragged_at_its_depth(within, placed):
     ("change", "said"),
     [
         pytest.param({"refusal": "two layers"}, "not identified in 3 views: two layers", id="bad cloud"),
-        pytest.param({"drift": 0.3}, "the hull cannot hold its place: 0.30 m off", id="carried away"),
+        pytest.param(
+            {"drift": 0.3}, "the hull cannot hold its place: 0.300 m off, above the limit of 0.08 m", id="carried away"
+        ),
     ],
 )
 def test_what_ends_the_work(change, said):

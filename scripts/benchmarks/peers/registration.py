@@ -25,7 +25,8 @@ STARTS_KEPT = 5  # of those, whose ICP is finished
 FEATURE_VOXEL = 0.05  # [radii] edge of the cubes to which clouds are thinned for FPFH
 KISS_VOXEL = 0.05  # [radii] the same for KISS-Matcher
 VIEW_DISTANCE = 5.0  # [radii] from the model's centre to the eye of a view
-PPF_STEP = 0.08  # [diameters] resolution of PPF in position; training at 0.07 takes ten times as long
+PPF_STEPS = (0.08, 0.1, 0.12, 0.15)  # [diameters] resolutions of PPF in position, of which the first that is cheap
+PPF_POINTS = 700  # of the thinned model, at most: time grows with the fourth power, to minutes on flat shapes
 PPF_ANGLES = 30.0  # resolution of PPF in angle: parts of a whole turn
 PPF_SCENE = (0.2, 0.03)  # share of the scan's points that vote, [diameters] to which the scan is thinned
 PPF_KEPT = 20  # poses of PPF, by votes, whose ICP is finished
@@ -272,7 +273,10 @@ def _oriented(points: Array, normals: Array) -> np.ndarray:
 
 def _prepared_pairs(model: Model) -> tuple[Any, Any]:
     """The model's cloud, and OpenCV's detector trained with it."""
-    detector = import_module("cv2").ppf_match_3d_PPF3DDetector(PPF_STEP, PPF_STEP, PPF_ANGLES)
+    share = (model.points - model.points.min(axis=0)) / np.ptp(model.points, axis=0)
+    counts = [len(np.unique((share / step).astype(int), axis=0)) for step in PPF_STEPS]  # as OpenCV thins it
+    step = next((step for step, count in zip(PPF_STEPS, counts, strict=True) if count <= PPF_POINTS), PPF_STEPS[-1])
+    detector = import_module("cv2").ppf_match_3d_PPF3DDetector(step, step, PPF_ANGLES)
     detector.trainModel(_oriented(model.points, model.normals))
     return _model_cloud(model), detector
 
@@ -294,7 +298,7 @@ def _point_pairs(task: RegistrationTask, prepared: tuple[Any, Any]) -> Array:
     return inverse(np.array(max(finished, key=lambda each: each.fitness).transformation))
 
 
-_OPEN3D, _GICP = {"open3d": "open3d-cpu"}, {"small_gicp": "small_gicp"}
+_OPEN3D, _GICP = {"open3d": "open3d"}, {"small_gicp": "small_gicp"}
 PEERS: Mapping[str, Peer] = {
     "icp": Peer(title="Open3D ICP, 25 deg off", needs=_OPEN3D, prepare=_model_cloud, register=_from_near),
     "small_gicp": Peer(title="small_gicp, 25 deg off", needs=_GICP, prepare=_prepared_small_gicp, register=_small_gicp),

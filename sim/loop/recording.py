@@ -98,6 +98,7 @@ class Recording:
     series: Mapping[str, Series]
     events: tuple[Event, ...]
     targets: tuple[Target, ...]  # results of the finder, one per frame
+    goes_by: Target | None = None  # last target that the work went by, the mean of several finds
     clouds: Mapping[str, Array]  # (N, 3) [m] in W, added by the scenario
     substeps: int = 1  # physics steps per step of the loop
     interrupted: str = ""  # cause of an early end, e.g. SIGTERM
@@ -257,6 +258,7 @@ class Recorder:
         self._events: list[Event] = []
         self._targets: list[Target] = []
         self._clouds: dict[str, Array] = {}
+        self._goes_by: Target | None = None
 
     def add_cloud(self, name: str, points_W: ArrayLike) -> None:
         """Keep points (N, 3) [m] in W under `name`.
@@ -349,6 +351,7 @@ class Recorder:
             series=MappingProxyType(series),
             events=tuple(self._events),
             targets=tuple(self._targets),
+            goes_by=self._goes_by,
             clouds=MappingProxyType(dict(self._clouds)),
             substeps=self._substeps,
             interrupted=interrupted,
@@ -367,6 +370,7 @@ class Recorder:
             event = Event(time=reference.time, state=reference.state, note=reference.note, abort=reference.abort)
             self._events.append(event)
         self._reference = reference
+        self._goes_by = reference.target or self._goes_by
         row = self._references.row()
         row[:4] = reference.time, _INDEX[reference.state], reference.force, reference.path_s
         row[4:7] = _NOWHERE if reference.X_WG is None else reference.X_WG[:3, 3]

@@ -23,6 +23,7 @@ from sim.evaluation.surface_metrics import (
     HullMetrics,
     IdentificationMetrics,
     JointMetrics,
+    MotionMetrics,
     SegmentMetrics,
     SurfaceMetrics,
     ThrusterMetrics,
@@ -221,6 +222,7 @@ def assess(
     metrics = SurfaceMetrics(
         identification=identification,
         uncertainty=uncertainty,
+        motion=motion_figures(recording),
         contact=contact,
         gap=gap,
         tool=tool,
@@ -599,6 +601,23 @@ def uncertainty_figures(recording: Recording, truth: TrueObject) -> UncertaintyM
         free=covariance.free_in_words,
         normalised_error=covariance.normalised_error(target.X_WT, nearest) / max(1, covariance.degrees),
         **of_path,
+    )
+
+
+def motion_figures(recording: Recording) -> MotionMetrics | None:
+    """What the follower saw of the object's motion; None if it saw nothing, or there was none."""
+    motions = recording.motions
+    if not motions:
+        return None
+    noticed = next((motion.time for motion in motions if motion.moved), None)
+    if noticed is None:
+        return unmeasured(MotionMetrics, frames=len(motions))
+    return MotionMetrics(
+        frames=len(motions),
+        noticed_s=noticed,
+        distance_m=motions[-1].distance,
+        distance_sigma_m=motions[-1].distance_sigma,
+        turn_rad=motions[-1].turn,
     )
 
 

@@ -48,6 +48,17 @@ class UncertaintyMetrics:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class MotionMetrics:
+    """Motion of the object while the vehicle looked at it; its last fields are None if none was noticed."""
+
+    frames: int = metric("In which it was followed.", minimum=0)
+    noticed_s: float | None = metric("Time of the first frame that showed it moved beyond doubt.", minimum=0)
+    distance_m: float | None = metric("From where it was first, in the last frame: of its centre.", minimum=0)
+    distance_sigma_m: float | None = metric("Stated standard deviation of that.", minimum=0)
+    turn_rad: float | None = metric("By how much it had turned.", minimum=0)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class SegmentMetrics:
     """The same for a stretch with one set force."""
 
@@ -154,6 +165,7 @@ class SurfaceMetrics:
 
     identification: IdentificationMetrics
     uncertainty: UncertaintyMetrics
+    motion: MotionMetrics | None = metric("Of the object, while the vehicle looked at it; null if nothing followed it.")
     contact: ContactMetrics
     gap: GapMetrics | None = metric(
         "Work without contact: the pad's distance to the true surface; null where the tool pressed."

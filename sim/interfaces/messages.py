@@ -281,6 +281,34 @@ class Target:
         return np.stack([self.covariance.surface_sigma(p, direction) for direction in directions], axis=1)
 
 
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ObjectMotion:
+    """Where a followed object is, and how far it has moved since it was first followed."""
+
+    time: float  # [s] of the frame
+    X_WT: Array  # (4, 4) pose of the model frame
+    twist_W: Array  # (6,) motion since the start: of the centre [m], and rotation vector x radius [m]; 0 where free
+    covariance_W: Array  # (6, 6) [m^2] of `twist_W`
+    radius: float  # [m] of the object
+    moved: bool  # beyond doubt, in two frames one after the other
+
+    @property
+    def distance(self) -> float:
+        """Distance [m] that the centre has moved."""
+        return float(np.linalg.norm(self.twist_W[:3]))
+
+    @property
+    def distance_sigma(self) -> float:
+        """Standard deviation [m] of the motion of the centre, along it."""
+        way = self.twist_W[:3] / max(self.distance, 1e-12)
+        return float(np.sqrt(max(0.0, way @ self.covariance_W[:3, :3] @ way)))
+
+    @property
+    def turn(self) -> float:
+        """Angle [rad] by which it has turned, but for what is free."""
+        return float(np.linalg.norm(self.twist_W[3:])) / self.radius
+
+
 class FaultKind(StrEnum):
     """Kind of fault that the vehicle can detect on board."""
 

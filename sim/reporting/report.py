@@ -52,6 +52,7 @@ def write_report(
             _checks(assessment),
             _segments(assessment),
             _uncertainty(assessment),
+            _motion(assessment),
             "</section>",
             drawn,
             _gains(list(gains)),
@@ -151,6 +152,21 @@ def _uncertainty(assessment: Assessment) -> str:
         f"<table>{head}{cells}</table><p class=caption>Not determined by what was in view: {text(stated['free'])}. The "
         f"mean's true error squared, over the covariance and per degree of freedom: {error:.2f}.</p>"
     )
+
+
+def _motion(assessment: Assessment) -> str:
+    """Motion of the object that was noticed while the vehicle looked at it."""
+    motion = assessment.metrics.get("motion")
+    if not motion:
+        return ""
+    said = "it rested"
+    if motion["noticed_s"] is not None:
+        said = (
+            f"at {motion['noticed_s']:.1f} s it was seen to have moved; in the end by {1e3 * motion['distance_m']:.1f} "
+            f"mm (standard deviation {1e3 * motion['distance_sigma_m']:.1f} mm), turned by "
+            f"{np.degrees(motion['turn_rad']):.1f} deg"
+        )
+    return f"<p>The object was followed in {motion['frames']} frames: {text(said)}.</p>"
 
 
 def _provenance(recording: Recording, assessment: Assessment, options: Mapping[str, Any]) -> str:

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 
 from models.vehicle import Vehicle
 from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.messages import Reference, Target, WorkState
+from sim.interfaces.messages import ObjectMotion, Reference, Target, WorkState
 from sim.interfaces.pose_covariance import PoseCovariance
 from sim.interfaces.spatial import quat_wxyz_from_rotation
 from sim.loop.rollout import Moment, ticks_per_period
@@ -92,6 +92,7 @@ class RerunLog:
         self._state: WorkState | None = None
         self._target: Target | None = None
         self._goes_by: Target | None = None
+        self._motion_said = False
         self._sent_at = perf_counter()
         self._time = 0.0  # [s] of the last step observed
         self._closed = False
@@ -127,6 +128,9 @@ class RerunLog:
             self._found(moment.target, truth.time)
         if moment.reference.target is not None and moment.reference.target is not self._goes_by:
             self._decided(moment.reference.target, truth.time)
+        if moment.motion is not None and moment.motion.moved and not self._motion_said:
+            self._motion_said = True
+            self._moved(moment.motion, truth.time)
         if moment.tick % self._ticks == 0:
             self._series.add(moment)
             if perf_counter() - self._sent_at > FLUSH_WALL_S:
@@ -256,6 +260,13 @@ class RerunLog:
             text += f"; path: normal {normal} mm, along {along} mm, across {across} mm"
         self._stream.event("state/log", self._rr.TextLog(text, level="INFO"), time)
         self._show_ellipsoid("mean", target.covariance, time)
+
+    def _moved(self, motion: ObjectMotion, time: float) -> None:
+        text = (
+            f"the object has moved by {1e3 * motion.distance:.1f} mm (sigma {1e3 * motion.distance_sigma:.1f} mm) and "
+            f"turned by {np.degrees(motion.turn):.1f} deg"
+        )
+        self._stream.event("state/log", self._rr.TextLog(text, level="WARN"), time)
 
     def _show_ellipsoid(self, name: str, covariance: PoseCovariance, time: float) -> None:
         """Show where the object's centre is with 95 %: solid to scale, and enlarged as lines."""

@@ -16,6 +16,8 @@ from sim.interfaces.messages import StateEstimate
 from sim.interfaces.spatial import exp_so3, inverse, pose, readonly, transform_points
 
 BARREL = barrel()
+ZERO = np.zeros(3)
+AT_REST = StateEstimate(time=0.0, X_WB=np.eye(4), v_WB_B=ZERO, w_WB_B=ZERO, a_WB_B=ZERO, q=ZERO, qd=ZERO, tau=ZERO)
 VIEW = seen_from(np.array([0.2, -0.75, 0.85]))
 
 
@@ -83,10 +85,8 @@ def test_covariance_is_that_of_the_errors_in_the_world(within):
     finder = KnownObjectFinder(BARREL, None, X_WT[:3, 3], X_WT[:3, :3], attitude_sigma=2e-3)
     for _ in range(16):
         wrong = pose(exp_so3(2e-3 * rng.standard_normal(3)), X_WB[:3, 3] + sigma * rng.standard_normal(3))
-        none = np.zeros(0)
-        rest = {"v_WB_B": np.zeros(3), "w_WB_B": np.zeros(3), "a_WB_B": np.zeros(3), "q": none, "qd": none, "tau": none}
         believed = pose(wrong[:3, :3] @ X_WB[:3, :3], wrong[:3, 3])
-        estimate = StateEstimate(time=0.0, X_WB=believed, position_sigma=sigma, **rest)
+        estimate = replace(AT_REST, X_WB=believed, position_sigma=sigma)
         frame = replace(look(BARREL, VIEW, rng), X_BC=np.eye(4))
         target = finder.step(finder.init(), estimate, frame)[1]
         assert target is not None

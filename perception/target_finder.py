@@ -15,9 +15,11 @@ from perception.registration.model_surface import ModelSurface
 from perception.toolpath.path_planner import plan_path
 from sim.interfaces.errors import ConfigurationError, PerceptionError
 from sim.interfaces.messages import DepthImage, Measurement, SonarScan, StateEstimate, Target, ToolPath
-from sim.interfaces.spatial import Array, checked, inverse, readonly, transform_points
+from sim.interfaces.pose_covariance import PoseCovariance
+from sim.interfaces.spatial import Array, checked, finite_number, inverse, readonly, transform_points
 
 PATH_SPACING = 0.0015  # [m] between the samples of the tool path
+ATTITUDE_SIGMA = 3e-4  # [rad] of the hull's attitude: bias of an inertial unit with fibre-optic gyros
 _SEEN = 0.4  # [-] share of the frames in which a pixel must have depth
 _MEDIAN = 1.25  # [-] standard deviation of a median of normal errors over that of their mean
 _FEW = 3  # frames from which on they are fused: a median of fewer removes nothing
@@ -71,6 +73,7 @@ class KnownObjectFinder:
         tool_radius: float = 0.0,
         looks: int = 1,
         seed: int = 0,
+        attitude_sigma: float = ATTITUDE_SIGMA,
     ) -> None:
         """Prepare the search for `target` around its coarse position.
 
@@ -83,6 +86,7 @@ class KnownObjectFinder:
             tool_radius: [m] of the ball at the end of the tool; 0: a point.
             looks: Number of consecutive frames or pings whose median depth the path is planned on.
             seed: Of all random samples.
+            attitude_sigma: [rad] standard deviation of the estimated attitude of the hull, about any axis.
 
         Raises:
             ConfigurationError: For an unknown path or malformed priors.
@@ -97,6 +101,7 @@ class KnownObjectFinder:
             raise ConfigurationError(f"tool_radius: must be >= 0 m, got {tool_radius}")
         self._sensor = sensor or SensorModel()
         self._tool_radius, self._count, self._seed = tool_radius, looks, seed
+        self._attitude_sigma = finite_number(attitude_sigma, "attitude_sigma [rad]", least=0.0)
         self._surface = ModelSurface.of(target, seed)
 
     def init(self) -> FinderState:
@@ -145,6 +150,11 @@ class KnownObjectFinder:
             seed=self._seed,
             method=self.method,
         )
+        if self._R_WT is None and state.last is not None and state.X_WC is not None and state.last.accepted:
+            # Without a coarse orientation: of all poses that look the same, the one next to the last find's.
+            R_CT = X_CW[:3, :3] @ state.X_WC[:3, :3] @ state.last.X_sensor_target[:3, :3]
+            alike = self._surface.symmetry.nearest_pose(found.X_sensor_target, R_CT)
+            found = replace(found, X_sensor_target=readonly(alike))
         path, reason = None, found.reason
         if found.accepted and self._path is not None:
             try:
@@ -153,6 +163,7 @@ class KnownObjectFinder:
                 path = _in_world(X_WC, path)
             except PerceptionError as error:  # accepted, but the scan lacks the surface on the path
                 reason = str(error)
+        doubt, of_hull = self._doubt(found, estimate, X_WC)
         target = Target(
             time=measurement.time,
             X_WT=readonly(X_WC @ found.X_sensor_target),
@@ -161,8 +172,22 @@ class KnownObjectFinder:
             range_m=float(np.linalg.norm(transform_points(found.X_sensor_target, self._surface.center))),
             reason=reason,
             path=path,
+            covariance=doubt,
+            hull_covariance=of_hull,
         )
         return FinderState(frames=state.frames + 1, last=found, X_WC=readonly(X_WC)), target
+
+    def _doubt(
+        self, found: Identification, estimate: StateEstimate, X_WC: Array
+    ) -> tuple[PoseCovariance | None, Array]:
+        """Covariance of a find in W, and the hull pose's share (6, 6) [m^2] of it."""
+        if found.covariance is None:
+            return None, readonly(np.zeros((6, 6)))
+        doubt = found.covariance.in_frame(X_WC)
+        position = np.nan_to_num(estimate.position_sigma, nan=0.0)
+        of_hull = doubt.of_carrier(estimate.X_WB[:3, 3], position, self._attitude_sigma)
+        both = doubt.plus(of_hull)
+        return both, readonly(both.matrix - doubt.matrix)
 
 
 class PublishedFinder(KnownObjectFinder):

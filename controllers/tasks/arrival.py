@@ -16,13 +16,15 @@ from controllers.tasks.task import TaskRow, at_once
 from models.objects.targets import TargetModel
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import AbortCode, StateEstimate, Target, ToolPath, WorkState
-from sim.interfaces.spatial import Array, exp_so3, log_so3, pose, readonly, transform_points
+from sim.interfaces.pose_covariance import PoseCovariance, mean_pose
+from sim.interfaces.spatial import Array, exp_so3, inverse, readonly, transform_points
 
 # Chooses the hull placement for a path on a target: (placement, part of the path, its share); raises ReachError.
 Standing = Callable[[Target, ToolPath], tuple[Placement, ToolPath, float]]
 # Chooses a nearer hull pose (4, 4) to scan from, given the estimate and the present one; raises ReachError.
 ComingNear = Callable[[StateEstimate, Array], Array]
-_AGREE = (0.05, 0.1)  # [m], [rad] from the last identification; one farther off is of another object, or wrong
+_AGREE = (0.05, 0.1)  # [m], [rad] between finds without a covariance; one farther off is of another object, or wrong
+_SAME = 3.0  # [-] standard deviations, RMS over the twists that are held, up to which two finds are of one pose
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -90,30 +92,55 @@ class ScanTarget(Phase):
 
 
 def fuse_poses(finds: Sequence[Target]) -> Target:
-    """Move the last identification, with its path, to the mean of all that agree with it.
+    """Mean of the identifications that agree, each weighted by its information; the newest of them gives the path.
 
     An identification in W has two errors. That of the registration is independent in every frame. That of the believed
-    hull position is correlated over some seconds. The path inherits it unchanged, while the tool is later aimed with a
-    position estimate whose error has become another. Averaging identifications that lie apart in time reduces both.
+    hull pose is correlated over some seconds, and the stated covariance of the mean keeps it whole. The path
+    inherits both, while the tool is later aimed with a position estimate whose error has become another. Averaging
+    identifications that lie apart in time reduces both.
 
-    Displacements are taken at the middle of the path, or at the object's origin where there is no path. Orientation
-    errors then do not grow with the distance to the origin of W.
+    Which finds agree is told by their distance over its covariance: the largest group around one of them counts. Finds
+    without a covariance count alike, and only where none has one; they agree within fixed bounds.
     """
+    stated = [find for find in finds if find.covariance is not None]
+    finds = _agreeing(stated or finds)
     last = finds[-1]
-    middle = last.X_WT[:3, 3] if last.path is None else last.path.p.mean(axis=0)
-    moves, turns = [], []
-    for find in finds:
-        R = find.X_WT[:3, :3] @ last.X_WT[:3, :3].T
-        move, turn = find.X_WT[:3, 3] + R @ (middle - last.X_WT[:3, 3]) - middle, log_so3(R)
-        if np.linalg.norm(move) <= _AGREE[0] and np.linalg.norm(turn) <= _AGREE[1]:
-            moves.append(move)
-            turns.append(turn)
-    R = exp_so3(np.mean(turns, axis=0))
-    moved = pose(R, middle + np.mean(moves, axis=0) - R @ middle)
-    path = last.path
+    covariances = [find.covariance or _alike(find) for find in finds]
+    of_hull = np.mean([find.hull_covariance for find in finds], axis=0)
+    X_WT, mean, _ = mean_pose([find.X_WT for find in finds], covariances, of_hull)
+    path, moved = last.path, X_WT @ inverse(last.X_WT)
     if path is not None:
+        R = moved[:3, :3]
         path = replace(path, p=readonly(transform_points(moved, path.p)), z=_turned(R, path.z), x=_turned(R, path.x))
-    return replace(last, X_WT=readonly(moved @ last.X_WT), path=path)
+    doubt = mean if stated else None
+    return replace(last, X_WT=readonly(X_WT), path=path, covariance=doubt, hull_covariance=readonly(of_hull))
+
+
+def _agreeing(finds: Sequence[Target]) -> Sequence[Target]:
+    """The most finds that agree with one of them; of equal groups, the one around the newest."""
+    best: Sequence[Target] = ()
+    for one in reversed(finds):
+        group = [other for other in finds if _agree(one, other)]
+        if len(group) > len(best):
+            best = group
+    return best
+
+
+def _agree(one: Target, other: Target) -> bool:
+    """True if two finds can be of one pose, but for what is free."""
+    a, b = one.covariance, other.covariance
+    if a is None or b is None:
+        a = _alike(one)
+        twist = a.twist(one.X_WT, other.X_WT)
+        return bool(np.linalg.norm(twist[:3]) <= _AGREE[0] and np.linalg.norm(twist[3:]) <= _AGREE[1] * a.radius)
+    return a.distance(one.X_WT, b, other.X_WT) <= _SAME
+
+
+def _alike(find: Target) -> PoseCovariance:
+    """Covariance of a find that states none, for weights that are equal: about the middle of the path."""
+    middle = find.X_WT[:3, 3] if find.path is None else find.path.p.mean(axis=0)
+    none = np.zeros((0, 6))
+    return PoseCovariance(matrix=np.eye(6), free=none, center=middle, radius=1.0, size_sigma=np.inf)
 
 
 def _turned(R: Array, axes: Array) -> Array:

@@ -169,4 +169,5 @@ class TaskPlanner:
             abort=None if abort is None else abort.code,
             note=held.note if abort is None else abort.reason,
             lost_thrusters=state.lost_thrusters,
+            target=held.target,
         )

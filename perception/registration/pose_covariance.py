@@ -5,103 +5,21 @@ the motion of the estimate follows by one Newton step (delete-a-group jackknife 
 errors of pixels may be correlated in whatever way. Motions that no pair resists are unbounded, not estimated.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
-from numpy.typing import ArrayLike
 
 from perception.registration.evidence import Evidence
 from perception.registration.fine_fit import GATES
 from perception.registration.model_surface import ModelSurface
 from perception.registration.pairing import Pairing, PairRows
-from sim.interfaces.spatial import (
-    Array,
-    checked,
-    checked_pose,
-    inverse,
-    log_so3,
-    readonly,
-    transform_points,
-    unit_vector,
-)
+from sim.interfaces.pose_covariance import PoseCovariance
+from sim.interfaces.spatial import Array, readonly, transform_points
 
 _TILE = 4.0  # [noise lengths] edge of a tile
 _DRAWN = 20.0  # tiles that the assumption of equal, independent errors counts for
 _LEAST_SLOPE = 0.2  # [-] of the score over the weight
 _LEFT_OUT = 0.9  # [-] of a tile's hold: the last tile that holds a motion is not left out wholly
+_OF_AXIS = 0.98  # [-] share of the turn about the axis of symmetry that lies in the free twists, if it is one of them
 _FEWEST = 4  # tiles, below which nothing is said
-_RESISTED = 0.02  # [-] share of a free twist in a motion, below which the motion counts as resisted
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class PoseCovariance:
-    """Uncertainty of a pose: the covariance of the small twist that leads from the estimate to the truth.
-
-    The twist (linear; angular x radius) [m] is about the model's centre, in S.
-    """
-
-    matrix: Array  # (6, 6) [m^2], 0 along the free twists
-    free: Array  # (k, 6) orthonormal twists that nothing in the scan resists: their variance is infinite
-    center: Array  # (3,) [m] of the model, in S
-    radius: float  # [m] of the model
-    size_sigma: float  # [-] standard deviation of the object's scale, if it were solved for; inf if it is free
-
-    @property
-    def degrees(self) -> int:
-        """Number of the degrees of freedom that the scan determines, up to 6."""
-        return 6 - len(self.free)
-
-    @property
-    def held_sigmas(self) -> tuple[float, float]:
-        """Largest standard deviations of position [m] and rotation [rad] among the twists that are held."""
-        parts = (self.matrix[:3, :3], self.matrix[3:, 3:])
-        position, turn = (float(np.sqrt(max(0.0, np.linalg.eigvalsh(part)[-1]))) for part in parts)
-        return position, turn / self.radius
-
-    @property
-    def position_sigma(self) -> float:
-        """Standard deviation [m] of the centre along its least certain direction; inf if it can slide."""
-        return self._largest(slice(0, 3))
-
-    @property
-    def rotation_sigma(self) -> float:
-        """Standard deviation [rad] of the rotation about its least certain axis; inf if it can turn."""
-        return self._largest(slice(3, 6)) / self.radius
-
-    def sigma(self, p_S: ArrayLike, direction_S: ArrayLike) -> float:
-        """Standard deviation [m] of a point of the object along a direction; inf where a free twist moves it so.
-
-        Args:
-            p_S: (3,) [m] the point.
-            direction_S: (3,) the direction, of any length.
-
-        Raises:
-            ConfigurationError: For a direction of length 0, or arrays of another shape.
-        """
-        n = unit_vector(direction_S, "direction_S")
-        row = np.concatenate([n, np.cross((checked(p_S, (3,), "p_S") - self.center) / self.radius, n)])
-        if np.linalg.norm(self.free @ row) > _RESISTED:
-            return np.inf
-        return float(np.sqrt(max(0.0, row @ self.matrix @ row)))
-
-    def normalised_error(self, X_ST: ArrayLike, X_ST_true: ArrayLike) -> float:
-        """Squared error of the estimate over its covariance (NEES): chi-square with `degrees` if all is right.
-
-        Args:
-            X_ST: (4, 4) the estimate, to which this covariance belongs.
-            X_ST_true: (4, 4) the true pose, of all that look the same the one next to the estimate.
-        """
-        estimate, truth = checked_pose(X_ST, "X_ST"), checked_pose(X_ST_true, "X_ST_true")
-        middle = transform_points(inverse(estimate), self.center)
-        off = transform_points(truth, middle) - self.center
-        twist = np.concatenate([off, self.radius * log_so3(truth[:3, :3] @ estimate[:3, :3].T)])
-        twist -= self.free.T @ (self.free @ twist)
-        return float(twist @ np.linalg.pinv(self.matrix, rcond=1e-10, hermitian=True) @ twist)
-
-    def _largest(self, part: slice) -> float:
-        if len(self.free) and np.linalg.norm(self.free[:, part], axis=1).max() > _RESISTED:
-            return np.inf
-        return float(np.sqrt(np.linalg.eigvalsh(self.matrix[part, part])[-1]))
 
 
 def pose_covariance(
@@ -137,10 +55,23 @@ def pose_covariance(
     return PoseCovariance(
         matrix=readonly(matrix),
         free=readonly(free),
+        same=_same(surface, X_ST, free),
         center=readonly(transform_points(X_ST, surface.center)),
         radius=surface.radius,
         size_sigma=float(np.sqrt(growth)) / surface.radius if growth > 0.0 else np.inf,
     )
+
+
+def _same(surface: ModelSurface, X_ST: Array, free: Array) -> Array:
+    """Twist (1, 6) in S about the model's axis of symmetry, if it is among the free ones (k, 6); else (0, 6)."""
+    symmetry = surface.symmetry
+    if symmetry.axis is None or not len(free):
+        return readonly(np.zeros((0, 6)))
+    linear = np.cross(symmetry.axis, surface.center - symmetry.center) / surface.radius
+    twist = np.concatenate([X_ST[:3, :3] @ linear, X_ST[:3, :3] @ symmetry.axis])
+    twist /= np.linalg.norm(twist)
+    along = free.T @ (free @ twist)
+    return readonly(along[None] / np.linalg.norm(along) if np.linalg.norm(along) > _OF_AXIS else np.zeros((0, 6)))
 
 
 def _of_tiles(rows: PairRows, tiles: np.ndarray) -> tuple[Array, Array]:

@@ -95,6 +95,7 @@ def assemble(scenario: Scenario, *, full: bool = False) -> Assembly:
         planner=placed.planner(),
         controller=placed.controller()
         or controller(scenario.control, own.model, water_error=scenario.belief.water_error),
+        follower=placed.follower(sensor_model) if scenario.sensing.follow else None,
     )
     loop = Loop(plant=plant, parts=parts, observers=placed.observers())
     for perturbation in scenario.perturbations:

@@ -60,6 +60,8 @@ class ContactOptions(VehicleOptions):
     possible."""
     sensor: str = "camera"
     """Sensor for identification: camera, sonar, or one that an installed package registers."""
+    follow: bool = False
+    """Follow the object by further depth frames while the vehicle scans it, and say if it moves."""
     without: tuple[AblatedMethod, ...] = ()
     """Controller methods to leave out (ablation)."""
     published: tuple[PublishedMethod, ...] = ()
@@ -104,7 +106,7 @@ class ContactOptions(VehicleOptions):
             ),
             vehicle=VehicleSetup(vehicle=self.vehicle, arm_errors=self.arm_errors),
             belief=Belief(calibrated=self.calibrated, arm=None if self.arm is None else str(self.arm)),
-            sensing=Sensing(sensor=self.sensor, looks=self.looks),
+            sensing=Sensing(sensor=self.sensor, looks=self.looks, follow=self.follow),
             control=Control(controller=self.controller, without=self.without, published=self.published, ik=self.ik),
         )
 

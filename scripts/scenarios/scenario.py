@@ -55,6 +55,7 @@ class Sensing:
 
     sensor: str = "camera"  # for identification: camera, sonar, or one that an installed package registers
     looks: int = 1  # depth frames, or pings, whose median the path is planned on
+    follow: bool = False  # follow the object by further depth frames while the vehicle scans it
     dead_beams: tuple[int, ...] = ()  # of the Doppler log, 1 to 4
     vision_period: float = 0.1  # [s]
     vision_delay: float = 0.1  # [s]

@@ -23,10 +23,12 @@ from sim.evaluation.surface_metrics import (
     HullMetrics,
     IdentificationMetrics,
     JointMetrics,
+    MotionMetrics,
     SegmentMetrics,
     SurfaceMetrics,
     ThrusterMetrics,
     ToolMetrics,
+    UncertaintyMetrics,
 )
 from sim.interfaces.messages import WorkState
 from sim.interfaces.spatial import Array, checked, inverse, transform_points
@@ -212,12 +214,15 @@ def assess(
     """
     bounds = bounds or Bounds()
     identification = _identification(recording, truth)
+    uncertainty = uncertainty_figures(recording, truth)
     contact = contact_figures(recording)
     tool = tool_figures(recording, truth)
     hull = hull_figures(recording)
     gap = gap_figures(recording, truth)
     metrics = SurfaceMetrics(
         identification=identification,
+        uncertainty=uncertainty,
+        motion=motion_figures(recording),
         contact=contact,
         gap=gap,
         tool=tool,
@@ -246,6 +251,8 @@ def assess(
     checks = (
         Requirement("identified position", identification.position_error_m, position_bound, "mm", mm),
         Requirement("identified orientation", identification.orientation_error_rad, None, "deg", degrees),
+        Requirement("stated deviation of position", uncertainty.position_sigma_m, None, "mm", mm),
+        Requirement("stated deviation of orientation", uncertainty.rotation_sigma_rad, None, "deg", degrees),
         *of_tool,
         Requirement("path deviation, RMS", tool.path_deviation_rms_m, None, "mm", mm),
         Requirement("path deviation, peak", tool.path_deviation_max_m, bounds.path_deviation, "mm", mm),
@@ -572,6 +579,45 @@ def _identification(recording: Recording, truth: TrueObject) -> IdentificationMe
         check_m=_finite(found.check_m),
         accepted=found.accepted,
         views=len(recording.targets),
+    )
+
+
+def uncertainty_figures(recording: Recording, truth: TrueObject) -> UncertaintyMetrics:
+    """Stated covariance of the mean of the finds, and what it means for the path; None where it is not known."""
+    target = recording.goes_by
+    if target is None or target.covariance is None:
+        return unmeasured(UncertaintyMetrics)
+    covariance, sigma = target.covariance, target.path_sigma
+    position, turn = covariance.held_sigmas
+    nearest = truth.model.symmetry.nearest_pose(np.array(truth.X_WT), target.X_WT[:3, :3])
+    of_path: dict[str, float | None] = {}
+    for i, name in enumerate(("normal", "along", "across")):
+        column = None if sigma is None else sigma[:, i]
+        of_path[f"path_{name}_max_m"] = None if column is None else _finite(column.max())
+        of_path[f"path_{name}_p95_m"] = None if column is None else _finite(np.quantile(column, 0.95, method="higher"))
+    return UncertaintyMetrics(
+        position_sigma_m=position,
+        rotation_sigma_rad=turn,
+        free=covariance.free_in_words,
+        normalised_error=covariance.normalised_error(target.X_WT, nearest) / max(1, covariance.degrees),
+        **of_path,
+    )
+
+
+def motion_figures(recording: Recording) -> MotionMetrics | None:
+    """What the follower saw of the object's motion; None if it saw nothing, or there was none."""
+    motions = recording.motions
+    if not motions:
+        return None
+    noticed = next((motion.time for motion in motions if motion.moved), None)
+    if noticed is None:
+        return unmeasured(MotionMetrics, frames=len(motions))
+    return MotionMetrics(
+        frames=len(motions),
+        noticed_s=noticed,
+        distance_m=motions[-1].distance,
+        distance_sigma_m=motions[-1].distance_sigma,
+        turn_rad=motions[-1].turn,
     )
 
 

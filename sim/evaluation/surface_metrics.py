@@ -22,6 +22,43 @@ class IdentificationMetrics:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class UncertaintyMetrics:
+    """Stated uncertainty of the pose that the work went by, the mean of the finds, and of the path on it."""
+
+    position_sigma_m: float | None = metric(
+        "Standard deviation of the object's centre, in its least certain direction that is held.", minimum=0
+    )
+    rotation_sigma_rad: float | None = metric(
+        "Standard deviation of the rotation, about its least certain axis that is held.", minimum=0
+    )
+    free: str | None = metric("Motions in W, about the centre, that nothing in view resists.")
+    normalised_error: float | None = metric(
+        "Square of the true error over the covariance, per degree of freedom: 1 on average if all is right.", minimum=0
+    )
+    path_normal_max_m: float | None = metric(
+        "Standard deviation of the surface under the path, along its normal: the largest. A turn about the object's "
+        "axis of symmetry does not count; null where another free motion moves the surface.",
+        minimum=0,
+    )
+    path_normal_p95_m: float | None = metric("The same, not exceeded on 95 % of the path.", minimum=0)
+    path_along_max_m: float | None = metric("The same along the path.", minimum=0)
+    path_along_p95_m: float | None = metric(minimum=0)
+    path_across_max_m: float | None = metric("The same across the path, in the surface.", minimum=0)
+    path_across_p95_m: float | None = metric(minimum=0)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MotionMetrics:
+    """Motion of the object while the vehicle looked at it; its last fields are None if none was noticed."""
+
+    frames: int = metric("In which it was followed.", minimum=0)
+    noticed_s: float | None = metric("Time of the first frame that showed it moved beyond doubt.", minimum=0)
+    distance_m: float | None = metric("From where it was first, in the last frame: of its centre.", minimum=0)
+    distance_sigma_m: float | None = metric("Stated standard deviation of that.", minimum=0)
+    turn_rad: float | None = metric("By how much it had turned.", minimum=0)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class SegmentMetrics:
     """The same for a stretch with one set force."""
 
@@ -127,6 +164,8 @@ class SurfaceMetrics:
     """Metrics of work along a path on an object."""
 
     identification: IdentificationMetrics
+    uncertainty: UncertaintyMetrics
+    motion: MotionMetrics | None = metric("Of the object, while the vehicle looked at it; null if nothing followed it.")
     contact: ContactMetrics
     gap: GapMetrics | None = metric(
         "Work without contact: the pad's distance to the true surface; null where the tool pressed."

@@ -11,10 +11,13 @@ from enum import StrEnum
 
 import numpy as np
 
+from sim.interfaces.pose_covariance import PoseCovariance
 from sim.interfaces.spatial import Array, readonly
 
 _UNKNOWN = readonly([math.nan] * 3)  # [m]
 _STILL = readonly([0.0] * 3)  # [rad/s]
+_NONE = readonly([[0.0] * 6] * 6)  # [m^2]
+_LINE = 2  # points of a path that has a direction
 _UNBOUNDED = readonly([math.inf] * 3)  # [N]
 
 
@@ -244,7 +247,11 @@ class ToolPath:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Target:
-    """Identified target, a known object or a place on the seabed: its pose and tool path in W."""
+    """Identified target, a known object or a place on the seabed: its pose and tool path in W.
+
+    `covariance` is that of registration and of the estimated hull pose together. Finds within some seconds share the
+    error of the hull pose: it does not shrink in their mean.
+    """
 
     time: float  # [s] of the frame that it was found in
     X_WT: Array  # (4, 4) pose of the model frame; level for a place on the seabed
@@ -254,6 +261,52 @@ class Target:
     reason: str  # why it was not accepted; empty if it was
     path: ToolPath | None  # in W; None if not accepted
     ground: Array | None = None  # (V, 3) [m] points of the seabed around it, W; None: not measured
+    covariance: PoseCovariance | None = None  # of X_WT in W, about the object's centre; None: not known
+    hull_covariance: Array = field(default_factory=lambda: _NONE)  # (6, 6) [m^2] the hull pose's share of it
+
+    @property
+    def path_sigma(self) -> Array | None:
+        """Standard deviations (N, 3) [m] of the surface under the path; None without a path or a covariance.
+
+        The columns are along the surface's normal, along the path and across it. A turn about the object's axis of
+        symmetry does not count; inf where another free twist moves the surface so.
+        """
+        if self.path is None or self.covariance is None or len(self.path.p) < _LINE:
+            return None
+        p, z = self.path.p, self.path.z
+        along = np.gradient(p, axis=0)
+        along -= np.sum(along * z, axis=1, keepdims=True) * z
+        along /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-12)
+        directions = (z, along, np.cross(z, along))
+        return np.stack([self.covariance.surface_sigma(p, direction) for direction in directions], axis=1)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ObjectMotion:
+    """Where a followed object is, and how far it has moved since it was first followed."""
+
+    time: float  # [s] of the frame
+    X_WT: Array  # (4, 4) pose of the model frame
+    twist_W: Array  # (6,) motion since the start: of the centre [m], and rotation vector x radius [m]; 0 where free
+    covariance_W: Array  # (6, 6) [m^2] of `twist_W`
+    radius: float  # [m] of the object
+    moved: bool  # beyond doubt, in two frames one after the other
+
+    @property
+    def distance(self) -> float:
+        """Distance [m] that the centre has moved."""
+        return float(np.linalg.norm(self.twist_W[:3]))
+
+    @property
+    def distance_sigma(self) -> float:
+        """Standard deviation [m] of the motion of the centre, along it."""
+        way = self.twist_W[:3] / max(self.distance, 1e-12)
+        return float(np.sqrt(max(0.0, way @ self.covariance_W[:3, :3] @ way)))
+
+    @property
+    def turn(self) -> float:
+        """Angle [rad] by which it has turned, but for what is free."""
+        return float(np.linalg.norm(self.twist_W[3:])) / self.radius
 
 
 class FaultKind(StrEnum):
@@ -302,6 +355,7 @@ class Reference:
     compliant: bool = False  # yield to forces across the tool axis
     lost_thrusters: tuple[int, ...] = ()  # failed, not to be used
     w_WB_W: Array = field(default_factory=lambda: _STILL)  # (3,) [rad/s] angular velocity of the hull pose to hold
+    target: Target | None = None  # that the work goes by: the mean of several finds; None: none yet
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

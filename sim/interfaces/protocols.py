@@ -8,7 +8,7 @@ from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
-from sim.interfaces.messages import Command, Measurement, Reference, StateEstimate, Target
+from sim.interfaces.messages import Command, Measurement, ObjectMotion, Reference, StateEstimate, Target
 
 
 @runtime_checkable
@@ -73,6 +73,36 @@ class TargetFinder(Protocol):
 
         Returns:
             Next state, and the target; None if more frames are needed first.
+        """
+        ...
+
+
+@runtime_checkable
+class TargetFollower(Protocol):
+    """Follows a target that was found: maps depth frames to its motion, while the vehicle looks at it."""
+
+    @property
+    def period(self) -> float:
+        """Time between frames [s]."""
+        ...
+
+    def init(self) -> Any:
+        """Initial state, before anything was found."""
+        ...
+
+    def step(
+        self, state: Any, estimate: StateEstimate, target: Target, measurement: Measurement
+    ) -> tuple[Any, ObjectMotion | None]:
+        """Process one frame.
+
+        Args:
+            state: State after the last frame.
+            estimate: Vehicle state at the time of the frame.
+            target: Last accepted target of the finder.
+            measurement: Depth frame or sonar scan.
+
+        Returns:
+            Next state, and the motion; None while it is not known.
         """
         ...
 

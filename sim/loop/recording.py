@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 
 from models.vehicle import Vehicle
 from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.messages import AbortCode, Command, Reference, Target, WorkState
+from sim.interfaces.messages import AbortCode, Command, ObjectMotion, Reference, Target, WorkState
 from sim.interfaces.spatial import Array, quat_wxyz_from_rotation, readonly
 from sim.loop.rollout import Moment, ticks_per_period
 
@@ -98,6 +98,8 @@ class Recording:
     series: Mapping[str, Series]
     events: tuple[Event, ...]
     targets: tuple[Target, ...]  # results of the finder, one per frame
+    motions: tuple[ObjectMotion, ...] = ()  # of the followed object, one per frame
+    goes_by: Target | None = None  # last target that the work went by, the mean of several finds
     clouds: Mapping[str, Array]  # (N, 3) [m] in W, added by the scenario
     substeps: int = 1  # physics steps per step of the loop
     interrupted: str = ""  # cause of an early end, e.g. SIGTERM
@@ -257,6 +259,8 @@ class Recorder:
         self._events: list[Event] = []
         self._targets: list[Target] = []
         self._clouds: dict[str, Array] = {}
+        self._goes_by: Target | None = None
+        self._motions: list[ObjectMotion] = []
 
     def add_cloud(self, name: str, points_W: ArrayLike) -> None:
         """Keep points (N, 3) [m] in W under `name`.
@@ -279,6 +283,8 @@ class Recorder:
         if moment.target is not None and moment.target is not self._target:
             self._target = moment.target
             self._targets.append(moment.target)
+        if moment.motion is not None and (not self._motions or moment.motion is not self._motions[-1]):
+            self._motions.append(moment.motion)
         scalars = truth.contact_normal, truth.contact_least, truth.contact_most, truth.saturated, truth.collision
         write_row(self._record, truth.time, scalars, self.refer(moment.reference), contact.force_W, contact.normal)
         if not self._full:
@@ -349,6 +355,8 @@ class Recorder:
             series=MappingProxyType(series),
             events=tuple(self._events),
             targets=tuple(self._targets),
+            motions=tuple(self._motions),
+            goes_by=self._goes_by,
             clouds=MappingProxyType(dict(self._clouds)),
             substeps=self._substeps,
             interrupted=interrupted,
@@ -367,6 +375,7 @@ class Recorder:
             event = Event(time=reference.time, state=reference.state, note=reference.note, abort=reference.abort)
             self._events.append(event)
         self._reference = reference
+        self._goes_by = reference.target or self._goes_by
         row = self._references.row()
         row[:4] = reference.time, _INDEX[reference.state], reference.force, reference.path_s
         row[4:7] = _NOWHERE if reference.X_WG is None else reference.X_WG[:3, 3]

@@ -18,13 +18,14 @@ from sim.interfaces.messages import (
     DepthImage,
     Look,
     Measurement,
+    ObjectMotion,
     Reference,
     SonarScan,
     StateEstimate,
     Target,
     WorkState,
 )
-from sim.interfaces.protocols import Controller, Estimator, Planner, Sensor, TargetFinder
+from sim.interfaces.protocols import Controller, Estimator, Planner, Sensor, TargetFinder, TargetFollower
 
 LOOK_PERIOD = 0.1  # [s] between depth frames or sonar scans, while they are requested
 
@@ -67,6 +68,7 @@ class Moment:
     command: Command
     frame: Look | None  # depth frame or sonar scan that arrived in this step
     found: Any  # state of the finder, for its point clouds
+    motion: ObjectMotion | None = None  # newest motion of the followed object
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -78,6 +80,7 @@ class Parts:
     finder: TargetFinder | None
     planner: Planner
     controller: Controller
+    follower: TargetFollower | None = None  # of the object while the vehicle scans; None: nothing follows it
 
 
 def ticks_per_period(period: float, timestep: float, name: str) -> int:
@@ -169,6 +172,11 @@ class Rollout:
         self._controller_ticks = ticks_per_period(parts.controller.period, dt, type(parts.controller).__name__)
         self.sensor_states = [s.init(stream) for s, stream in zip(sensors, rng.spawn(len(sensors)), strict=True)]
         self._finder_state = parts.finder.init() if parts.finder else None
+        follower = parts.follower
+        self._follower_state = follower.init() if follower else None
+        self._follower_ticks = ticks_per_period(follower.period, dt, type(follower).__name__) if follower else 0
+        self._followed: set[float] = set()  # time stamps of frames that the finder does not see
+        self.motion: ObjectMotion | None = None
         self.truth = plant.observe()
         first: list[Measurement] = []
         for i, sensor in enumerate(sensors):
@@ -211,7 +219,15 @@ class Rollout:
         assert self.reference is not None
         assert command is not None
         moment = Moment(
-            tick, self.truth, self.estimate, self.target, self.reference, command, self.frame, self._finder_state
+            tick,
+            self.truth,
+            self.estimate,
+            self.target,
+            self.reference,
+            command,
+            self.frame,
+            self._finder_state,
+            self.motion,
         )
         self.frame = None
         for observer in self.observers:
@@ -242,7 +258,14 @@ class Rollout:
     @property
     def looking(self) -> bool:
         """True while a frame is requested or on its way."""
-        return self.command is None or self.command.scan or bool(self._seen_from)
+        return self.command is None or self.command.scan or bool(self._seen_from) or self.following
+
+    @property
+    def following(self) -> bool:
+        """True while frames are taken for the follower: the vehicle scans, and has found the object."""
+        if self.parts.follower is None or self.target is None or self.reference is None:
+            return False
+        return self.target.accepted and self.reference.state is WorkState.SCAN
 
     def next_due(self, tick: int) -> int:
         """Tick from `tick` on at which a slow sensor measures, a measurement arrives, or a frame is requested."""
@@ -254,13 +277,18 @@ class Rollout:
     def _sense(self, tick: int) -> None:
         """Let the sensors that are due measure, and collect what arrives."""
         scan = self.command is not None and self.command.scan
+        followed = self.following and not tick % self._follower_ticks
         truth, states, sensors, arrived = self.truth, self.sensor_states, self.parts.sensors, self._arrived
         for i, every in enumerate(self._every):
             if every:
                 if tick % every:
                     continue
-            elif not scan or self._seen_from or (tick - self._asked) % self._look_ticks:
+            elif self._seen_from:
                 continue
+            elif not scan or (tick - self._asked) % self._look_ticks:
+                if not followed:
+                    continue
+                self._followed.add(float(truth.time))
             states[i], measurement = sensors[i].step(states[i], truth)
             if measurement is None:
                 continue
@@ -281,11 +309,19 @@ class Rollout:
                 if isinstance(measurement, (DepthImage, SonarScan)):
                     self.frame = measurement
             self._arrived = []
-        frame, finder = self.frame, self.parts.finder
-        if frame is not None and finder is not None:
-            then = self._seen_from.pop(frame.time, self.estimate)
+        frame, finder, follower = self.frame, self.parts.finder, self.parts.follower
+        if frame is None or finder is None:
+            return
+        then = self._seen_from.pop(frame.time, self.estimate)
+        if frame.time in self._followed:
+            self._followed.discard(frame.time)
+            self.frame = None
+        else:
             self._finder_state, found = finder.step(self._finder_state, then, frame)
             self.target = found or self.target  # None: the finder needs more frames first
+        if follower is not None and self.target is not None and self.target.accepted:
+            self._follower_state, motion = follower.step(self._follower_state, then, self.target, frame)
+            self.motion = motion or self.motion
 
 
 def rollout(

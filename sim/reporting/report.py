@@ -4,6 +4,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from matplotlib.figure import Figure
 
 from sim.evaluation.metrics import Assessment, Requirement
@@ -12,6 +13,8 @@ from sim.loop.recording import Recording
 from sim.reporting.report_page import page, provenance, section, text
 from sim.reporting.results_table import figures_of
 from sim.runs.saving import write_whole
+
+_WAYS = {"normal": "along its normal", "along": "along the path", "across": "across the path"}
 
 
 def write_report(
@@ -48,6 +51,8 @@ def write_report(
             "<section><h2>Figures</h2>",
             _checks(assessment),
             _segments(assessment),
+            _uncertainty(assessment),
+            _motion(assessment),
             "</section>",
             drawn,
             _gains(list(gains)),
@@ -113,6 +118,55 @@ def _segments(assessment: Assessment) -> str:
         for s in segments
     )
     return f"<table><tr>{''.join(f'<th class=n>{head}</th>' for head in heads)}</tr>{rows}</table>"
+
+
+def _uncertainty(assessment: Assessment) -> str:
+    """Stated uncertainty of the pose that the work went by, and of the path on it."""
+    stated = assessment.metrics.get("uncertainty", {})
+    if stated.get("position_sigma_m") is None:
+        return ""
+
+    def shown(name: str, scale: float) -> str:
+        value = stated[name]
+        return "free" if value is None else f"{value * scale:.2f}"
+
+    rows = [
+        ("position of the centre", shown("position_sigma_m", 1e3), "", "mm"),
+        ("orientation", shown("rotation_sigma_rad", float(np.degrees(1.0))), "", "deg"),
+    ]
+    if any(stated[f"path_{way}_max_m"] is not None for way in _WAYS):
+        rows += [
+            (f"surface under the path, {said}", shown(f"path_{way}_max_m", 1e3), shown(f"path_{way}_p95_m", 1e3), "mm")
+            for way, said in _WAYS.items()
+        ]
+    cells = "".join(
+        f"<tr><td>{text(name)}</td><td class=n>{most}</td><td class=n>{p95}</td><td>{unit}</td></tr>"
+        for name, most, p95, unit in rows
+    )
+    head = (
+        "<tr><th>stated standard deviation, mean of the finds</th><th class=n>largest</th><th class=n>95 %</th>"
+        "<th></th></tr>"
+    )
+    error = stated["normalised_error"]
+    return (
+        f"<table>{head}{cells}</table><p class=caption>Not determined by what was in view: {text(stated['free'])}. The "
+        f"mean's true error squared, over the covariance and per degree of freedom: {error:.2f}.</p>"
+    )
+
+
+def _motion(assessment: Assessment) -> str:
+    """Motion of the object that was noticed while the vehicle looked at it."""
+    motion = assessment.metrics.get("motion")
+    if not motion:
+        return ""
+    said = "it rested"
+    if motion["noticed_s"] is not None:
+        said = (
+            f"at {motion['noticed_s']:.1f} s it was seen to have moved; in the end by {1e3 * motion['distance_m']:.1f} "
+            f"mm (standard deviation {1e3 * motion['distance_sigma_m']:.1f} mm), turned by "
+            f"{np.degrees(motion['turn_rad']):.1f} deg"
+        )
+    return f"<p>The object was followed in {motion['frames']} frames: {text(said)}.</p>"
 
 
 def _provenance(recording: Recording, assessment: Assessment, options: Mapping[str, Any]) -> str:

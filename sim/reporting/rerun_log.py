@@ -17,7 +17,9 @@ from numpy.typing import ArrayLike
 
 from models.vehicle import Vehicle
 from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.messages import Reference, Target, WorkState
+from sim.interfaces.messages import ObjectMotion, Reference, Target, WorkState
+from sim.interfaces.pose_covariance import PoseCovariance
+from sim.interfaces.spatial import quat_wxyz_from_rotation
 from sim.loop.rollout import Moment, ticks_per_period
 from sim.reporting.rerun_rows import PoseRows, SeriesRows
 from sim.reporting.rerun_scene import (
@@ -33,6 +35,7 @@ from sim.reporting.rerun_scene import (
 )
 from sim.reporting.rerun_stream import LogStream
 
+_ENLARGED = 20.0  # [-] scale at which a few millimetres show beside an object of half a metre
 FLUSH_WALL_S = 0.4  # [s] of wall time between flushes; a killed run loses this plus the time of writing
 
 
@@ -88,6 +91,8 @@ class RerunLog:
         self._cloud_colors: dict[str, tuple[int, int, int]] = {}
         self._state: WorkState | None = None
         self._target: Target | None = None
+        self._goes_by: Target | None = None
+        self._motion_said = False
         self._sent_at = perf_counter()
         self._time = 0.0  # [s] of the last step observed
         self._closed = False
@@ -121,6 +126,11 @@ class RerunLog:
             self._enter(moment.reference, truth.time)
         if moment.target is not None and moment.target is not self._target:
             self._found(moment.target, truth.time)
+        if moment.reference.target is not None and moment.reference.target is not self._goes_by:
+            self._decided(moment.reference.target, truth.time)
+        if moment.motion is not None and moment.motion.moved and not self._motion_said:
+            self._motion_said = True
+            self._moved(moment.motion, truth.time)
         if moment.tick % self._ticks == 0:
             self._series.add(moment)
             if perf_counter() - self._sent_at > FLUSH_WALL_S:
@@ -231,7 +241,56 @@ class RerunLog:
         self._target = target
         verdict = "accepted" if target.accepted else f"refused: {target.reason}"
         text = f"target at {target.range_m:.2f} m, check {target.check_m * 1e3:.1f} mm: {verdict}"
+        if target.covariance is not None:
+            text += f"; {_deviations(target.covariance)}"
+            self._show_ellipsoid("found", target.covariance, time)
         self._stream.event("state/log", rr.TextLog(text, level="INFO" if target.accepted else "WARN"), time)
         if target.path is not None:
             lifted = target.path.p - LIFT * target.path.z
             self._stream.event("world/path/planned", rr.LineStrips3D([lifted], colors=YELLOW, radii=0.004), time)
+
+    def _decided(self, target: Target, time: float) -> None:
+        """Log the mean of the finds, by which the work goes, with its covariance and that of the path."""
+        self._goes_by = target
+        if target.covariance is None:
+            return
+        text = f"mean of the finds: {_deviations(target.covariance)}"
+        if (sigma := target.path_sigma) is not None:
+            normal, along, across = (f"{1e3 * value:.1f}" for value in sigma.max(axis=0))
+            text += f"; path: normal {normal} mm, along {along} mm, across {across} mm"
+        self._stream.event("state/log", self._rr.TextLog(text, level="INFO"), time)
+        self._show_ellipsoid("mean", target.covariance, time)
+
+    def _moved(self, motion: ObjectMotion, time: float) -> None:
+        text = (
+            f"the object has moved by {1e3 * motion.distance:.1f} mm (sigma {1e3 * motion.distance_sigma:.1f} mm) and "
+            f"turned by {np.degrees(motion.turn):.1f} deg"
+        )
+        self._stream.event("state/log", self._rr.TextLog(text, level="WARN"), time)
+
+    def _show_ellipsoid(self, name: str, covariance: PoseCovariance, time: float) -> None:
+        """Show where the object's centre is with 95 %: solid to scale, and enlarged as lines."""
+        rr = self._rr
+        half, axes = covariance.ellipsoid()
+        w, x, y, z = quat_wxyz_from_rotation(axes)
+        color = SKY if name == "found" else YELLOW
+        for suffix, scale, fill, label in (
+            ("", 1.0, rr.components.FillMode.Solid, None),
+            ("_enlarged", _ENLARGED, rr.components.FillMode.MajorWireframe, f"95 %, {_ENLARGED:.0f} times enlarged"),
+        ):
+            shape = rr.Ellipsoids3D(
+                centers=[covariance.center],
+                half_sizes=[scale * half],
+                quaternions=[rr.Quaternion(xyzw=[x, y, z, w])],
+                colors=[color],
+                fill_mode=fill,
+                labels=None if label is None else [label],
+                show_labels=False,
+            )
+            self._stream.event(f"world/uncertainty/{name}{suffix}", shape, time)
+
+
+def _deviations(covariance: PoseCovariance) -> str:
+    """Standard deviations of a pose in words."""
+    position, turn = covariance.held_sigmas
+    return f"sigma {1e3 * position:.1f} mm, {np.degrees(turn):.2f} deg; free: {covariance.free_in_words}"

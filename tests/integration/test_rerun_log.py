@@ -26,6 +26,7 @@ from sim.interfaces.messages import (
     ToolPath,
     WorkState,
 )
+from sim.interfaces.pose_covariance import PoseCovariance
 from sim.interfaces.spatial import pose, transform_points
 from sim.loop.rollout import Moment
 from sim.reporting import rerun_stream
@@ -55,7 +56,12 @@ def moments(model: mujoco.MjModel):
         x=np.array(line.b),
         on_scan=np.zeros(n, dtype=bool),
     )
-    target = Target(time=0.0, X_WT=X_WT, accepted=True, check_m=0.001, range_m=1.2, reason="", path=path)
+    doubt = PoseCovariance(
+        matrix=1e-6 * np.eye(6), free=np.zeros((0, 6)), center=X_WT[:3, 3], radius=0.5, size_sigma=1.0
+    )
+    target = Target(
+        time=0.0, X_WT=X_WT, accepted=True, check_m=0.001, range_m=1.2, reason="", path=path, covariance=doubt
+    )
     truth = SimpleNamespace(
         time=0.0,
         contact_normal=60.0,
@@ -97,6 +103,7 @@ def moments(model: mujoco.MjModel):
             tare=False,
             scan=False,
             path_s=0.02 * truth.time,
+            target=target if truth.time > 0.4 else None,
         )
         yield Moment(tick, truth, estimate, target, reference, command, None, None)
         tick += 1
@@ -128,6 +135,9 @@ def test_closed_log_holds_everything_up_to_its_end(tmp_path: Path):
     last = last_times(file)
     for series in ("force", "path_error", "hull_drift", "thrust", "joint_angle", "joint_torque"):
         assert last[f"/series/{series}"] == pytest.approx(2.0)
+    for suffix in ("", "_enlarged"):  # ellipsoids of the find, and of the mean once the work goes by it
+        assert last[f"/world/uncertainty/found{suffix}"] == pytest.approx(0.0)
+        assert last[f"/world/uncertainty/mean{suffix}"] == pytest.approx(0.4, abs=0.01)
     for entity in (
         "vehicle/hull",
         "vehicle/link3",

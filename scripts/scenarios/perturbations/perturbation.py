@@ -91,6 +91,7 @@ def registry() -> Registry[Perturbation]:
         "Gears": vehicle.Gears,
         "Pad": pad.Pad,
         "MisplacedSurface": loop.MisplacedSurface,
+        "PushedObject": loop.PushedObject,
         "ThrusterFailure": loop.ThrusterFailure,
         "SensorFailure": loop.SensorFailure,
     }

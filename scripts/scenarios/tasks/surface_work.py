@@ -12,6 +12,7 @@ from controllers.tasks.contact_phases import ApproachLimits
 from models.objects.targets import TargetModel
 from models.site import scenes
 from perception.clouds.scan import SensorModel
+from perception.object_tracker import FoundObjectFollower
 from perception.target_finder import FinderState, KnownObjectFinder, PublishedFinder
 from scenarios.contact_parts import exteroceptive_sensor
 from scenarios.own_vehicle import OwnVehicle
@@ -19,8 +20,9 @@ from scenarios.scenario import Scenario
 from scenarios.site import Workpiece, coarse_detection
 from scenarios.tasks.task import Pictures, PlacedTask, RunResult, Task, object_of, scan_pose
 from sim.evaluation.metrics import Assessment, TrueObject, assess
+from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.protocols import Sensor
-from sim.interfaces.spatial import Array, finite_number
+from sim.interfaces.spatial import Array, finite_number, shown
 
 _MOST_FORCE = 1e3  # [N] beyond the capability of any vehicle here
 
@@ -111,6 +113,14 @@ class PlacedSurfaceWork(PlacedTask):
             looks=self.scenario.sensing.looks,
             seed=seed,
         )
+
+    def follower(self, sensor: SensorModel | None) -> FoundObjectFollower:
+        """Follower of the clean object."""
+        if self.scenario.sensing.sensor != "camera":
+            raise ConfigurationError(
+                f"--follow: takes depth frames; the sensor is {shown(self.scenario.sensing.sensor)}, not camera"
+            )
+        return FoundObjectFollower(self.target, sensor=sensor)
 
     def planner(self) -> surface_work.SurfaceWork:
         """Planner of the work."""

@@ -17,7 +17,7 @@ from scenarios.own_vehicle import OwnVehicle
 from sim.evaluation.metrics import Assessment
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import WorkState
-from sim.interfaces.protocols import Controller, Estimator, Planner, Sensor, TargetFinder
+from sim.interfaces.protocols import Controller, Estimator, Planner, Sensor, TargetFinder, TargetFollower
 from sim.interfaces.spatial import Array, exp_so3, finite_number, pose
 from sim.loop.recording import Recorder, Recording
 from sim.loop.rollout import Moment, Observer
@@ -113,6 +113,15 @@ class PlacedTask(ABC):
     def finder(self, sensor: SensorModel | None, seed: int) -> TargetFinder | None:
         """Finder of the object; `seed` is that of its random sampling."""
         return None
+
+    def follower(self, sensor: SensorModel | None) -> TargetFollower:
+        """Follower of the object while the vehicle looks at it.
+
+        Raises:
+            ConfigurationError: This task follows nothing.
+        """
+        del sensor
+        raise ConfigurationError("--follow: this task has no object that it could follow")
 
     @abstractmethod
     def planner(self) -> Planner:

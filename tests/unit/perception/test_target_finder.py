@@ -1,4 +1,4 @@
-"""Several looks as one: their median, wherever each was taken from."""
+"""Several looks as one: their median, wherever each was taken from; and the covariance of a find in W."""
 
 from dataclasses import replace
 
@@ -10,11 +10,14 @@ from models.objects.targets import barrel
 from perception.clouds.scan import Scan
 from perception.registration.identification import identify
 from perception.registration.model_surface import ModelSurface
-from perception.target_finder import Frame, fused, with_fused_frames
+from perception.target_finder import Frame, KnownObjectFinder, fused, with_fused_frames
 from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.messages import StateEstimate
 from sim.interfaces.spatial import exp_so3, inverse, pose, readonly, transform_points
 
 BARREL = barrel()
+ZERO = np.zeros(3)
+AT_REST = StateEstimate(time=0.0, X_WB=np.eye(4), v_WB_B=ZERO, w_WB_B=ZERO, a_WB_B=ZERO, q=ZERO, qd=ZERO, tau=ZERO)
 VIEW = seen_from(np.array([0.2, -0.75, 0.85]))
 
 
@@ -71,3 +74,26 @@ def test_all_looks_are_less_noisy_evidence_of_the_same_pose():
     single, median = (1.48 * np.nanmedian(np.abs(error)) for error in errors)
     assert median < 0.75 * single  # 0.56 for normal errors
     assert of_all.evidence.sensor.disparity_sigma < 0.6 * found.evidence.sensor.disparity_sigma
+
+
+def test_covariance_is_that_of_the_errors_in_the_world(within):
+    """Sixteen frames with drawn errors of the believed hull pose: mean NEES over its degrees of freedom 1, 16 % by
+    chance; the hull's part is told apart from that of the registration."""
+    rng, sigma, squares = np.random.default_rng(3), np.array([3e-3, 2e-3, 1e-3]), []
+    X_WT = pose(exp_so3([0.0, 0.0, 0.7]), [12.0, -7.0, -20.0])
+    X_WB = X_WT @ inverse(VIEW)  # the camera at the hull's origin
+    finder = KnownObjectFinder(BARREL, None, X_WT[:3, 3], X_WT[:3, :3], attitude_sigma=2e-3)
+    for _ in range(16):
+        wrong = pose(exp_so3(2e-3 * rng.standard_normal(3)), X_WB[:3, 3] + sigma * rng.standard_normal(3))
+        believed = pose(wrong[:3, :3] @ X_WB[:3, :3], wrong[:3, 3])
+        estimate = replace(AT_REST, X_WB=believed, position_sigma=sigma)
+        frame = replace(look(BARREL, VIEW, rng), X_BC=np.eye(4))
+        target = finder.step(finder.init(), estimate, frame)[1]
+        assert target is not None
+        assert target.covariance is not None
+        true = BARREL.symmetry.nearest_pose(X_WT, target.X_WT[:3, :3])
+        squares.append(target.covariance.normalised_error(target.X_WT, true) / target.covariance.degrees)
+        own = np.linalg.eigvalsh(target.covariance.matrix - target.hull_covariance)
+        assert own[0] > -1e-12
+        assert target.covariance.position_sigma > sigma[0]
+    within("mean NEES over its degrees", np.mean(squares) - 1.0, 0.5)

@@ -7,6 +7,7 @@ import pytest
 
 from controllers.tasks.arrival import fuse_poses
 from sim.interfaces.messages import Target, ToolPath
+from sim.interfaces.pose_covariance import PoseCovariance
 from sim.interfaces.spatial import Array, exp_so3, log_so3, pose, transform_points
 
 TRUE = pose(exp_so3([0.3, -0.5, 2.0]), [40.0, -25.0, -12.0])  # far from the origin: turns have a long lever there
@@ -61,11 +62,50 @@ def test_path_goes_with_the_pose(rng, within):
         pytest.param(pose(TRUE[:3, :3] @ exp_so3([np.pi, 0.0, 0.0]), TRUE[:3, 3]), id="turned over"),
     ],
 )
-def test_what_does_not_agree_with_the_last_is_left_out(other, within):
+def test_what_does_not_agree_is_left_out(other, within):
     within("pose", fuse_poses([found(other), found(TRUE), found(TRUE)]).X_WT - TRUE, 1e-13)
+    within("the last one", fuse_poses([found(TRUE), found(TRUE), found(other)]).X_WT - TRUE, 1e-13)
 
 
 def test_without_a_path(rng):
     mean = fuse_poses([replace(found(off(rng, 1e-3, 1e-3), path=False)) for _ in range(3)])
     assert mean.path is None
     assert np.linalg.norm(mean.X_WT[:3, 3] - TRUE[:3, 3]) < 5e-3
+
+
+def stated(rng: np.random.Generator, deviation: Array, error: Array | None = None) -> Target:
+    """A find that is off by drawn errors (or `error`) of the stated deviations (6,) [m] of its twist."""
+    center = transform_points(TRUE, np.array([0.1, 0.0, 0.2]))
+    drawn = deviation * rng.normal(size=6) if error is None else error
+    R = exp_so3(drawn[3:] / 0.5)
+    X_WT = pose(R @ TRUE[:3, :3], center + drawn[:3] + R @ (TRUE[:3, 3] - center))
+    free, matrix = np.zeros((0, 6)), np.diag(deviation**2)
+    doubt = PoseCovariance(matrix=matrix, free=free, center=center + drawn[:3], radius=0.5, size_sigma=1.0)
+    return replace(found(X_WT), covariance=doubt)
+
+
+def test_better_finds_weigh_more_and_the_covariance_is_right(rng):
+    """Two views, each of which is loose along another direction: the mean is good along both; NEES 6."""
+    loose, squares, errors = np.full(6, 1e-3), [], []
+    one, other = np.array(loose), np.array(loose)
+    one[0], other[1] = 10e-3, 10e-3
+    for _ in range(300):
+        finds = [stated(rng, one), stated(rng, other)]
+        mean = fuse_poses(finds)
+        assert mean.covariance is not None
+        squares.append(mean.covariance.normalised_error(mean.X_WT, TRUE))
+        errors.append(mean.covariance.twist(mean.X_WT, TRUE)[:2])
+    assert np.std(errors, axis=0).max() < 1.3e-3  # 1 mm; the plain mean: 5 mm
+    assert 4.5 < np.mean(squares) < 6.7
+
+
+def test_outlier_is_told_by_its_normalised_distance(rng):
+    """10 mm off is nothing for a loose find, and an outlier among sharp ones."""
+    sharp, off = np.full(6, 1e-3), np.array([10e-3, 0.0, 0.0, 0.0, 0.0, 0.0])
+    good = [stated(rng, sharp) for _ in range(4)]
+    mean = fuse_poses([*good, stated(rng, sharp, off)])
+    assert np.linalg.norm(mean.X_WT[:3, 3] - TRUE[:3, 3]) < 3e-3
+    assert mean.covariance is not None
+    two = fuse_poses([stated(rng, 10.0 * sharp, off), stated(rng, 10.0 * sharp, 0.0 * off)])
+    assert two.covariance is not None
+    assert abs(two.covariance.twist(two.X_WT, TRUE)[0] + 5e-3) < 1e-6

@@ -16,7 +16,8 @@ from models.objects.targets import barrel
 from models.vehicle import Vehicle
 from sim.evaluation.metrics import Assessment, TrueObject, assess
 from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.messages import Target, WorkState
+from sim.interfaces.messages import Target, ToolPath, WorkState
+from sim.interfaces.pose_covariance import PoseCovariance
 from sim.interfaces.spatial import pose
 from sim.loop.recording import STATES, Event, Recording, Series
 from sim.reporting.report import write_report
@@ -105,6 +106,34 @@ def test_page_fetches_nothing_and_shows_every_picture(tmp_path: Path):
     assert "url(" not in page
     assert "clean &lt;barrel&gt;" in page
     assert re.search(r"<h1>.*<span class='accepted'>accepted</span></h1>", page)
+
+
+def test_page_states_the_covariance_of_the_pose_and_what_it_means_on_the_path(tmp_path: Path):
+    """A barrel free to turn about its axis: that turn is named, and does not count on a path around it."""
+    recording, center = recorded(WorkState.WORK, WorkState.DONE), TRUTH.X_WT[:3, 3]
+    turn = np.concatenate([np.zeros(3), TRUTH.X_WT[:3, 0]])[None]
+    held = np.eye(6) - turn.T @ turn
+    doubt = PoseCovariance(matrix=4e-6 * held, free=turn, same=turn, center=center, radius=0.5, size_sigma=1.0)
+    n, angle = np.zeros(20), np.linspace(0.0, 1.0, 20)
+    round_it = np.column_stack([n, np.cos(angle), np.sin(angle)])
+    path = ToolPath(
+        s=0.2 * angle,
+        p=center + 0.2 * round_it,
+        z=-round_it,
+        x=np.column_stack([n, -np.sin(angle), np.cos(angle)]),
+        on_scan=n > 0.0,
+    )
+    found = replace(recording.targets[0], path=path, covariance=doubt)
+    page, assessment = written(tmp_path, replace(recording, goes_by=found))
+    stated = assessment.metrics["uncertainty"]
+    assert stated["position_sigma_m"] == pytest.approx(2e-3)
+    assert stated["rotation_sigma_rad"] == pytest.approx(4e-3)
+    assert stated["normalised_error"] == pytest.approx(0.0, abs=1e-9)
+    assert stated["path_along_max_m"] == pytest.approx(2e-3, rel=0.1)
+    assert stated["path_normal_p95_m"] == pytest.approx(2e-3, rel=0.01)
+    assert "Not determined by what was in view: a turn about (" in page
+    assert "surface under the path, across the path" in page
+    assert "stated standard deviation" not in written(tmp_path, recording)[0]
 
 
 def test_page_of_a_run_that_was_broken_off_says_why(tmp_path: Path):

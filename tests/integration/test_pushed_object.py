@@ -1,0 +1,53 @@
+"""An object that is pushed while the vehicle looks at it is noticed in the running job, by the door of a user."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from scenarios.assembly import assemble
+from scenarios.options import barrel
+from scenarios.perturbations.loop import PushedObject
+from scenarios.runner import assessed, run_through
+from sim.interfaces.errors import ConfigurationError
+
+SCANS = 5.0  # [s] at which the hull of seed 1 is at rest and scans
+AT, RAMP, UNTIL = 7.0, 0.5, 9.5  # [s] of the push, and of the end
+
+
+@pytest.mark.parametrize("by", [(0.0, 0.01, 0.0), (0.03, 0.0, 0.0), (0.03, -0.04, 0.0)], ids=["1 cm", "along", "5 cm"])
+def test_push_is_noticed_within_a_second_and_measured(by, within):
+    scenario = replace(barrel(seed=1, follow=True), perturbations=(PushedObject(at=AT, by=by, ramp=RAMP),))
+    assembly = assemble(scenario)
+    ran = run_through(assembly, longest=UNTIL)
+    assert ran.part_by_part
+    motions = ran.recording.motions
+    assert motions
+    assert motions[0].time < SCANS + 1.5
+    assert not any(motion.moved for motion in motions if motion.time < AT)
+    noticed = next(motion.time for motion in motions if motion.moved)
+    assert AT < noticed < AT + 1.0
+    assert motions[-1].moved
+    within("motion [m]", motions[-1].twist_W[:3] - by, 0.006)  # two sigma
+    assert 3e-4 < motions[-1].distance_sigma < 5e-3
+    figures = assessed(assembly, ran).metrics["motion"]
+    assert figures["noticed_s"] == noticed
+    assert figures["distance_m"] == pytest.approx(np.linalg.norm(by), abs=0.006)
+
+
+def test_an_object_that_rests_raises_no_alarm():
+    """Twelve seconds of a hull that is held in the current, 60 frames."""
+    recording = run_through(assemble(barrel(seed=2, follow=True)), longest=17.0).recording
+    assert len(recording.motions) > 40
+    assert not any(motion.moved for motion in recording.motions)
+
+
+def test_bad_input():
+    with pytest.raises(ConfigurationError, match="one of the two"):
+        PushedObject(by=(0.0, 0.0, 0.1))
+    with pytest.raises(ConfigurationError, match="PushedObject by"):
+        PushedObject(at=1.0, by=(np.nan, 0.0, 0.0))
+    with pytest.raises(ConfigurationError, match="stays where it was pushed"):
+        PushedObject(at=1.0, duration=2.0)
+    with pytest.raises(ConfigurationError, match="--follow: takes depth frames; the sensor is 'sonar'"):
+        assemble(barrel(sensor="sonar", follow=True))

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 from models.objects.targets import ModelPath, TargetModel
 from perception.clouds.scan import Scan, SensorModel
 from perception.clouds.sonar_cloud import without_isolated_echoes
+from perception.next_view import ranked_views, views_around
 from perception.registration.identification import Identification, Method, identify
 from perception.registration.model_surface import ModelSurface
 from perception.toolpath.path_planner import plan_path
@@ -20,6 +21,8 @@ from sim.interfaces.spatial import Array, checked, finite_number, inverse, reado
 
 PATH_SPACING = 0.0015  # [m] between the samples of the tool path
 ATTITUDE_SIGMA = 3e-4  # [rad] of the hull's attitude: bias of an inertial unit with fibre-optic gyros
+LOOSE = 0.005  # [m] that an identification may be off (`sim.evaluation.metrics.Bounds`)
+_ASIDE = 0.15  # [m] between hull positions, below which they give the same view
 _SEEN = 0.4  # [-] share of the frames in which a pixel must have depth
 _MEDIAN = 1.25  # [-] standard deviation of a median of normal errors over that of their mean
 _FEW = 3  # frames from which on they are fused: a median of fewer removes nothing
@@ -41,6 +44,7 @@ class FinderState:
     looks: tuple[Frame, ...] = ()  # frames or pings collected so far, until the wanted number is there
     last: Identification | None = None
     X_WC: Array | None = None  # (4, 4) estimated pose of the camera for `last`
+    places: tuple[Array, ...] = ()  # (3,) [m] hull positions in W of the views so far
 
     def in_world(self, points_C: Array) -> Array:
         """Transform points of the last identification from the camera frame into W.
@@ -74,6 +78,7 @@ class KnownObjectFinder:
         looks: int = 1,
         seed: int = 0,
         attitude_sigma: float = ATTITUDE_SIGMA,
+        loose: float = LOOSE,
     ) -> None:
         """Prepare the search for `target` around its coarse position.
 
@@ -87,6 +92,8 @@ class KnownObjectFinder:
             looks: Number of consecutive frames or pings whose median depth the path is planned on.
             seed: Of all random samples.
             attitude_sigma: [rad] standard deviation of the estimated attitude of the hull, about any axis.
+            loose: [m] standard deviation, of the centre or of the surface under the path, above which an accepted find
+                asks for a look from another place.
 
         Raises:
             ConfigurationError: For an unknown path or malformed priors.
@@ -102,6 +109,7 @@ class KnownObjectFinder:
         self._sensor = sensor or SensorModel()
         self._tool_radius, self._count, self._seed = tool_radius, looks, seed
         self._attitude_sigma = finite_number(attitude_sigma, "attitude_sigma [rad]", least=0.0)
+        self._loose = finite_number(loose, "loose [m]", above=0.0)
         self._surface = ModelSurface.of(target, seed)
 
     def init(self) -> FinderState:
@@ -175,7 +183,35 @@ class KnownObjectFinder:
             covariance=doubt,
             hull_covariance=of_hull,
         )
-        return FinderState(frames=state.frames + 1, last=found, X_WC=readonly(X_WC)), target
+        p_WB, places = estimate.X_WB[:3, 3], state.places
+        if all(np.linalg.norm(p_WB - place) > _ASIDE for place in places):
+            places = (*places, readonly(p_WB))
+        target = replace(target, next_X_WB=self._next_view(found, target, estimate.X_WB, X_WC, places))
+        return FinderState(frames=state.frames + 1, last=found, X_WC=readonly(X_WC), places=places), target
+
+    def _next_view(
+        self, found: Identification, target: Target, X_WB: Array, X_WC: Array, places: Sequence[Array]
+    ) -> Array | None:
+        """Hull pose (4, 4) of the next look, where none was taken yet; None if none is wanted, or can be chosen."""
+        if self.method != "planes" or (target.accepted and not self._is_loose(target)):
+            return None
+        center = transform_points(target.X_WT, self._surface.center)
+        motions = [
+            motion
+            for motion in views_around(center, np.array([0.0, 0.0, 1.0]))
+            if all(np.linalg.norm((motion @ X_WB)[:3, 3] - place) > _ASIDE for place in places)
+        ]
+        X_CW = inverse(X_WC)
+        ranked = ranked_views(found, [X_CW @ motion @ X_WC for motion in motions])
+        return readonly(motions[ranked[0]] @ X_WB) if ranked else None
+
+    def _is_loose(self, target: Target) -> bool:
+        """True if an accepted pose is less certain than the work on it asks for."""
+        if target.covariance is None:
+            return False
+        sigma = target.path_sigma
+        worst = target.covariance.position_sigma if sigma is None else float(sigma.max())
+        return worst > self._loose
 
     def _doubt(
         self, found: Identification, estimate: StateEstimate, X_WC: Array

@@ -17,7 +17,7 @@ from models.objects.targets import TargetModel
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import AbortCode, StateEstimate, Target, ToolPath, WorkState
 from sim.interfaces.pose_covariance import PoseCovariance, mean_pose
-from sim.interfaces.spatial import Array, exp_so3, inverse, readonly, transform_points
+from sim.interfaces.spatial import Array, exp_so3, inverse, pose, readonly, transform_points
 
 # Chooses the hull placement for a path on a target: (placement, part of the path, its share); raises ReachError.
 Standing = Callable[[Target, ToolPath], tuple[Placement, ToolPath, float]]
@@ -65,7 +65,7 @@ class ScanTarget(Phase):
         return ScanState(now.time)
 
     def step(self, state: ScanState, held: Held, now: Context) -> Outcome:
-        """Done with `held.target`; refused if this view shows nothing and another may be taken."""
+        """Done with `held.target`; refused if this view shows too little and another may be taken."""
         limits, target = self._limits, now.target
         if target is None or target.time < state.look_from:
             if now.time - state.look_from > limits.frame_within:
@@ -77,11 +77,17 @@ class ScanTarget(Phase):
         if state.finds and state.looks < limits.finds:
             state.look_from = now.time + limits.interval
             return None
-        if state.finds:
-            held.target = fuse_poses(state.finds)
+        held.next_X_WB = target.next_X_WB
+        again = held.views < limits.views
+        if state.finds and not (again and target.accepted and target.next_X_WB is not None):
+            held.target = fuse_poses((*held.finds, *state.finds))
             return PhaseEvent.DONE
-        if held.views < limits.views:
+        held.finds = (*held.finds, *state.finds)
+        if again:
             return PhaseEvent.REFUSED
+        if held.finds:  # loose, but found: this view shows less
+            held.target = fuse_poses(held.finds)
+            return PhaseEvent.DONE
         views = f" in {limits.views} views" if limits.views > 1 else ""
         return Abort(AbortCode.NOT_IDENTIFIED, f"not identified{views}: {target.reason}")
 
@@ -231,6 +237,10 @@ def arrival(
         held.X_WB_scan = site.come_near(now.estimate, held.X_WB_scan)
 
     def other_view(held: Held) -> Array:
+        if held.next_X_WB is not None:  # proposed by perception
+            X, to = np.array(held.X_WB), held.next_X_WB
+            ahead = np.arctan2(to[1, 0], to[0, 0]) - np.arctan2(X[1, 0], X[0, 0])
+            return pose(exp_so3([0.0, 0.0, ahead]) @ X[:3, :3], [to[0, 3], to[1, 3], X[2, 3]])
         side = 0.3 * (1.0 if held.views % 2 else -1.0)
         X = np.array(held.X_WB_scan)
         X[:3, 3] += X[:3, :3] @ np.cross([0.0, 0.0, side], site.own.level_view_B)

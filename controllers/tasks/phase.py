@@ -80,6 +80,8 @@ class Held:
     q: Array  # (n,) [rad] joint angle reference while no tool pose is commanded
     way: list[Array] = field(default_factory=list)  # (4, 4) hull poses to move through next
     views: int = 0  # views so far
+    finds: tuple[Target, ...] = ()  # accepted identifications of earlier views
+    next_X_WB: Array | None = None  # (4, 4) hull pose proposed for the next view; None: in the fixed order
     target: Target | None = None  # the accepted identification, the mean of several
     plan: object = None  # of a task's own kind
     line: ToolLine | None = None  # where the tool works

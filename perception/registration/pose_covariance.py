@@ -62,16 +62,21 @@ def pose_covariance(
     )
 
 
-def _same(surface: ModelSurface, X_ST: Array, free: Array) -> Array:
-    """Twist (1, 6) in S about the model's axis of symmetry, if it is among the free ones (k, 6); else (0, 6)."""
+def turn_of_symmetry(surface: ModelSurface, X_ST: Array) -> Array:
+    """Unit twist (1, 6) in S about the model's axis of symmetry, as those of `IcpFit.free`; (0, 6) without an axis."""
     symmetry = surface.symmetry
-    if symmetry.axis is None or not len(free):
-        return readonly(np.zeros((0, 6)))
+    if symmetry.axis is None:
+        return np.zeros((0, 6))
     linear = np.cross(symmetry.axis, surface.center - symmetry.center) / surface.radius
     twist = np.concatenate([X_ST[:3, :3] @ linear, X_ST[:3, :3] @ symmetry.axis])
-    twist /= np.linalg.norm(twist)
-    along = free.T @ (free @ twist)
-    return readonly(along[None] / np.linalg.norm(along) if np.linalg.norm(along) > _OF_AXIS else np.zeros((0, 6)))
+    return twist[None] / np.linalg.norm(twist)
+
+
+def _same(surface: ModelSurface, X_ST: Array, free: Array) -> Array:
+    """Twist (1, 6) in S about the model's axis of symmetry, if it is among the free ones (k, 6); else (0, 6)."""
+    along = turn_of_symmetry(surface, X_ST) @ free.T @ free
+    length = np.linalg.norm(along)
+    return readonly(along / length if length > _OF_AXIS else np.zeros((0, 6)))
 
 
 def _of_tiles(rows: PairRows, tiles: np.ndarray) -> tuple[Array, Array]:

@@ -82,7 +82,7 @@ def uneven_starfish() -> TargetModel:
     return TargetModel(name=UNEVEN, vertices=vertices, triangles=np.vstack(faces))
 
 
-def draw(name: str, kind: str, seed: int, sensor: str) -> DecisionScene:
+def draw(name: str, kind: str, seed: int, sensor: str, X_CN: Array | None = None, look: int = 0) -> DecisionScene:
     """The scene of `seed`.
 
     Args:
@@ -90,29 +90,35 @@ def draw(name: str, kind: str, seed: int, sensor: str) -> DecisionScene:
         kind: Kind of scene in KINDS.
         seed: Draws the scene and what is changed in it.
         sensor: Name in `scenarios.object_scenes.SENSORS`.
+        X_CN: (4, 4) pose from which it is seen instead, as in `object_scene`; None: the seed's view.
+        look: Number of the look, which draws its noise.
 
     Raises:
         ConfigurationError: A name is unknown.
     """
+    other = {"X_CN": X_CN, "look": look}
     if kind not in KINDS:
         raise ConfigurationError(f"no kind of scene {kind!r}; there are {sorted(KINDS)}")
     target, rng = object_of(name), np.random.default_rng([seed, 17])
     if kind == "absent":
-        return DecisionScene(scene=object_scene(target, seed, sensor, absent=True), hidden=0.0)
+        return DecisionScene(scene=object_scene(target, seed, sensor, absent=True, **other), hidden=0.0)
     if kind == "other":
-        return DecisionScene(scene=object_scene(target, seed, sensor, there=other_than(target, rng)), hidden=0.0)
+        return DecisionScene(
+            scene=object_scene(target, seed, sensor, there=other_than(target, rng), **other), hidden=0.0
+        )
     if kind == "fouled":
         thick = min(0.04, 0.1 * target.radius)
         return DecisionScene(
-            scene=object_scene(target, seed, sensor, there=fouled(target, rng, (0.25 * thick, thick))), hidden=0.0
+            scene=object_scene(target, seed, sensor, there=fouled(target, rng, (0.25 * thick, thick)), **other),
+            hidden=0.0,
         )
     plain = object_scene(target, seed, sensor)
     if kind == "clean":
-        return DecisionScene(scene=plain, hidden=0.0)
+        return DecisionScene(scene=object_scene(target, seed, sensor, **other), hidden=0.0)
     share = rng.uniform(0.2, 0.45) if kind == "hidden" else rng.uniform(0.72, 0.85)
     solids, hidden = occluders(target, plain.X_CT, share, rng)
     shown = replace(target, stand=(*target.stand, *solids))
-    return DecisionScene(scene=object_scene(target, seed, sensor, there=shown), hidden=hidden)
+    return DecisionScene(scene=object_scene(target, seed, sensor, there=shown, **other), hidden=hidden)
 
 
 def other_than(target: TargetModel, rng: np.random.Generator) -> TargetModel:

@@ -147,6 +147,8 @@ def object_scene(
     gap: tuple[float, float] | None = (0.05, 0.4),
     there: TargetModel | None = None,
     absent: bool = False,
+    X_CN: Array | None = None,
+    look: int = 0,
 ) -> ObjectScene:
     """The scene of `seed`, seen from a range within `ranges`.
 
@@ -160,6 +162,9 @@ def object_scene(
             lie on it, None neither seabed nor stones.
         there: The true object; None: `target`.
         absent: Leave the object out of the scene.
+        X_CN: (4, 4) pose from which the same scene is seen instead, in the camera frame of the seed's view; the result
+            is in N. None: the seed's view.
+        look: Number of the look, which draws its noise.
 
     Returns:
         The scene with its scan.
@@ -178,6 +183,10 @@ def object_scene(
     aim, heights = _AIM.get(target.name, (target.center, _CLIMB))
     range_m = float(view.uniform(*ranges))
     X_CT = _view(view, np.asarray(aim), range_m, heights)
+    if X_CN is not None:
+        X_CT = inverse(X_CN) @ X_CT
+    if look:
+        noise = np.random.default_rng([seed, 2, look])
     shown = there or target
 
     spec = mujoco.MjSpec()

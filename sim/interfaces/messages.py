@@ -263,6 +263,7 @@ class Target:
     ground: Array | None = None  # (V, 3) [m] points of the seabed around it, W; None: not measured
     covariance: PoseCovariance | None = None  # of X_WT in W, about the object's centre; None: not known
     hull_covariance: Array = field(default_factory=lambda: _NONE)  # (6, 6) [m^2] the hull pose's share of it
+    next_X_WB: Array | None = None  # (4, 4) hull pose of the look that would tell most; None: no other look is wanted
 
     @property
     def path_sigma(self) -> Array | None:

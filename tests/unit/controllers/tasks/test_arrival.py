@@ -5,8 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from controllers.tasks.arrival import fuse_poses
-from sim.interfaces.messages import Target, ToolPath
+from controllers.tasks.arrival import ScanLimits, ScanTarget, fuse_poses
+from controllers.tasks.phase import Abort, Context, Held, PhaseEvent
+from sim.interfaces.messages import AbortCode, StateEstimate, Target, ToolPath
 from sim.interfaces.pose_covariance import PoseCovariance
 from sim.interfaces.spatial import Array, exp_so3, log_so3, pose, transform_points
 
@@ -109,3 +110,46 @@ def test_outlier_is_told_by_its_normalised_distance(rng):
     two = fuse_poses([stated(rng, 10.0 * sharp, off), stated(rng, 10.0 * sharp, 0.0 * off)])
     assert two.covariance is not None
     assert abs(two.covariance.twist(two.X_WT, TRUE)[0] + 5e-3) < 1e-6
+
+
+def looked(targets: list[Target], views: int = 3) -> tuple[Held, list[str]]:
+    """Run ScanTarget over the targets of successive views, two looks each; what the phases share, and the events."""
+    phase, events = ScanTarget(ScanLimits(views=views, finds=2, interval=0.0)), []
+    held, time = Held(X_WB=np.eye(4), X_WB_scan=np.eye(4), q=np.zeros(0)), 0.0
+    zero = np.zeros(3)
+    at = StateEstimate(time=0.0, X_WB=np.eye(4), v_WB_B=zero, w_WB_B=zero, a_WB_B=zero, q=zero, qd=zero, tau=zero)
+    state = phase.enter(held, Context(time, 0.01, at, None, None))
+    for target in targets:
+        time += 1.0
+        outcome = phase.step(state, held, Context(time, 0.01, at, replace(target, time=time), None))
+        if outcome is not None:
+            events.append(outcome.code if isinstance(outcome, Abort) else outcome)
+            state = phase.enter(held, Context(time, 0.01, at, None, None))
+    return held, events
+
+
+def test_a_loose_find_asks_for_another_view_and_both_count(rng):
+    loose, other = np.full(6, 1e-3), np.full(6, 1e-3)
+    loose[0], other[1] = 20e-3, 20e-3
+    wanted = pose(p=[0.5, 0.5, 0.0])
+    first = [replace(stated(rng, loose), next_X_WB=wanted) for _ in range(2)]
+    held, events = looked([*first, stated(rng, other), stated(rng, other)])
+    assert events == [PhaseEvent.REFUSED, PhaseEvent.DONE]
+    assert held.target is not None
+    assert held.target.covariance is not None
+    assert held.target.covariance.position_sigma < 1.5e-3
+    alone, events = looked(first, views=1)  # no other view may be taken: what there is has to do
+    assert events == [PhaseEvent.DONE]
+    assert alone.target is not None
+    assert alone.next_X_WB is wanted
+
+
+def test_a_loose_find_is_kept_where_the_other_view_shows_nothing(rng):
+    wanted = pose(p=[0.5, 0.5, 0.0])
+    loose = replace(stated(rng, np.full(6, 10e-3)), next_X_WB=wanted)
+    nothing = replace(loose, accepted=False, path=None, reason="hidden")
+    held, events = looked([loose, loose, nothing], views=2)
+    assert events == [PhaseEvent.REFUSED, PhaseEvent.DONE]
+    assert held.target is not None
+    _, events = looked([nothing, nothing], views=2)
+    assert events == [PhaseEvent.REFUSED, AbortCode.NOT_IDENTIFIED]

@@ -3,7 +3,7 @@
 - `FaultyPlant`: a thruster that fails, sticks or weakens.
 - `FaultySensor`: any sensor that falls silent, freezes, drifts, jumps, spikes or gives NaN.
 - `MisplacedFinder`: a finder that reports the wrong place with full confidence.
-- `PushedPlant`: an object of the scene that is displaced.
+- `DisplacedPlant`: an object of the scene that is displaced.
 - `changing`: a current that changes, for `sim.water.current.Current`.
 
 Each acts while its `Onset` is active. Perception and control learn of a fault through measurements only. A wrapped part
@@ -282,7 +282,7 @@ class FaultyPlant:
         self.plant.step(replace(command, thrusters=thrusters))
 
 
-class PushedPlant:
+class DisplacedPlant:
     """Plant (`sim.loop.rollout.SteppedPlant`) in which a body is displaced at the onset, and stays there."""
 
     def __init__(self, plant: Any, body: str, by: ArrayLike, turn: ArrayLike, onset: Onset, ramp: float) -> None:

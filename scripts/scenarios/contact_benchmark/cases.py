@@ -7,6 +7,7 @@ families; its variant and numbers are drawn from the seed and i alone.
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -15,7 +16,7 @@ from scenarios.options import BarrelOptions, InsertionOptions, ObjectOptions, Pi
 from scenarios.perturbations.loop import MisplacedSurface
 from scenarios.perturbations.pad import Pad
 from scenarios.scenario import Control, Scenario
-from scenarios.study.harness import key_of
+from scenarios.study.harness import as_json, key_of
 from sim.interfaces.spatial import whole_number
 
 VERSION = 0  # of the public cases; new ones get a new number
@@ -118,7 +119,16 @@ def cases(count: int = CASES, *, seed: int = PUBLIC_SEED) -> tuple[BenchmarkCase
 
 def digest(chosen: tuple[BenchmarkCase, ...]) -> str:
     """Digest of the scenarios of these cases under default control."""
-    return key_of([[type(part).__name__ for part in _kinds(case)] + [case.scenario(Control())] for case in chosen])
+    return key_of([[type(part).__name__ for part in _kinds(case)] + [_described(case)] for case in chosen])
+
+
+def _described(case: BenchmarkCase) -> dict[str, Any]:
+    """Scenario of a case under default control, with the keys that there were when the cases were pinned."""
+    scenario = case.scenario(Control())
+    described = as_json(scenario)
+    if not scenario.sensing.follow:
+        del described["sensing"]["follow"]
+    return described
 
 
 def _kinds(case: BenchmarkCase) -> tuple[object, ...]:

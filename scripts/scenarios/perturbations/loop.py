@@ -14,6 +14,7 @@ from sim.interfaces.protocols import TargetFinder
 from sim.interfaces.spatial import checked, finite_number, readonly, shown
 from sim.loop.rollout import Observer
 from sim.plant.faults import (
+    DisplacedPlant,
     FaultyPlant,
     FaultySensor,
     Fixed,
@@ -21,7 +22,6 @@ from sim.plant.faults import (
     Lost,
     Offset,
     Onset,
-    PushedPlant,
     SensorFault,
     ThrusterFault,
 )
@@ -140,7 +140,7 @@ class PushedObject(_Failure):
     def on_loop(self, loop: Loop) -> Loop:
         """Wraps the plant."""
         onset = self.onset()
-        plant = PushedPlant(loop.plant, TARGET_BODY, self.by, self.turn, onset, self.ramp)
+        plant = DisplacedPlant(loop.plant, TARGET_BODY, self.by, self.turn, onset, self.ramp)
         return replace(loop, plant=plant, observers=(*loop.observers, *self._observers(onset)))
 
 

@@ -20,11 +20,11 @@ from perception.registration.initialiser import Expected, initial_poses
 from perception.registration.likelihood import log_likelihood
 from perception.registration.mirror_image import MIN_HAND, mirrored_log_likelihood
 from perception.registration.model_surface import ModelSurface
-from perception.registration.paper_check import published_criterion
-from perception.registration.paper_icp import laid_on, paper_fit, required_error
 from perception.registration.pose_check import MIN_MARGIN, Decision, PoseCheck, check
 from perception.registration.pose_covariance import PoseCovariance, pose_covariance
 from perception.registration.pose_search import Found, Hypothesis, likeliest_pose
+from perception.registration.published.paper_check import published_criterion
+from perception.registration.published.paper_icp import laid_on, paper_fit, required_error
 from perception.registration.symmetry import resolve_symmetry
 from sim.interfaces.errors import ConfigurationError, PerceptionError
 from sim.interfaces.spatial import (

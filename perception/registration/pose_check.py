@@ -4,7 +4,7 @@ Curves in a plane perpendicular to o = -(S - H_D)/|S - H_D| are projected along 
 scan and of the fitted model. The distances E_i between both projections measure how far the surfaces lie apart
 [Konoplin 2022, eq. 2].
 
-The published Q = sqrt(sum E_i^2) (`perception.registration.paper_check`) grows with the number of rays. It has no rule
+The published Q = sqrt(sum E_i^2) (`registration.published.paper_check`) grows with the number of rays. It has no rule
 for rays that miss a surface or meet an occluder, and a few rays at edges dominate it. Here each ray of several curves
 is classified. Either both surfaces agree, or the scan lies in front of the model, or behind it (the scan sees through
 the model), or an occluder hides the model, which is no evidence.

@@ -10,8 +10,8 @@ from models.objects import targets
 from perception.clouds.scan import Scan, SensorModel
 from perception.registration.identification import identify
 from perception.registration.model_surface import ModelSurface
-from perception.registration.paper_icp import laid_on, paper_fit
 from perception.registration.pose_check import Decision
+from perception.registration.published.paper_icp import laid_on, paper_fit
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import exp_so3, pose, transform_points
 from untyped import untyped

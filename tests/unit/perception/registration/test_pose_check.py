@@ -14,8 +14,8 @@ from perception.registration.evidence import Evidence
 from perception.registration.fine_fit import fine_fit
 from perception.registration.identification import segment
 from perception.registration.model_surface import ModelSurface
-from perception.registration.paper_check import published_criterion
 from perception.registration.pose_check import Decision, check
+from perception.registration.published.paper_check import published_criterion
 from perception.registration.symmetry import ambiguous_poses
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array, exp_so3, inverse, pose, transform_points

@@ -292,8 +292,10 @@ class _Draw:
         return bodies
 
     def _taken(self, layout: _Layout) -> UnseenScene | None:
-        """The frame and its truth; None if occlusion or size of the image are not those of the case."""
+        """The frame and its truth; None if it is empty, or not as the case wants it."""
         case, X_CF, likeness, there = self.case, layout.X_CF, layout.likeness, layout.there
+        if not layout.visible:  # the object is absent, and so is everything else
+            return None
         model = _compiled([moved(solid, X_CF) for solid in layout.visible])
         exact, alone = _depth(model), _depth(_compiled([moved(layout.body.solid, X_CF)]))
         image = np.isfinite(alone)

@@ -274,3 +274,9 @@ def test_unknown_names_are_refused():
         build(replace(case, kind="teapot"))
     with pytest.raises(ConfigurationError, match="no class of occlusion 'all'; there are none, little, much"):
         build(replace(case, hidden="all"))
+
+
+def test_an_empty_sea_is_drawn_anew():
+    scene = build(wrong(149116613, 8))  # its first draw has neither the object nor anything else
+    assert scene.there is None
+    assert np.isfinite(scene.exact).any()

@@ -82,9 +82,7 @@ def likeliest_pose(
     rough, rougher = _rough(evidence, surface), surface.thinned(_ROUGH_MODEL)
 
     def fitted(X: Array, X_start: Array) -> _Candidate:
-        fit = fine_fit(rough, rougher, X)
-        seen = fit.pairing is not None  # ICP may drive a bad start out of view, where no pixel speaks against it
-        return _Candidate(fit, X_start, log_likelihood(evidence, surface, fit.X_ST) if seen else -np.inf)
+        return _likelier(evidence, surface, fine_fit(rough, rougher, X), X, X_start)
 
     def best_of(poses: Iterable[Array], most: int) -> list[Array]:
         return sorted(poses, key=lambda X: -glance(evidence, surface, X))[:most]
@@ -105,8 +103,17 @@ def likeliest_pose(
             break
         explored.append(_likeliest(new))
         alike = best_of((explored[-1].X_ST @ G for G in ambiguous_poses(surface)), _ALIKE)
-        tried += [fitted(X, explored[-1].X_start) for X in alike if _is_new(surface, X, tried)]
-    tried += [_finished(evidence, surface, each) for each in _distinct(surface, _rivals(tried, to_beat))[:_FINISHED]]
+        for X in alike:
+            near = [each for each in tried if not _differ(surface, X, each.X_ST)]
+            fit = near[0].fit if near else fine_fit(rough, rougher, X)
+            tried.append(_likelier(evidence, surface, fit, X, explored[-1].X_start))
+    rough_best, *rest = _distinct(surface, tried)
+    if rough_best.log_likelihood > to_beat - _RIVAL:
+        tried.append(_finished(evidence, surface, rough_best))
+        short = 2.0 * (tried[-1].log_likelihood - rough_best.log_likelihood)  # so may be the others, about
+        least = max(tried[-1].log_likelihood, to_beat) - _RIVAL - short
+        near = [each for each in rest if each.log_likelihood > least]
+        tried += [_finished(evidence, surface, each) for each in near[: _FINISHED - 1]]
     tried += _beside(evidence, surface, _likeliest(tried))
     best, *others = _distinct(surface, tried)
     return Found(
@@ -138,6 +145,14 @@ def _likeliest(candidates: list[_Candidate]) -> _Candidate:
     return max(candidates, key=lambda each: each.log_likelihood)
 
 
+def _likelier(evidence: Evidence, surface: ModelSurface, fit: IcpFit, X_before: Array, X_start: Array) -> _Candidate:
+    """The fitted pose, or that before the fit: on thin plates in much noise ICP may lead away from a good one."""
+    if fit.pairing is None:  # driven out of view, where no pixel speaks against it
+        return _Candidate(fit, X_start, -np.inf)
+    before, after = (log_likelihood(evidence, surface, X) for X in (X_before, fit.X_ST))
+    return _Candidate(fit if after > before else replace(fit, X_ST=X_before), X_start, max(before, after))
+
+
 def _rivals(candidates: list[_Candidate], to_beat: float) -> list[_Candidate]:
     """Those that come near the likeliest explanation; what ICP leaves to gain is far less."""
     least = max(_likeliest(candidates).log_likelihood, to_beat) - _RIVAL
@@ -161,7 +176,7 @@ def _distinct(surface: ModelSurface, tried: list[_Candidate]) -> list[_Candidate
 def _finished(evidence: Evidence, surface: ModelSurface, candidate: _Candidate) -> _Candidate:
     """The likeliest pose next to that of a candidate, from all pixels and points."""
     fit = fine_fit(evidence, surface, candidate.X_ST, GATES[1:])
-    candidate = _Candidate(fit, candidate.X_start, log_likelihood(evidence, surface, fit.X_ST))
+    candidate = _likelier(evidence, surface, fit, candidate.X_ST, candidate.X_start)
     loose = _slackened(evidence, surface, candidate)
     X_ST, likelihood = polished(evidence, surface, loose.fit, loose.log_likelihood)
     return _Candidate(replace(loose.fit, X_ST=X_ST), loose.X_start, likelihood)

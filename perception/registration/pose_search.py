@@ -176,6 +176,8 @@ def _distinct(surface: ModelSurface, tried: list[_Candidate]) -> list[_Candidate
 def _finished(evidence: Evidence, surface: ModelSurface, candidate: _Candidate) -> _Candidate:
     """The likeliest pose next to that of a candidate, from all pixels and points."""
     fit = fine_fit(evidence, surface, candidate.X_ST, GATES[1:])
+    if len(fit.free) > (surface.symmetry.axis is not None):  # edges that would hold it may lie beyond the last gate
+        fit = fine_fit(evidence, surface, candidate.X_ST, GATES)
     candidate = _likelier(evidence, surface, fit, candidate.X_ST, candidate.X_start)
     loose = _slackened(evidence, surface, candidate)
     X_ST, likelihood = polished(evidence, surface, loose.fit, loose.log_likelihood)

@@ -105,8 +105,8 @@ def fuse_poses(finds: Sequence[Target]) -> Target:
     inherits both, while the tool is later aimed with a position estimate whose error has become another. Averaging
     identifications that lie apart in time reduces both.
 
-    Which finds agree is told by their distance over its covariance: the largest group around one of them counts. Finds
-    without a covariance count alike, and only where none has one; they agree within fixed bounds.
+    Finds agree if their distance is small against its covariance; the largest group around one of them is used. Finds
+    without a covariance are weighted equally, and used only where none has one; they agree within fixed bounds.
     """
     stated = [find for find in finds if find.covariance is not None]
     finds = _agreeing(stated or finds)

@@ -150,7 +150,9 @@ def _views(surface: ModelSurface, max_incidence: float) -> _Views:
 def initial_poses(
     scan: Scan, mask: np.ndarray, surface: ModelSurface, sensor: SensorModel, expected: Expected
 ) -> list[Array]:
-    """Initial poses X_ST for ICP: the best of each patch of the scan, and up to 12 others.
+    """Initial poses X_ST for ICP: the best of each patch of the scan, up to 12 others, and those of point pairs.
+
+    Point pairs are used where the attitude is unknown; their poses count as they are and after the fast ICP.
 
     Patches do not compete with each other, because some part of any model explains a sliver best.
 

@@ -79,18 +79,17 @@ def likeliest_pose(
         given: Initial poses (4, 4) from prior knowledge, which are tried whatever their likelihood.
         to_beat: [nat] Log likelihood of another explanation; the search ends where all that was tried is far below it.
     """
-    rough, rougher = _rough(evidence, surface), surface.thinned(_ROUGH_MODEL)
+    thin_scan, thin_model = _rough(evidence, surface), surface.thinned(_ROUGH_MODEL)
 
     def fitted(X: Array, X_start: Array) -> _Candidate:
-        return _likelier(evidence, surface, fine_fit(rough, rougher, X), X, X_start)
+        return _likelier(evidence, surface, fine_fit(thin_scan, thin_model, X), X, X_start)
 
     def best_of(poses: Iterable[Array], most: int) -> list[Array]:
         return sorted(poses, key=lambda X: -glance(evidence, surface, X))[:most]
 
     if len(starts) > _REFINED:
-        hint = evidence.thinned(_ROUGH_STEP, _NUDGE_POINTS)
-        few = surface.thinned(_NUDGE_MODEL)
-        starts = [nudged(hint, few, X) for X in best_of(starts, _NUDGED)]
+        few_points, few_of_model = evidence.thinned(_ROUGH_STEP, _NUDGE_POINTS), surface.thinned(_NUDGE_MODEL)
+        starts = [nudged(few_points, few_of_model, X) for X in best_of(starts, _NUDGED)]
     tried = [fitted(X, X) for X in [*best_of(starts, _REFINED), *given]]
     best = _likeliest(tried)
     tried += [fitted(X, best.X_start) for X in _slides(evidence, surface, best.fit)]
@@ -105,7 +104,7 @@ def likeliest_pose(
         alike = best_of((explored[-1].X_ST @ G for G in ambiguous_poses(surface)), _ALIKE)
         for X in alike:
             near = [each for each in tried if not _differ(surface, X, each.X_ST)]
-            fit = near[0].fit if near else fine_fit(rough, rougher, X)
+            fit = near[0].fit if near else fine_fit(thin_scan, thin_model, X)
             tried.append(_likelier(evidence, surface, fit, X, explored[-1].X_start))
     rough_best, *rest = _distinct(surface, tried)
     if rough_best.log_likelihood > to_beat - _RIVAL:
@@ -126,7 +125,7 @@ def likeliest_pose(
 
 
 def _rough(evidence: Evidence, surface: ModelSurface) -> Evidence:
-    """Fewer pixels and points: enough to tell which of many poses are worth a fit to the end."""
+    """Evidence with fewer pixels and points, enough to tell which of many poses are worth a fit to the end."""
     picture = 2.0 * surface.radius / (evidence.scan.pitch * float(np.median(evidence.points[:, 2])))  # [px] across
     rim = evidence.mask & ~ndimage.binary_erosion(evidence.mask)
     width = 2.0 * evidence.mask.sum() / max(1, int(rim.sum()))  # [px] of a part of the picture

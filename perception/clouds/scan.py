@@ -559,8 +559,12 @@ class Contour:
     tangents: Array  # (n, 2) x/z and y/z of the edge
     depth: Array  # (n,) [m] of the near pixel
 
+    def only(self, kept: np.ndarray) -> "Contour":
+        """Those edges that a mask (n,) keeps."""
+        return Contour(*(getattr(self, field.name)[kept] for field in fields(self)))
 
-def contour(scan: Scan, mask: np.ndarray, depth_all: Array) -> Contour:
+
+def contour(scan: Scan, mask: np.ndarray, depth_all: Array, seams: bool = True) -> Contour:
     """Depth edges between masked pixels and 4-neighbours that are farther by a jump, or empty.
 
     The edge lies midway between the two pixels. It lies on the neighbour where that is a mixed pixel, which may belong
@@ -571,6 +575,7 @@ def contour(scan: Scan, mask: np.ndarray, depth_all: Array) -> Contour:
         scan: The scan.
         mask: (h, w) pixels of the object.
         depth_all: (h, w) [m] depth of all pixels, NaN without echo.
+        seams: Occluders leave seams; False for a rendered model.
 
     Returns:
         The depth edges, one for each pair of pixels.
@@ -582,7 +587,7 @@ def contour(scan: Scan, mask: np.ndarray, depth_all: Array) -> Contour:
     inner[1:-1, 1:-1] = True
     edges: list[tuple[np.ndarray, ...]] = []
     with np.errstate(invalid="ignore"):
-        hidden = here - ndimage.minimum_filter(z, 2 * _SEAM + 1) > step
+        hidden = here - ndimage.minimum_filter(z, 2 * _SEAM + 1) > step if seams else np.zeros_like(mask)
         for right, down in ((-1, 0), (1, 0), (0, -1), (0, 1)):
             beside = np.roll(z, (-down, -right), axis=(0, 1))
             rows, columns = np.nonzero(mask & inner & (beside - here > step) & ~(hidden & np.isinf(beside)))

@@ -24,17 +24,34 @@ _SHOWN = 0.1  # [-] share of the sharp edges that can show, below which they are
 _BESIDE_OCCLUDER = 2  # [px] beside an occluder's picture that its mixed pixels reach
 _EDGE_BIAS = 0.1  # [px] by which all depth edges may be seen aside, or outward
 _HALVINGS = 4  # bisections of a pixel, to locate a model's depth edge
+_BAND = 40.0  # [px] without depth beside a surface, beyond which its outline is not looked for
+_WIDER = 2.0  # [px] by which that band may be wider than the model's own, which turns away there: no shadow of stereo
+
+
+class _Outline(NamedTuple):
+    """Depth edges of the scan, taken from one side."""
+
+    edges: Contour
+    outward: Array  # (n, 2) unit, across the edge in the image
+    band: Array  # (n,) [px] without depth between the edge and the surface
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DepthEdges:
-    """Depth edges of scan and model around the object."""
+    """Depth edges of scan and model around the object.
 
-    scan: Contour
-    scan_outward: Array  # (n, 2) unit, across the edge in the image
+    A sharp edge lies where the object's surface ends in the scan. A smooth one, where the surface turns away and gives
+    no depth, lies where the depth behind it begins.
+    """
+
+    ends: _Outline  # of the scan, where the surface ends
+    behind: _Outline  # where the depth behind it begins
     model_points: Array  # (k, 3) [m] in T
     model_outward: Array  # (k, 2) unit
     model_sharp: np.ndarray  # (k,) bool: see SHARP_EDGE; where an open model merely ends there is none
+    model_smooth: np.ndarray  # (k,) bool: the others
+    model_band: Array  # (k,) [px] beside the edge, in which the surface is too steep for an echo
+    model_step: Array  # (k,) [m] by which the edge is farther than the surface beside that band
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -129,7 +146,7 @@ def edge_offsets(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> tupl
         the share beyond which the scanned surface goes on. The shares are NaN without sharp edges in view.
     """
     edges = _edges(evidence, surface, X_ST)
-    if edges is None or edges.model_sharp.sum() < 20:
+    if edges is None or edges.model_sharp.sum() < 20 or not len(edges.ends.edges.rows):
         return np.zeros(0), np.nan, np.nan
     sharp = edges.model_sharp
     points = transform_points(X_ST, edges.model_points[sharp])
@@ -139,13 +156,14 @@ def edge_offsets(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> tupl
     if seen.sum() < max(20, _SHOWN * len(points)):
         return np.zeros(0), np.nan, np.nan
     points, tangents, normal = points[seen], tangents[seen], normal[seen]
-    tree = cKDTree(edges.scan.tangents)
+    ends = edges.ends.edges
+    tree = cKDTree(ends.tangents)
     distance, index = tree.query(tangents, distance_upper_bound=0.06 / float(points[:, 2].min()))
     paired = np.isfinite(distance)
     index = np.where(paired, index, 0)
-    paired &= np.abs(edges.scan.depth[index] - points[:, 2]) < 2.0 * jump(points[:, 2])
-    paired &= np.einsum("ij,ij->i", edges.scan_outward[index], normal) > 0.5
-    offsets = np.einsum("ij,ij->i", edges.scan.tangents[index] - tangents, normal) * points[:, 2]
+    paired &= np.abs(ends.depth[index] - points[:, 2]) < 2.0 * jump(points[:, 2])
+    paired &= np.einsum("ij,ij->i", edges.ends.outward[index], normal) > 0.5
+    offsets = np.einsum("ij,ij->i", ends.tangents[index] - tangents, normal) * points[:, 2]
     goes_on = np.ones(len(points), dtype=bool)
     for beyond in (0.03, 0.05):
         probe = np.column_stack([points[:, :2] + beyond * normal, points[:, 2]])
@@ -326,22 +344,37 @@ def _edges(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> DepthEdges
     part = scan.part((rows, columns))
     if min(part.depth.shape) < 8:
         return None
-    of_scan, scan_outward = _scan_edges(evidence, rows.start, rows.stop, columns.start, columns.stop, rows.step)
+    ends, behind = _scan_edges(evidence, rows.start, rows.stop, columns.start, columns.stop, rows.step)
     model, cosine = surface.seen(X_ST, part)
     covered = np.isfinite(model.depth)
-    of_model = contour(model, covered, model.depth)
-    if len(of_scan.rows) < 10 or len(of_model.rows) < 10:
+    of_model = contour(model, covered, model.depth, seams=False)
+    if max(len(ends.edges.rows), len(behind.edges.rows)) < 10 or len(of_model.rows) < 10:
         return None
     tangents = _refined(surface, X_ST, part, of_model)
     points = of_model.depth[:, None] * np.column_stack([tangents, np.ones(len(tangents))])
     points = transform_points(inverse(X_ST), points)
+    at = of_model.rows, of_model.columns
+    band, (row, column) = _to_nearest(covered & (cosine > np.cos(evidence.sensor.max_incidence)))
+    sharp, whole = cosine[at] > SHARP_EDGE, ~surface.on_border(points)
     return DepthEdges(
-        scan=of_scan,
-        scan_outward=scan_outward,
+        ends=ends,
+        behind=behind,
         model_points=points,
-        model_outward=outward(covered, model.depth, of_model.rows, of_model.columns),
-        model_sharp=(cosine[of_model.rows, of_model.columns] > SHARP_EDGE) & ~surface.on_border(points),
+        model_outward=outward(covered, model.depth, *at),
+        model_sharp=sharp & whole,
+        model_smooth=~sharp & whole,
+        model_band=band[at],
+        model_step=of_model.depth - model.depth[row[at], column[at]],
     )
+
+
+def _to_nearest(mask: np.ndarray) -> tuple[Array, tuple[np.ndarray, np.ndarray]]:
+    """Distances (h, w) [px] to the nearest pixel of `mask`, and its row and column (h, w)."""
+    if not mask.any():
+        here = np.indices(mask.shape)
+        return np.full(mask.shape, np.inf), (here[0], here[1])
+    distance, index = ndimage.distance_transform_edt(~mask, return_indices=True)
+    return distance, (index[0], index[1])
 
 
 def _rastered(window: slice, first: int) -> slice:
@@ -364,29 +397,44 @@ def _refined(surface: ModelSurface, X_ST: Array, part: Scan, found: Contour) -> 
 
 
 @lru_cache(maxsize=4)
-def _scan_edges(evidence: Evidence, top: int, bottom: int, left: int, right: int, step: int) -> tuple[Contour, Array]:
-    """Depth edges of the scan in a window of pixels, and the directions (n, 2) across them."""
+def _scan_edges(
+    evidence: Evidence, top: int, bottom: int, left: int, right: int, step: int
+) -> tuple[_Outline, _Outline]:
+    """Depth edges of the scan in a window of pixels: where the surface ends, and where the depth behind it begins."""
     window = slice(top, bottom, step), slice(left, right, step)
     part, mask = evidence.scan.part(window), evidence.mask[window]
     found = contour(part, mask, part.depth)
-    return found, outward(mask, part.depth, found.rows, found.columns)
+    ends = _Outline(found, outward(mask, part.depth, found.rows, found.columns), np.zeros(len(found.rows)))
+    # The surface goes on, at its depth, up to where there is depth again.
+    band, nearest = _to_nearest(mask)
+    filled = mask | (~np.isfinite(part.depth) & (band < _BAND))
+    depth = np.where(filled, part.depth[nearest], part.depth)
+    found = contour(Scan.of_grid(depth, part.tangent_x, part.tangent_y), filled, depth)
+    found = found.only(np.isfinite(depth[found.rows + found.steps[:, 1], found.columns + found.steps[:, 0]]))
+    at = found.rows, found.columns
+    return ends, _Outline(found, outward(filled, depth, *at), band[at])
 
 
 def _edge_rows(edges: DepthEdges, evidence: Evidence, X_ST: Array, gate: float, surface: ModelSurface) -> PairRows:
     """Pairs of depth edges: distances across them in the image plane."""
     points = transform_points(X_ST, edges.model_points)
     tangents = points[:, :2] / points[:, 2:]
-    distance, index = cKDTree(tangents).query(
-        edges.scan.tangents, distance_upper_bound=gate / float(np.median(points[:, 2]))
-    )
-    paired = np.isfinite(distance)
-    index = np.where(paired, index, 0)
-    paired &= edges.model_sharp[index]
-    paired &= np.abs(edges.scan.depth - points[index, 2]) < jump(points[index, 2])
-    paired &= np.einsum("ij,ij->i", edges.scan_outward, edges.model_outward[index]) > 0.7
-    if paired.sum() < 10:
-        paired[:] = False
-    index, measured = index[paired], edges.scan.tangents[paired]
+    tree, reach = cKDTree(tangents), gate / float(np.median(points[:, 2]))
+    sides = []
+    for side, of_kind in ((edges.ends, edges.model_sharp), (edges.behind, edges.model_smooth)):
+        distance, index = tree.query(side.edges.tangents, distance_upper_bound=reach)
+        paired = np.isfinite(distance)
+        index = np.where(paired, index, 0)
+        paired &= of_kind[index]
+        step = jump(points[index, 2])
+        nearer = points[index, 2] - side.edges.depth
+        paired &= (nearer > -step) & (nearer < np.where(edges.model_smooth[index], edges.model_step[index], 0.0) + step)
+        paired &= side.band <= edges.model_band[index] + _WIDER
+        paired &= np.einsum("ij,ij->i", side.outward, edges.model_outward[index]) > 0.7
+        sides.append((index[paired], side.edges.tangents[paired]))
+    index, measured = (np.concatenate(each) for each in zip(*sides, strict=True))
+    if len(index) < 10:
+        index, measured = index[:0], measured[:0]
     P, m = points[index], edges.model_outward[index]
     across = np.einsum("ij,ij->i", measured - tangents[index], m) * P[:, 2]
     # d(m . P_xy / z) z = (m, -m . P_xy / z) . dP

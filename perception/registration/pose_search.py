@@ -12,7 +12,7 @@ from perception.registration.likelihood import glance, log_likelihood
 from perception.registration.model_surface import ModelSurface
 from perception.registration.pose_covariance import PoseCovariance, pose_covariance
 from perception.registration.projective_fit import polished
-from perception.registration.symmetry import ambiguous_poses
+from perception.registration.symmetry import ambiguous_poses, slipping_poses
 from sim.interfaces.spatial import Array, exp_so3, pose, readonly
 
 _ROUGH_ACROSS = 110  # [px] of the object's picture in a rough fit, at least
@@ -32,6 +32,7 @@ _STEPS = (-2.0, -1.0, -0.5, 0.5, 1.0, 2.0)  # [sigma] tried
 _FAR = (-12.0, -8.0, -6.0, -4.5, -3.0, 3.0, 4.5, 6.0, 8.0, 12.0)  # [sigma] where other maxima are sought
 _NEARLY = 30.0  # [nat] below the likeliest pose, within which a fit is worthwhile
 _EXPLORED = 3  # poses whose look-alikes are tried
+_EXPLORED_SLIPPING = 6  # of a model that slips along itself: it may be several places off
 _FINISHED = 4  # distinct poses that are refined to the end: ICP stops up to 20 nat short of the likeliest one
 _RIVAL = 150.0  # [nat] below the likeliest pose, within which another one is refined and its look-alikes are tried
 
@@ -94,15 +95,17 @@ def likeliest_pose(
     best = _likeliest(tried)
     tried += [fitted(X, best.X_start) for X in _slides(evidence, surface, best.fit)]
     explored: list[_Candidate] = []
-    for _ in range(_EXPLORED):
+    slips = slipping_poses(surface)
+    for _ in range(_EXPLORED_SLIPPING if slips else _EXPLORED):
         # The likeliest pose and then its rivals: from a flange turned over, no single step leads to its bolts.
         near = _rivals(tried, to_beat if explored else -np.inf)
         new = [each for each in near if _is_new(surface, each.X_ST, explored)]
         if not new:
             break
         explored.append(_likeliest(new))
-        alike = best_of((explored[-1].X_ST @ G for G in ambiguous_poses(surface)), _ALIKE)
-        for X in alike:
+        X_now = explored[-1].X_ST
+        alike = best_of((X_now @ G for G in ambiguous_poses(surface)), _ALIKE)
+        for X in [*alike, *best_of((X_now @ G for G in slips), _ALIKE)]:
             near = [each for each in tried if not _differ(surface, X, each.X_ST)]
             fit = near[0].fit if near else fine_fit(thin_scan, thin_model, X)
             tried.append(_likelier(evidence, surface, fit, X, explored[-1].X_start))

@@ -14,13 +14,14 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
+from scipy.linalg import expm
 from scipy.spatial import cKDTree
 
 from models.objects.target_model import Symmetry
 from perception.clouds.nearest_point import NearestPoint
 from perception.registration.evidence import Evidence
 from perception.registration.model_surface import ModelSurface
-from sim.interfaces.spatial import Array, exp_so3, inverse, pose, transform_points
+from sim.interfaces.spatial import Array, exp_so3, inverse, pose, skew, transform_points
 
 # Near symmetry
 _FOLDS = (2, 3, 4, 5, 6, 8)  # n of the rotations by multiples of 360/n deg
@@ -37,6 +38,8 @@ _SHIFTED = 100  # points compared, about
 _COMPARED = 200  # model points compared, about
 _FEW = 10  # shares in which these points are compared, until they exclude the rotation
 _TRIED = 96  # rotations kept, the most similar first
+_SLIPPERY = 0.2  # [-] rms motion along the normals over that of the surface, below which a motion is hardly resisted
+_SLIPS = 12  # steps of one spacing along it, either way
 # Broken symmetry
 _STEP = np.deg2rad(3.0)  # [rad] between the angles tried
 _FINE = np.linspace(-1.0, 1.0, 13)  # [steps] angles tried around the best one
@@ -122,6 +125,28 @@ def _shifts(surface: ModelSurface, points: Array, tree: cKDTree) -> list[Array]:
                         if _overlap(tree, transform_points(G, some), shift, length) < limit:
                             found.append(pose(p=shift) @ G)
     return found[:_TRIED]
+
+
+@lru_cache(maxsize=16)
+def slipping_poses(surface: ModelSurface) -> tuple[Array, ...]:
+    """Poses G (4, 4) in T, one after the other along the motion that the surface resists least [Gelfand 2004].
+
+    A spring is screwed along itself, a nearly round body turned. Facets and ends leave it several places to rest on
+    the way. None where the surface resists every motion, or turns about a declared axis.
+    """
+    if surface.symmetry.axis is not None:
+        return ()
+    at = surface.points - surface.center
+    J = np.column_stack([surface.normals, np.cross(at, surface.normals) / surface.radius])
+    values, vectors = np.linalg.eigh(J.T @ J / len(J))
+    linear, angular = vectors[:3, 0], vectors[3:, 0] / surface.radius
+    motion = float(np.sqrt(np.mean(np.sum((linear + np.cross(angular, at)) ** 2, axis=1))))
+    if np.sqrt(max(values[0], 0.0)) > _SLIPPERY * motion:
+        return ()
+    step = surface.spacing / motion
+    twist = np.zeros((4, 4))
+    twist[:3, :3], twist[:3, 3] = skew(step * angular), step * (linear - np.cross(angular, surface.center))
+    return tuple(expm(k * twist) for k in range(-_SLIPS, _SLIPS + 1) if k)
 
 
 def _overlap(tree: cKDTree, points: Array, shift: Array, length: float) -> float:

@@ -24,6 +24,8 @@ _SHOWN = 0.1  # [-] share of the sharp edges that can show, below which they are
 _BESIDE_OCCLUDER = 2  # [px] beside an occluder's picture that its mixed pixels reach
 _EDGE_BIAS = 0.1  # [px] by which all depth edges may be seen aside, or outward
 _HALVINGS = 4  # bisections of a pixel, to locate a model's depth edge
+_ALONG = 16  # points of a contour that give its direction, at most
+_CONTOUR = 5.0  # [px] within which they lie
 _BAND = 40.0  # [px] without depth beside a surface, beyond which its outline is not looked for
 _WIDER = 2.0  # [px] by which that band may be wider than the model's own, which turns away there: no shadow of stereo
 
@@ -360,12 +362,30 @@ def _edges(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> DepthEdges
         ends=ends,
         behind=behind,
         model_points=points,
-        model_outward=outward(covered, model.depth, *at),
+        model_outward=_across(tangents / part.pitches, outward(covered, model.depth, *at)),
         model_sharp=sharp & whole,
         model_smooth=~sharp & whole,
         model_band=band[at],
         model_step=of_model.depth - model.depth[row[at], column[at]],
     )
+
+
+def _across(pixels: Array, rough: Array) -> Array:
+    """Unit directions (n, 2) across the contours through given points (n, 2) [px], next to the `rough` ones (n, 2).
+
+    A wrong direction would turn motions along the contour, which it does not resist, into motions across it.
+    """
+    near = cKDTree(pixels).query(pixels, min(_ALONG, len(pixels)), distance_upper_bound=_CONTOUR)[1]
+    inside = near < len(pixels)
+    near = np.where(inside, near, 0)
+    weight = inside & (np.einsum("nki,ni->nk", rough[near], rough) > 0.7)
+    total = weight.sum(axis=1)[:, None]
+    off = pixels[near] - ((weight[..., None] * pixels[near]).sum(axis=1) / np.maximum(total, 1))[:, None]
+    spread = np.einsum("nk,nki,nkj->nij", weight, off, off)
+    across = np.linalg.eigh(spread)[1][:, :, 0]
+    agree = np.einsum("ni,ni->n", across, rough)
+    across *= np.sign(agree)[:, None]
+    return np.where(np.abs(agree)[:, None] > 0.7, across, rough)
 
 
 def _to_nearest(mask: np.ndarray) -> tuple[Array, tuple[np.ndarray, np.ndarray]]:

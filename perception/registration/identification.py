@@ -25,6 +25,7 @@ from perception.registration.pose_covariance import PoseCovariance, pose_covaria
 from perception.registration.pose_search import Found, Hypothesis, likeliest_pose
 from perception.registration.published.paper_check import published_criterion
 from perception.registration.published.paper_icp import laid_on, paper_fit, required_error
+from perception.registration.slipping import with_slip
 from perception.registration.symmetry import resolve_symmetry
 from sim.interfaces.errors import ConfigurationError, PerceptionError
 from sim.interfaces.spatial import (
@@ -189,6 +190,7 @@ def identify(
     doubt = None
     if found.fit is not None:
         doubt = pose_covariance(evidence, surface, X_ST, found.fit.free)
+        doubt = doubt and with_slip(evidence, surface, X_ST, doubt)
     verdict = check(evidence, surface, X_ST, found.fit, second, doubt)
     if method == "paper-q":
         verdict = _by_criterion(verdict, evidence, surface, X_ST)

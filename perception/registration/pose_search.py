@@ -12,7 +12,8 @@ from perception.registration.likelihood import glance, log_likelihood
 from perception.registration.model_surface import ModelSurface
 from perception.registration.pose_covariance import PoseCovariance, pose_covariance
 from perception.registration.projective_fit import polished
-from perception.registration.symmetry import ambiguous_poses, slipping_poses
+from perception.registration.slipping import resting_places, settled
+from perception.registration.symmetry import ambiguous_poses, slipping_twist
 from sim.interfaces.spatial import Array, exp_so3, pose, readonly
 
 _ROUGH_ACROSS = 110  # [px] of the object's picture in a rough fit, at least
@@ -95,8 +96,7 @@ def likeliest_pose(
     best = _likeliest(tried)
     tried += [fitted(X, best.X_start) for X in _slides(evidence, surface, best.fit)]
     explored: list[_Candidate] = []
-    slips = slipping_poses(surface)
-    for _ in range(_EXPLORED_SLIPPING if slips else _EXPLORED):
+    for _ in range(_EXPLORED if slipping_twist(surface) is None else _EXPLORED_SLIPPING):
         # The likeliest pose and then its rivals: from a flange turned over, no single step leads to its bolts.
         near = _rivals(tried, to_beat if explored else -np.inf)
         new = [each for each in near if _is_new(surface, each.X_ST, explored)]
@@ -105,7 +105,7 @@ def likeliest_pose(
         explored.append(_likeliest(new))
         X_now = explored[-1].X_ST
         alike = best_of((X_now @ G for G in ambiguous_poses(surface)), _ALIKE)
-        for X in [*alike, *best_of((X_now @ G for G in slips), _ALIKE)]:
+        for X in [*alike, *resting_places(evidence, surface, X_now)]:
             near = [each for each in tried if not _differ(surface, X, each.X_ST)]
             fit = near[0].fit if near else fine_fit(thin_scan, thin_model, X)
             tried.append(_likelier(evidence, surface, fit, X, explored[-1].X_start))
@@ -117,6 +117,12 @@ def likeliest_pose(
         near = [each for each in rest if each.log_likelihood > least]
         tried += [_finished(evidence, surface, each) for each in near[: _FINISHED - 1]]
     tried += _beside(evidence, surface, _likeliest(tried))
+    for _ in range(_EXPLORED):
+        best = _likeliest(tried)
+        places = [X for X in resting_places(evidence, surface, best.X_ST) if _is_new(surface, X, tried)]
+        tried += [_finished(evidence, surface, replace(best, fit=replace(best.fit, X_ST=X))) for X in places]
+        if best is _likeliest(tried):
+            break
     best, *others = _distinct(surface, tried)
     return Found(
         best.X_ST,
@@ -183,6 +189,7 @@ def _finished(evidence: Evidence, surface: ModelSurface, candidate: _Candidate) 
     candidate = _likelier(evidence, surface, fit, candidate.X_ST, candidate.X_start)
     loose = _slackened(evidence, surface, candidate)
     X_ST, likelihood = polished(evidence, surface, loose.fit, loose.log_likelihood)
+    X_ST, likelihood = settled(evidence, surface, X_ST, likelihood)
     return _Candidate(replace(loose.fit, X_ST=X_ST), loose.X_start, likelihood)
 
 

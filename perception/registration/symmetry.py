@@ -39,7 +39,6 @@ _COMPARED = 200  # model points compared, about
 _FEW = 10  # shares in which these points are compared, until they exclude the rotation
 _TRIED = 96  # rotations kept, the most similar first
 _SLIPPERY = 0.2  # [-] rms motion along the normals over that of the surface, below which a motion is hardly resisted
-_SLIPS = 12  # steps of one spacing along it, either way
 # Broken symmetry
 _STEP = np.deg2rad(3.0)  # [rad] between the angles tried
 _FINE = np.linspace(-1.0, 1.0, 13)  # [steps] angles tried around the best one
@@ -128,25 +127,34 @@ def _shifts(surface: ModelSurface, points: Array, tree: cKDTree) -> list[Array]:
 
 
 @lru_cache(maxsize=16)
-def slipping_poses(surface: ModelSurface) -> tuple[Array, ...]:
-    """Poses G (4, 4) in T, one after the other along the motion that the surface resists least [Gelfand 2004].
+def slipping_twist(surface: ModelSurface) -> Array | None:
+    """Twist (6,) [1, 1/m] in T about the model's centre that the surface resists least [Gelfand 2004].
 
     A spring is screwed along itself, a nearly round body turned. Facets and ends leave it several places to rest on
-    the way. None where the surface resists every motion, or turns about a declared axis.
+    the way. It moves the surface by 1 (rms). None where the surface resists every motion, or turns about a declared
+    axis.
     """
     if surface.symmetry.axis is not None:
-        return ()
+        return None
     at = surface.points - surface.center
     J = np.column_stack([surface.normals, np.cross(at, surface.normals) / surface.radius])
     values, vectors = np.linalg.eigh(J.T @ J / len(J))
     linear, angular = vectors[:3, 0], vectors[3:, 0] / surface.radius
     motion = float(np.sqrt(np.mean(np.sum((linear + np.cross(angular, at)) ** 2, axis=1))))
     if np.sqrt(max(values[0], 0.0)) > _SLIPPERY * motion:
-        return ()
-    step = surface.spacing / motion
-    twist = np.zeros((4, 4))
-    twist[:3, :3], twist[:3, 3] = skew(step * angular), step * (linear - np.cross(angular, surface.center))
-    return tuple(expm(k * twist) for k in range(-_SLIPS, _SLIPS + 1) if k)
+        return None
+    return np.concatenate([linear, angular]) / motion
+
+
+@lru_cache(maxsize=128)
+def slipped(surface: ModelSurface, by: float) -> Array:
+    """Pose G (4, 4) in T by which the model has slipped: a motion of its surface by `by` [m] along `slipping_twist`."""
+    twist = slipping_twist(surface)
+    if twist is None:
+        return np.eye(4)
+    generator = np.zeros((4, 4))
+    generator[:3, :3], generator[:3, 3] = skew(twist[3:]), twist[:3] - np.cross(twist[3:], surface.center)
+    return np.asarray(expm(by * generator), dtype=np.float64)
 
 
 def _overlap(tree: cKDTree, points: Array, shift: Array, length: float) -> float:

@@ -1,0 +1,76 @@
+"""Place of a model along the motion in which it slips along itself, by the likelihood: no pair of points tells it.
+
+Pairs of nearest points follow a spring that is screwed along itself. What they seem to resist is the roughness of
+their directions. The likelihood compares the same pixels whatever the pose.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from perception.registration.evidence import Evidence
+from perception.registration.likelihood import log_likelihood
+from perception.registration.model_surface import ModelSurface
+from perception.registration.symmetry import slipped, slipping_twist
+from sim.interfaces.pose_covariance import PoseCovariance
+from sim.interfaces.spatial import Array, readonly
+
+_FARTHEST = 12  # [spacings] to which other places of rest are sought, either way
+_PLACES = 3  # of these, at most
+_COMPARED = 8_000  # pixels that count, about
+_TRIED = np.linspace(-1.0, 1.0, 9)  # [spacings] around a pose, where the likelihood is looked at
+_ROUNDS = 3  # of a parabola through these
+_FLAT = 0.1  # [nat/spacing^2] least curvature: what is flatter is not told
+
+
+def resting_places(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> list[Array]:
+    """Poses (4, 4) at which the likelihood has a maximum along the slipping twist from `X_ST` (4, 4), the best few."""
+    if slipping_twist(surface) is None:
+        return []
+    steps = np.arange(-_FARTHEST, _FARTHEST + 1)
+    poses = [X_ST @ slipped(surface, k * surface.spacing) for k in steps]
+    along = np.array([log_likelihood(evidence, surface, X, _COMPARED) for X in poses])
+    peak = np.zeros(len(along), dtype=bool)
+    peak[1:-1] = (along[1:-1] >= along[:-2]) & (along[1:-1] >= along[2:])
+    peak[[0, -1]] = along[[0, -1]] > along[[1, -2]]
+    peak &= np.abs(steps) > 1
+    best = np.flatnonzero(peak)[np.argsort(-along[peak], kind="stable")]
+    return [poses[k] for k in best[:_PLACES]]
+
+
+def settled(evidence: Evidence, surface: ModelSurface, X_ST: Array, likelihood: float) -> tuple[Array, float]:
+    """The likeliest pose (4, 4) next to `X_ST` (4, 4) along the slipping twist, and its log likelihood [nat]."""
+    if slipping_twist(surface) is None:
+        return X_ST, likelihood
+    for _ in range(_ROUNDS):
+        curvature, slope = _profile(evidence, surface, X_ST)
+        step = float(np.clip(0.5 * slope / max(curvature, _FLAT), -1.0, 1.0))
+        moved = X_ST @ slipped(surface, step * surface.spacing)
+        likelier = log_likelihood(evidence, surface, moved)
+        if likelier <= likelihood:
+            break
+        X_ST, likelihood = moved, likelier
+    return X_ST, likelihood
+
+
+def with_slip(evidence: Evidence, surface: ModelSurface, X_ST: Array, covariance: PoseCovariance) -> PoseCovariance:
+    """The covariance of the pose `X_ST` (4, 4) in which that of the slipping twist is what the likelihood says."""
+    twist = slipping_twist(surface)
+    if twist is None:
+        return covariance
+    R = X_ST[:3, :3]
+    u = np.concatenate([R @ twist[:3], R @ twist[3:] * covariance.radius])
+    u -= covariance.free.T @ (covariance.free @ u)
+    stated = u @ covariance.information @ u  # [1/m^2] of a slip by 1 m
+    curvature, _ = _profile(evidence, surface, X_ST)
+    square = surface.spacing**2 / (2.0 * max(curvature, _FLAT))
+    if stated <= 0.0 or square <= 1.0 / stated:
+        return covariance
+    return replace(covariance, matrix=readonly(covariance.matrix + (square - 1.0 / stated) * np.outer(u, u)))
+
+
+def _profile(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> tuple[float, float]:
+    """Curvature [nat/spacing^2], positive at a maximum, and slope [nat/spacing] of the log likelihood along the slip."""
+    poses = (X_ST @ slipped(surface, k * surface.spacing) for k in _TRIED)
+    square, slope, _ = np.polyfit(_TRIED, [log_likelihood(evidence, surface, X) for X in poses], 2)
+    return -float(square), float(slope)

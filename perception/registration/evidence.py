@@ -4,14 +4,21 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
+from scipy import fft
 
 from perception.clouds.nearest_point import NearestPoint
 from perception.clouds.scan import Scan, SensorModel, facing_normals, hashed_subset, voxel_means
 from perception.registration.model_surface import ModelSurface
 from sim.interfaces.spatial import Array, transform_points
 
+MODEL_TOLERANCE = 0.001  # [m] accuracy of the model
 _GRAZING = np.deg2rad(88.0)  # [rad] of incidence, up to which the model explains what was scanned
 _HASHED = 1e-4  # [m] edge of the cubes by which points are drawn
+_NOISE_PIXELS = 40_000  # pixels in which the noise is looked at, at most about
+_INLYING = 3.0  # [sigma] as stated, beyond which a difference is something else
+_LEAST_PIXELS = 200  # without which nothing is said
+_CORRELATED = 2.5  # [noise lengths] up to which errors may be correlated
+_LEAST_LENGTH = 2.0  # [px] of correlation
 _MAX_SCAN_POINTS = 4000  # scan points used in ICP, at most about: more add time
 
 
@@ -26,7 +33,8 @@ class Evidence:
     normals: Array  # (n, 3) unit, towards the sensor
     sigma: Array  # (n,) [m] standard deviation of depth
     independent: Array  # (n,) [-] share of an independent reading, because errors of neighbours are correlated
-    sensor: SensorModel
+    sensor: SensorModel  # as it is stated: limits follow from it
+    noise: SensorModel  # by which poses are fitted and ranked: as stated, or as this scan shows it (`seen_noise`)
 
     @classmethod
     def of(
@@ -65,7 +73,14 @@ class Evidence:
             sigma=sensor.sigma(points[:, 2]),
             independent=sensor.independent(apart),
             sensor=sensor,
+            noise=sensor,
         )
+
+    def with_noise(self, noise: SensorModel) -> "Evidence":
+        """The same evidence with errors of depth as in `noise`."""
+        sigma = noise.sigma(self.points[:, 2])
+        tighter = (self.noise.noise_length / noise.noise_length) ** 2
+        return replace(self, sigma=sigma, independent=np.minimum(1.0, tighter * self.independent), noise=noise)
 
     def thinned(self, step: int, points: int) -> "Evidence":
         """The same evidence on every `step`-th row and column, and about `points` of its points, for a rough fit."""
@@ -81,8 +96,55 @@ class Evidence:
             normals=self.normals[kept],
             sigma=self.sigma[kept],
             independent=np.minimum(1.0, few * self.independent[kept]),
-            sensor=replace(self.sensor, noise_length=max(1.0, self.sensor.noise_length / step)),
+            sensor=_coarser(self.sensor, step),
+            noise=_coarser(self.noise, step),
         )
+
+
+def _coarser(sensor: SensorModel, step: int) -> SensorModel:
+    """The model on every `step`-th row and column."""
+    return replace(sensor, noise_length=max(1.0, sensor.noise_length / step))
+
+
+def seen_noise(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> SensorModel:
+    """Errors of depth as the scan shows them, against the model at its likeliest pose `X_ST` (4, 4).
+
+    Variance and area of correlation come from the differences that remain. They are never taken for worse than stated,
+    so that a wrong pose does not blur what contradicts it, nor for better than the model itself is known.
+
+    Args:
+        evidence: Scan of the object.
+        surface: Sampled model.
+        X_ST: (4, 4) pose of T in S.
+    """
+    stated = evidence.sensor
+    scan = evidence.scan.part(evidence.scan.window(transform_points(X_ST, surface.hull), 0.0, _NOISE_PIXELS))
+    depth = surface.depth(X_ST, scan)
+    off = (scan.depth - depth) / stated.sigma(np.where(np.isfinite(depth), depth, 1.0))
+    used = np.abs(off) < _INLYING  # False for NaN
+    if used.sum() < _LEAST_PIXELS:
+        return stated
+    off[~used] = 0.0
+    reach = int(np.ceil(_CORRELATED * stated.noise_length))
+    products, pairs = (_autocorrelation(field, reach) for field in (off, used.astype(np.float64)))
+    variance = float(np.square(off).sum() / used.sum())
+    common = pairs > _LEAST_PIXELS
+    area = float((products[common] / pairs[common]).sum() / variance)  # [px of the window]
+    floor = (MODEL_TOLERANCE / float(np.median(stated.sigma(depth[used])))) ** 2
+    step = scan.pitch / evidence.scan.pitch
+    return replace(
+        stated,
+        disparity_sigma=stated.disparity_sigma * float(np.sqrt(np.clip(variance + floor, 0.0, 1.0))),
+        noise_length=min(stated.noise_length, max(_LEAST_LENGTH, step * np.sqrt(max(area, 0.0)))),
+    )
+
+
+def _autocorrelation(image: np.ndarray, reach: int) -> np.ndarray:
+    """Sums of products (2 reach + 1, 2 reach + 1) of an image (h, w) with itself, moved by up to `reach` pixels."""
+    shape = [n + reach for n in image.shape]
+    power = np.abs(fft.rfft2(image, shape)) ** 2
+    every = fft.irfft2(power, shape)
+    return np.roll(every, (reach, reach), axis=(0, 1))[: 2 * reach + 1, : 2 * reach + 1]
 
 
 def score(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> float:
@@ -133,7 +195,7 @@ def _explained(evidence: Evidence, surface: ModelSurface, pose_bytes: bytes) -> 
     if not visible.any():
         return np.zeros(len(evidence.points), dtype=bool)
     points = transform_points(X_ST, surface.points[visible])
-    limit = 2.0 * surface.spacing + 3.0 * evidence.sigma
+    limit = 2.0 * surface.spacing + 3.0 * evidence.sensor.sigma(evidence.points[:, 2])
     mask = NearestPoint.of(points, surface.spacing).query(evidence.points, float(limit.max()))[0] < limit
     mask.setflags(write=False)
     return mask

@@ -15,14 +15,14 @@ from scipy import ndimage
 
 from models.objects.targets import TargetModel
 from perception.clouds.scan import MIN_POINTS, Scan, SensorModel, background, near_any, without_flying_pixels
-from perception.registration.evidence import Evidence, score
+from perception.registration.evidence import Evidence, score, seen_noise
 from perception.registration.initialiser import Expected, initial_poses
 from perception.registration.likelihood import log_likelihood
 from perception.registration.mirror_image import MIN_HAND, mirrored_log_likelihood
 from perception.registration.model_surface import ModelSurface
 from perception.registration.pose_check import MIN_MARGIN, Decision, PoseCheck, check
 from perception.registration.pose_covariance import PoseCovariance, pose_covariance
-from perception.registration.pose_search import Found, Hypothesis, likeliest_pose
+from perception.registration.pose_search import Found, Hypothesis, likeliest_pose, weighed_again
 from perception.registration.published.paper_check import published_criterion
 from perception.registration.published.paper_icp import laid_on, paper_fit, required_error
 from perception.registration.slipping import with_slip
@@ -45,6 +45,7 @@ Method = Literal["planes", "paper", "paper-q"]
 _FARTHEST = 1e5  # [m] largest accepted distance of an object from the sensor
 APPROACH_ERROR = 0.3  # [m] largest error of a coarse detection, unless the caller states another
 _TURNS = 24  # rotations of a symmetry found in a mesh, up to which each one is judged by the scan
+_BETTER = 2.0  # [-] information of a pixel over what is stated, from which on the noise of the scan itself is used
 _AROUND = 1.3  # [model radii] around the centre of an initial pose, within which scan points take part
 
 
@@ -178,6 +179,10 @@ def identify(
 
     if method == "planes":
         found = likeliest_pose(evidence, surface, starts, given)
+        noise = seen_noise(evidence, surface, found.X_ST)
+        if noise.information > _BETTER * sensor.information:
+            evidence = evidence.with_noise(noise)
+            found = weighed_again(evidence, surface, found)
     else:
         found = _as_in_paper(evidence, surface, starts)
     X_start = found.X_start if R_prior is None or p_approach is None else X_prior

@@ -42,12 +42,12 @@ def log_likelihood(evidence: Evidence, surface: ModelSurface, X_ST: Array, pixel
     scan, mask = evidence.scan.part(window), evidence.standing[window]
     depth = surface.depth(X_ST, scan)
     shown = np.isfinite(depth) & np.isfinite(scan.depth)
-    sigma = evidence.sensor.sigma(np.where(shown, depth, 1.0))
+    sigma = evidence.noise.sigma(np.where(shown, depth, 1.0))
     behind = np.where(shown, scan.depth - depth, 0.0)
     shown &= behind > -np.maximum(OCCLUDER, 6.0 * sigma)  # pixels of an occluder carry no information on the model
     cost = np.where(mask & np.isfinite(scan.depth), _UNEXPLAINED_COST, 0.0)
     cost[shown] = np.minimum((behind[shown] / sigma[shown]) ** 2, _MOST_COST)
-    return -0.5 * float(evidence.sensor.independent(step) * cost.sum())
+    return -0.5 * float(evidence.noise.independent(step) * cost.sum())
 
 
 def difference(evidence: Evidence, one: tuple[ModelSurface, Array], other: tuple[ModelSurface, Array]) -> float:
@@ -65,10 +65,10 @@ def difference(evidence: Evidence, one: tuple[ModelSurface, Array], other: tuple
     scan = evidence.scan.part(window)
     a, b = (surface.depth(X_ST, scan) for surface, X_ST in (one, other))
     z = np.where(np.isfinite(a), a, np.where(np.isfinite(b), b, 1.0))
-    sigma = evidence.sensor.sigma(z)
+    sigma = evidence.noise.sigma(z)
     seen = (np.isfinite(a) | np.isfinite(b)) & (scan.depth > z - np.maximum(OCCLUDER, 6.0 * sigma))
     cost = np.where(np.isfinite(a) & np.isfinite(b), np.minimum(((a - b) / sigma) ** 2, _MOST_COST), _MOST_COST)
-    return 0.5 * float(evidence.sensor.independent(step) * cost[seen].sum())
+    return 0.5 * float(evidence.noise.independent(step) * cost[seen].sum())
 
 
 def _window(evidence: Evidence, surface: ModelSurface, X_ST: Array, pixels: int) -> tuple[tuple[slice, slice], int]:

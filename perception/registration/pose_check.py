@@ -26,7 +26,7 @@ import numpy as np
 from scipy import ndimage
 
 from perception.clouds.scan import connected_surfaces, distances_along, jump
-from perception.registration.evidence import Evidence, explained
+from perception.registration.evidence import MODEL_TOLERANCE, Evidence, explained
 from perception.registration.fine_fit import IcpFit, fine_fit
 from perception.registration.likelihood import OCCLUDER, log_likelihood
 from perception.registration.model_surface import ModelSurface
@@ -36,7 +36,6 @@ from perception.registration.pose_search import best_alternative
 from sim.interfaces.spatial import Array, inverse, transform_points
 
 TRIM = 0.15  # [-] share of the largest distances left out of the figure
-MODEL_TOLERANCE = 0.001  # [m] accuracy of the model
 _SURFACE_PIXELS = 40_000  # pixels at most of the scan that is triangulated: finer than the rays lie
 _RAY_STEP = 0.006  # [m] between rays along the curves
 _LINES = 8  # straight lines through the centre, evenly distributed over 180 deg

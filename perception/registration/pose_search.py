@@ -35,6 +35,7 @@ _NEARLY = 30.0  # [nat] below the likeliest pose, within which a fit is worthwhi
 _EXPLORED = 3  # poses whose look-alikes are tried
 _EXPLORED_SLIPPING = 6  # of a model that slips along itself: it may be several places off
 _FINISHED = 4  # distinct poses that are refined to the end: ICP stops up to 20 nat short of the likeliest one
+_WEIGHED = 4  # the likeliest poses, which are fitted again where the noise turns out to be less than stated
 _RIVAL = 150.0  # [nat] below the likeliest pose, within which another one is refined and its look-alikes are tried
 
 
@@ -123,6 +124,10 @@ def likeliest_pose(
         tried += [_finished(evidence, surface, replace(best, fit=replace(best.fit, X_ST=X))) for X in places]
         if best is _likeliest(tried):
             break
+    return _best_of(surface, tried)
+
+
+def _best_of(surface: ModelSurface, tried: list[_Candidate]) -> Found:
     best, *others = _distinct(surface, tried)
     return Found(
         best.X_ST,
@@ -131,6 +136,22 @@ def likeliest_pose(
         best.log_likelihood,
         tuple(Hypothesis(X_sensor_target=readonly(each.X_ST), log_likelihood=each.log_likelihood) for each in others),
     )
+
+
+def weighed_again(evidence: Evidence, surface: ModelSurface, found: Found) -> Found:
+    """The poses of a search, fitted and ranked by evidence whose noise is better known.
+
+    Args:
+        evidence: That of the search, with another noise.
+        surface: Sampled model.
+        found: Result of the search.
+    """
+    poses = [found.X_ST, *(each.X_sensor_target for each in found.others)]
+    start = fine_fit(evidence, surface, found.X_ST, ())
+    tried = [_finished(evidence, surface, _Candidate(replace(start, X_ST=X), found.X_start, 0.0)) for X in poses[:_WEIGHED]]
+    for X in poses[_WEIGHED:]:
+        tried.append(_Candidate(replace(start, X_ST=X), found.X_start, log_likelihood(evidence, surface, X)))
+    return _best_of(surface, tried)
 
 
 def _rough(evidence: Evidence, surface: ModelSurface) -> Evidence:

@@ -57,7 +57,7 @@ def _pixels(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> tuple[Arr
     rays, X_TS = scan.rays, np.linalg.inv(X_ST)
     hit = surface.scene.cast(X_TS[:3, 3], rays @ X_TS[:3, :3].T)
     z = np.where(np.isfinite(hit["t"]), hit["t"], np.nan).astype(np.float64)
-    sigma = evidence.sensor.sigma(np.where(np.isfinite(z), z, 1.0))
+    sigma = evidence.noise.sigma(np.where(np.isfinite(z), z, 1.0))
     off = scan.depth - z
     n = hit["normal"].astype(np.float64) @ X_ST[:3, :3].T
     across = np.einsum("hwi,hwi->hw", n, rays)
@@ -69,5 +69,5 @@ def _pixels(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> tuple[Arr
     arm = (z[:, None] * rays - transform_points(X_ST, surface.center)) / surface.radius
     # A motion of the surface by v changes the depth along the ray d, scaled to z = 1, by n . v / n . d.
     J = np.column_stack([n, np.cross(arm, n)]) / across[:, None]
-    weight = evidence.sensor.independent(window[0].step or 1) / sigma**2
+    weight = evidence.noise.independent(window[0].step or 1) / sigma**2
     return J.T @ (weight[:, None] * J), J.T @ (weight * off)

@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
-from scipy import fft
+from scipy import fft, ndimage
 
 from perception.clouds.nearest_point import NearestPoint
 from perception.clouds.scan import Scan, SensorModel, facing_normals, hashed_subset, voxel_means
@@ -18,6 +18,7 @@ _NOISE_PIXELS = 40_000  # pixels in which the noise is looked at, at most about
 _INLYING = 3.0  # [sigma] as stated, beyond which a difference is something else
 _LEAST_PIXELS = 200  # without which nothing is said
 _CORRELATED = 2.5  # [noise lengths] up to which errors may be correlated
+_UNCORRELATED = 0.1  # [-] correlation below which it has ended
 _LEAST_LENGTH = 2.0  # [px] of correlation
 _MAX_SCAN_POINTS = 4000  # scan points used in ICP, at most about: more add time
 
@@ -128,8 +129,9 @@ def seen_noise(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> Sensor
     reach = int(np.ceil(_CORRELATED * stated.noise_length))
     products, pairs = (_autocorrelation(field, reach) for field in (off, used.astype(np.float64)))
     variance = float(np.square(off).sum() / used.sum())
-    common = pairs > _LEAST_PIXELS
-    area = float((products[common] / pairs[common]).sum() / variance)  # [px of the window]
+    correlation = np.where(pairs > _LEAST_PIXELS, products / np.maximum(pairs, 1.0), 0.0) / max(variance, 1e-12)
+    around = ndimage.label(correlation > _UNCORRELATED)[0]
+    area = float(correlation[around == around[reach, reach]].sum())  # [px of the window]
     floor = (MODEL_TOLERANCE / float(np.median(stated.sigma(depth[used])))) ** 2
     step = scan.pitch / evidence.scan.pitch
     return replace(

@@ -177,6 +177,7 @@ def identify(
     except PerceptionError as error:
         return _refused(surface, X_prior, str(error), started)
 
+    searched = evidence
     if method == "planes":
         found = likeliest_pose(evidence, surface, starts, given)
         noise = seen_noise(evidence, surface, found.X_ST)
@@ -202,7 +203,7 @@ def identify(
     if found.asks and verdict.decision is Decision.ACCEPT:
         verdict = replace(verdict, decision=Decision.RESCAN, reason=found.asks)
     if method == "planes" and verdict.decision is Decision.ACCEPT:
-        hand = log_likelihood(evidence, surface, X_ST) - mirrored_log_likelihood(evidence, surface, X_ST)
+        hand = log_likelihood(evidence, surface, X_ST) - mirrored_log_likelihood(searched, evidence, surface, X_ST)
         if hand < MIN_HAND:
             said = "better" if hand < -MIN_HAND else "as well"
             verdict = replace(verdict, decision=Decision.RESCAN, reason=f"its mirror image fits {said}")

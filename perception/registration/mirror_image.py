@@ -11,18 +11,21 @@ from models.objects.target_model import Symmetry, TargetModel
 from perception.registration.evidence import Evidence
 from perception.registration.likelihood import difference, log_likelihood
 from perception.registration.model_surface import ModelSurface
-from perception.registration.pose_search import likeliest_pose
+from perception.registration.pose_search import likeliest_pose, weighed_again
+from perception.registration.symmetry import ambiguous_poses
 from sim.interfaces.spatial import Array, pose
 
 MIN_HAND = 3.0  # [nat] of log likelihood above that of the mirror image: odds of 20
+_ALIKE_POSES = 24  # of those that look like the pose of the model, from which its mirror image is fitted too
 _ALIKE = 2.0  # [nat] expected difference of log likelihood, below which this view does not tell one from the other
 
 
-def mirrored_log_likelihood(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> float:
+def mirrored_log_likelihood(searched: Evidence, evidence: Evidence, surface: ModelSurface, X_ST: Array) -> float:
     """Log likelihood [nat] of the scan with the mirror image of the model, fitted near a pose of the model.
 
     Args:
-        evidence: Scan of the object.
+        searched: Scan of the object with the noise as stated.
+        evidence: The same with the noise by which the pose was weighed at last.
         surface: Sampled model.
         X_ST: (4, 4) fitted pose of T in S.
 
@@ -32,8 +35,12 @@ def mirrored_log_likelihood(evidence: Evidence, surface: ModelSurface, X_ST: Arr
     rival = mirror_image(surface)
     if rival is None:
         return -np.inf
-    starts = [X_ST @ turn for turn in _turns(surface)]
-    found = likeliest_pose(evidence, rival, starts, [], log_likelihood(evidence, surface, X_ST))
+    alike = ambiguous_poses(surface)
+    alike = (np.eye(4), *alike[:: -(-len(alike) // _ALIKE_POSES) or 1])
+    starts = [X_ST @ G @ turn for G in alike for turn in _turns(surface)]
+    found = likeliest_pose(searched, rival, starts, [], log_likelihood(searched, surface, X_ST))
+    if evidence is not searched:
+        found = weighed_again(evidence, rival, found)
     if difference(evidence, (surface, X_ST), (rival, found.X_ST)) < _ALIKE:
         return -np.inf
     return found.log_likelihood

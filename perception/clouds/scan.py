@@ -28,6 +28,10 @@ _FACET = 0.056  # [rad] width of surface (31 px of the usual camera) for a local
 _ALIGNED = np.cos(np.deg2rad(20.0))  # cosine: least agreement of a local normal with its plane's
 _FACTORS = np.array([0x1E3779B97F4A7C15, 0x3F58476D1CE4E5B9, 0x14D049BB133111EB])  # large odd factors of `row_hash`
 _CREASE = np.cos(np.deg2rad(40.0))  # cosine of the angle between normals at which one surface ends
+_WIDTHS = 8  # directions in which the width of a plane is measured
+_OUTER = (1.0, 99.0)  # [%] of its points between which it lies
+_UNCUT = 2.0  # [-] times the extent of the object that a background plane is wide, which the picture does not cut
+_RIM, _CUT = 4, 8  # rows or columns at the border of the thinned picture, and pixels there, of a plane that it cuts
 _GAP = 2  # [px] of the thinned picture: pixels on a plane that are this far from each other are connected
 _NORMAL = 1.4826  # standard deviation of normal errors over their median absolute value
 _ROUGH = 4.0  # [sigma] of a plane's own roughness: what is farther off, on average over a few pixels, lies on it
@@ -293,7 +297,8 @@ def background(
     """Mask of the pixels that lie on background planes.
 
     A plane is background if it extends further than the object can: one connected surface on it, with normals along the
-    plane's, spreads over more than `extent`. A strip where the plane only cuts through something does not count. A face
+    plane's, spreads over more than `extent`, and out of the picture or still further: a neighbour may lie in the
+    object's plane. A strip where the plane only cuts through something does not count. A face
     of the object may be among the planes, and is kept. What rises above a background plane by more than the plane's own
     roughness, averaged over a few pixels, is kept as well: a thin object that lies on the seabed.
 
@@ -323,19 +328,29 @@ def background(
         off = np.abs((part.points - plane.center) @ plane.normal)
         with np.errstate(invalid="ignore"):
             lying = thinned & (off < _plane_tolerance(part.depth, sensor)) & (np.abs(normals @ plane.normal) > _ALIGNED)
-        if _spread(part, lying) > extent:
+        width, cut = _spread(part, lying)
+        if width > extent * (1.0 if cut else _UNCUT):
             found |= mask & _on_plane(scan, plane, sensor)
         sample, facing = sample[~plane.inliers], facing[~plane.inliers]
     return found
 
 
-def _spread(part: Scan, lying: np.ndarray) -> float:
-    """Extent [m] of the largest surface among the masked (h, w) pixels; small gaps do not divide it."""
+def _spread(part: Scan, lying: np.ndarray) -> tuple[float, bool]:
+    """Width [m] of the largest surface among the masked (h, w) pixels, in its widest direction, outliers aside.
+
+    Small gaps do not divide it. Widths do not depend on how densely pixels lie, near and far. And whether the border
+    of the picture cuts it.
+    """
     label = ndimage.label(ndimage.binary_dilation(lying, np.ones((3, 3)), _GAP), np.ones((3, 3)))[0] * lying
     if not label.any():
-        return 0.0
-    points = part.points[label == np.bincount(label[lying]).argmax()]
-    return 2.0 * float(np.percentile(np.linalg.norm(points - points.mean(axis=0), axis=1), 95))
+        return 0.0, False
+    largest = label == np.bincount(label[lying]).argmax()
+    points = part.points[largest]
+    cut = max(edge.sum() for edge in (largest[:_RIM], largest[-_RIM:], largest[:, :_RIM], largest[:, -_RIM:]))
+    along = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)[2][:2]
+    angles = np.pi / _WIDTHS * np.arange(_WIDTHS)
+    off = (points @ along.T) @ np.array([np.cos(angles), np.sin(angles)])
+    return float(np.ptp(np.percentile(off, _OUTER, axis=0), axis=0).max()), bool(cut > _CUT)
 
 
 def _on_plane(scan: Scan, plane: "_Plane", sensor: SensorModel) -> np.ndarray:

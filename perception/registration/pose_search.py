@@ -241,7 +241,7 @@ def _along_loosest(
         if sigma < _LOOSE:
             break
         found = best
-        for step in _STEPS:
+        for step in _steps(_STEPS, sigma, surface):
             X = _along(covariance, step * sigma * axis) @ best.X_ST
             likelihood = log_likelihood(evidence, surface, X)
             if likelihood > found.log_likelihood:
@@ -261,7 +261,7 @@ def _beside(evidence: Evidence, surface: ModelSurface, best: _Candidate) -> list
     if sigma < _LOOSE:
         return []
     found: list[_Candidate] = []
-    for step in _FAR:
+    for step in _steps(_FAR, sigma, surface):
         X = _along(covariance, step * sigma * axes[:, -1]) @ best.X_ST
         if log_likelihood(evidence, surface, X) > best.log_likelihood - _NEARLY and _differ(surface, X, best.X_ST):
             fit = fine_fit(evidence, surface, X, GATES[1:])
@@ -269,6 +269,11 @@ def _beside(evidence: Evidence, surface: ModelSurface, best: _Candidate) -> list
             X_ST, likelihood = polished(evidence, surface, fit, likelihood)
             found.append(_Candidate(replace(fit, X_ST=X_ST), best.X_start, likelihood))
     return found
+
+
+def _steps(steps: Iterable[float], sigma: float, surface: ModelSurface) -> list[float]:
+    """Those of `steps` [sigma] that leave the model where it may be seen."""
+    return [step for step in steps if abs(step) * sigma < surface.radius]
 
 
 def _along(covariance: PoseCovariance, twist: Array) -> Array:

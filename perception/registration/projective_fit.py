@@ -13,6 +13,7 @@ from perception.registration.model_surface import ModelSurface
 from sim.interfaces.spatial import Array, exp_so3, pose, transform_points
 
 _STEPS = 3  # of Gauss-Newton at most
+_LONGEST = 3.0  # [spacings] of a step: where little is compared a longer one leads astray
 _PIXELS = 10_000  # of the object that are compared, about
 _OUTSIDE = 3.0  # [sigma] beyond which a pixel shows something else
 _STEEP = np.cos(np.deg2rad(75.0))  # cosine of incidence below which a depth says little
@@ -40,6 +41,7 @@ def polished(evidence: Evidence, surface: ModelSurface, fit: IcpFit, likelihood:
         held = np.linalg.svd(np.vstack([fit.free, np.zeros((1, 6))]))[2][len(fit.free) :]
         A = held @ H @ held.T
         step = held.T @ np.linalg.solve(A + 1e-9 * (np.trace(A) + 1.0) * np.eye(len(A)), held @ g)
+        step *= min(1.0, _LONGEST * surface.spacing / max(float(np.linalg.norm(step)), 1e-12))
         center = transform_points(X_ST, surface.center)
         R = exp_so3(step[3:] / surface.radius)
         moved = pose(R, center + step[:3] - R @ center) @ X_ST

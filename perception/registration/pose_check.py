@@ -67,8 +67,8 @@ MAX_BEYOND = 0.25  # [-] unexplained share of the scanned surface around the mod
 MIN_COVERAGE = 0.25  # [-] least share of the expected rays on which the scan shows the object
 WHOLE = 0.5  # [-] coverage above which another scan is not expected to remove a contradiction
 MAX_MOVE = (0.003, 0.005)  # [m] and share of the range by which another ICP may move the pose
-# [m], share of the range and [rad]: half of what still counts as found, 5 mm + 0.3 % and 3 deg
-MAX_SIGMA = (0.0025, 0.0015, np.deg2rad(1.5))
+FOUND = (0.005, 0.003, np.deg2rad(3.0))  # [m], share of the range and [rad] by which a pose may be wrong
+WRONG_COSTS = 10.0  # [looks] that a wrong pose costs: less is expected to be lost by another look below a chance of 0.9
 MAX_SIZE = 0.025  # [-] by which the best scale may differ from 1: midway to an object 5 % larger or smaller
 MAX_SIZE_SIGMA = 0.02  # [-] standard deviation of the scale above which this does not tell it from 1
 MIN_MARGIN = 6.0  # [nat] over every other pose; right poses among near twins (an uneven starfish) reach 8
@@ -295,12 +295,12 @@ def _missing(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> tuple[in
 
 
 def _looseness(covariance: PoseCovariance | None, range_m: float) -> tuple[bool, str]:
-    """Whether the position or the rotation, declared symmetry aside, is held too loosely; and how loosely."""
+    """Whether another look costs less than what is expected from a wrong pose; and how loosely the pose is held."""
     if covariance is None:
         return False, ""
     position, angle = covariance.held_sigmas
-    limit, turn = MAX_SIGMA[0] + MAX_SIGMA[1] * range_m, MAX_SIGMA[2]
-    return position > limit or angle > turn, f"{1e3 * position:.1f} mm and {np.rad2deg(angle):.1f} deg"
+    wrong = 1.0 - covariance.chance_within(FOUND[0] + FOUND[1] * range_m, FOUND[2])
+    return wrong * WRONG_COSTS > 1.0, f"{1e3 * position:.1f} mm and {np.rad2deg(angle):.1f} deg"
 
 
 def _cast(evidence: Evidence, surface: ModelSurface, X_ST: Array, points: Array) -> _Rays | str:

@@ -11,7 +11,7 @@ from models.objects.target_model import Symmetry, TargetModel
 from perception.registration.evidence import Evidence
 from perception.registration.likelihood import difference, log_likelihood
 from perception.registration.model_surface import ModelSurface
-from perception.registration.pose_search import likeliest_pose, weighed_again
+from perception.registration.pose_search import likeliest_of, weighed_again
 from perception.registration.symmetry import ambiguous_poses
 from sim.interfaces.spatial import Array, pose
 
@@ -38,7 +38,7 @@ def mirrored_log_likelihood(searched: Evidence, evidence: Evidence, surface: Mod
     alike = ambiguous_poses(surface)
     alike = (np.eye(4), *alike[:: -(-len(alike) // _ALIKE_POSES) or 1])
     starts = [X_ST @ G @ turn for G in alike for turn in _turns(surface)]
-    found = likeliest_pose(searched, rival, starts, [], log_likelihood(searched, surface, X_ST))
+    found = likeliest_of(searched, rival, starts, log_likelihood(searched, surface, X_ST))
     if evidence is not searched:
         found = weighed_again(evidence, rival, found)
     if difference(evidence, (surface, X_ST), (rival, found.X_ST)) < _ALIKE:

@@ -24,7 +24,7 @@ _SHOWN = 0.1  # [-] share of the sharp edges that can show, below which they are
 _BESIDE_OCCLUDER = 2  # [px] beside an occluder's picture that its mixed pixels reach
 _EDGE_BIAS = 0.1  # [px] by which all depth edges may be seen aside, or outward
 _HALVINGS = 4  # bisections of a pixel, to locate a model's depth edge
-_ALONG = 16  # points of a contour that give its direction, at most
+_ALONG = 12  # points of a contour that give its direction, at most
 _CONTOUR = 5.0  # [px] within which they lie
 _BAND = 40.0  # [px] without depth beside a surface, beyond which its outline is not looked for
 _WIDER = 2.0  # [px] by which that band may be wider than the model's own, which turns away there: no shadow of stereo
@@ -362,7 +362,7 @@ def _edges(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> DepthEdges
         ends=ends,
         behind=behind,
         model_points=points,
-        model_outward=_across(tangents / part.pitches, outward(covered, model.depth, *at)),
+        model_outward=_across(tangents / part.pitches, of_model.steps),
         model_sharp=sharp & whole,
         model_smooth=~sharp & whole,
         model_band=band[at],
@@ -370,21 +370,26 @@ def _edges(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> DepthEdges
     )
 
 
-def _across(pixels: Array, rough: Array) -> Array:
-    """Unit directions (n, 2) across the contours through given points (n, 2) [px], next to the `rough` ones (n, 2).
+def _across(pixels: Array, steps: np.ndarray) -> Array:
+    """Unit directions (n, 2) across the contours through given points (n, 2) [px], to the side of the steps (n, 2).
 
     A wrong direction would turn motions along the contour, which it does not resist, into motions across it.
     """
     near = cKDTree(pixels).query(pixels, min(_ALONG, len(pixels)), distance_upper_bound=_CONTOUR)[1]
     inside = near < len(pixels)
     near = np.where(inside, near, 0)
-    weight = inside & (np.einsum("nki,ni->nk", rough[near], rough) > 0.7)
-    total = weight.sum(axis=1)[:, None]
-    off = pixels[near] - ((weight[..., None] * pixels[near]).sum(axis=1) / np.maximum(total, 1))[:, None]
-    spread = np.einsum("nk,nki,nkj->nij", weight, off, off)
-    across = np.linalg.eigh(spread)[1][:, :, 0]
+    rough = np.einsum("nk,nki->ni", inside, steps[near])
+    rough = rough / np.maximum(np.linalg.norm(rough, axis=1, keepdims=True), 1e-12)
+    weight = (inside & (np.einsum("nki,ni->nk", rough[near], rough) > 0.7)).astype(np.float64)
+    total = np.maximum(weight.sum(axis=1), 1.0)
+    points = pixels[near]
+    off = points - (np.einsum("nk,nki->ni", weight, points) / total[:, None])[:, None]
+    x, y = off[..., 0], off[..., 1]
+    xx, xy, yy = ((weight * product).sum(axis=1) for product in (x * x, x * y, y * y))
+    along = 0.5 * np.arctan2(2.0 * xy, xx - yy)
+    across = np.column_stack([-np.sin(along), np.cos(along)])
     agree = np.einsum("ni,ni->n", across, rough)
-    across *= np.sign(agree)[:, None]
+    across *= np.where(agree < 0.0, -1.0, 1.0)[:, None]
     return np.where(np.abs(agree)[:, None] > 0.7, across, rough)
 
 
@@ -416,7 +421,7 @@ def _refined(surface: ModelSurface, X_ST: Array, part: Scan, found: Contour) -> 
     return middle + part.pitches * at[:, None] * found.steps
 
 
-@lru_cache(maxsize=4)
+@lru_cache(maxsize=32)
 def _scan_edges(
     evidence: Evidence, top: int, bottom: int, left: int, right: int, step: int
 ) -> tuple[_Outline, _Outline]:

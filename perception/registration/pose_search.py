@@ -24,6 +24,7 @@ _ROUGH_MODEL = 8000  # model points in a rough fit, about
 _NUDGED = 40  # initial poses that get a few steps of ICP, if there are many
 _NUDGE_POINTS, _NUDGE_MODEL = 300, 3000  # points of scan and model in these, about
 _REFINED = 8  # initial poses that get a rough fit
+_REFINED_OF_MANY = 3  # where nothing else is tried
 _ALIKE = 3  # poses that look like the likeliest one that get a rough fit
 _SLIDING = 0.7  # [-] translational share of a free twist, from which on it is searched by translation
 _SLIDES = (-0.4, -0.2, -0.1, 0.1, 0.2, 0.4)  # [radii] of the model: translations tried along a free twist
@@ -82,18 +83,15 @@ def likeliest_pose(
         given: Initial poses (4, 4) from prior knowledge, which are tried whatever their likelihood.
         to_beat: [nat] Log likelihood of another explanation; the search ends where all that was tried is far below it.
     """
-    thin_scan, thin_model = _rough(evidence, surface), surface.thinned(_ROUGH_MODEL)
+    thin = _rough(evidence, surface), surface.thinned(_ROUGH_MODEL)
 
     def fitted(X: Array, X_start: Array) -> _Candidate:
-        return _likelier(evidence, surface, fine_fit(thin_scan, thin_model, X), X, X_start)
+        return _likelier(evidence, surface, fine_fit(*thin, X), X, X_start)
 
     def best_of(poses: Iterable[Array], most: int) -> list[Array]:
-        return sorted(poses, key=lambda X: -glance(evidence, surface, X))[:most]
+        return _likeliest_at_a_glance(evidence, surface, poses, most)
 
-    if len(starts) > _REFINED:
-        few_points, few_of_model = evidence.thinned(_ROUGH_STEP, _NUDGE_POINTS), surface.thinned(_NUDGE_MODEL)
-        starts = [nudged(few_points, few_of_model, X) for X in best_of(starts, _NUDGED)]
-    tried = [fitted(X, X) for X in [*best_of(starts, _REFINED), *given]]
+    tried = [fitted(X, X) for X in [*_ranked(evidence, surface, starts, _REFINED), *given]]
     best = _likeliest(tried)
     tried += [fitted(X, best.X_start) for X in _slides(evidence, surface, best.fit)]
     explored: list[_Candidate] = []
@@ -108,7 +106,7 @@ def likeliest_pose(
         alike = best_of((X_now @ G for G in ambiguous_poses(surface)), _ALIKE)
         for X in [*alike, *resting_places(evidence, surface, X_now)]:
             near = [each for each in tried if not _differ(surface, X, each.X_ST)]
-            fit = near[0].fit if near else fine_fit(thin_scan, thin_model, X)
+            fit = near[0].fit if near else fine_fit(*thin, X)
             tried.append(_likelier(evidence, surface, fit, X, explored[-1].X_start))
     rough_best, *rest = _distinct(surface, tried)
     if rough_best.log_likelihood > to_beat - _RIVAL:
@@ -136,6 +134,43 @@ def _best_of(surface: ModelSurface, tried: list[_Candidate]) -> Found:
         best.log_likelihood,
         tuple(Hypothesis(X_sensor_target=readonly(each.X_ST), log_likelihood=each.log_likelihood) for each in others),
     )
+
+
+def likeliest_of(evidence: Evidence, surface: ModelSurface, starts: list[Array], to_beat: float) -> Found:
+    """ICP from the likeliest of many starts, which leave nothing else to be tried.
+
+    Args:
+        evidence: Scan of the object.
+        surface: Sampled model.
+        starts: Initial poses (4, 4), at least one.
+        to_beat: [nat] Log likelihood of another explanation; a pose that is far below it is not fitted to the end.
+    """
+    thin = _rough(evidence, surface), surface.thinned(_ROUGH_MODEL)
+    poses = _ranked(evidence, surface, starts, _REFINED_OF_MANY)
+    tried = [_likelier(evidence, surface, fine_fit(*thin, X), X, X) for X in poses]
+    best = _likeliest(tried)
+    if best.log_likelihood > to_beat - _RIVAL:
+        tried.append(_finished(evidence, surface, best))
+    return _best_of(surface, tried)
+
+
+def _ranked(evidence: Evidence, surface: ModelSurface, starts: list[Array], most: int) -> list[Array]:
+    """The likeliest poses (4, 4) after a few steps of ICP, `most` at most, each apart from the others."""
+    if len(starts) > most:
+        few_points, few_of_model = evidence.thinned(_ROUGH_STEP, _NUDGE_POINTS), surface.thinned(_NUDGE_MODEL)
+        best = _likeliest_at_a_glance(evidence, surface, starts, _NUDGED)
+        starts = [nudged(few_points, few_of_model, X) for X in best]
+    kept: list[Array] = []
+    for X in _likeliest_at_a_glance(evidence, surface, starts, len(starts)):
+        if len(kept) < most and all(_differ(surface, X, Y) for Y in kept):
+            kept.append(X)
+    return kept
+
+
+def _likeliest_at_a_glance(
+    evidence: Evidence, surface: ModelSurface, poses: Iterable[Array], most: int
+) -> list[Array]:
+    return sorted(poses, key=lambda X: -glance(evidence, surface, X))[:most]
 
 
 def weighed_again(evidence: Evidence, surface: ModelSurface, found: Found) -> Found:

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from perception.registration.evidence import Evidence
-from perception.registration.likelihood import log_likelihood
+from perception.registration.likelihood import glance, log_likelihood
 from perception.registration.model_surface import ModelSurface
 from perception.registration.symmetry import slipped, slipping_twist
 from sim.interfaces.pose_covariance import PoseCovariance
@@ -17,9 +17,9 @@ from sim.interfaces.spatial import Array, readonly
 
 _FARTHEST = 12  # [spacings] to which other places of rest are sought, either way
 _PLACES = 3  # of these, at most
-_COMPARED = 8_000  # pixels that count, about
-_TRIED = np.linspace(-1.0, 1.0, 9)  # [spacings] around a pose, where the likelihood is looked at
-_ROUNDS = 3  # of a parabola through these
+_COMPARED = 10_000  # pixels that count, about
+_TRIED = np.linspace(-1.0, 1.0, 5)  # [reaches] around a pose, where the likelihood is looked at
+_REACHES = (1.0, 1.0, 0.5, 0.25)  # [spacings] in one round of a parabola after the other
 _FLAT = 0.1  # [nat/spacing^2] least curvature: what is flatter is not told
 
 
@@ -29,7 +29,7 @@ def resting_places(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> li
         return []
     steps = np.arange(-_FARTHEST, _FARTHEST + 1)
     poses = [X_ST @ slipped(surface, k * surface.spacing) for k in steps]
-    along = np.array([log_likelihood(evidence, surface, X, _COMPARED) for X in poses])
+    along = np.array([glance(evidence, surface, X) for X in poses])
     peak = np.zeros(len(along), dtype=bool)
     peak[1:-1] = (along[1:-1] >= along[:-2]) & (along[1:-1] >= along[2:])
     peak[[0, -1]] = along[[0, -1]] > along[[1, -2]]
@@ -42,14 +42,13 @@ def settled(evidence: Evidence, surface: ModelSurface, X_ST: Array, likelihood: 
     """The likeliest pose (4, 4) next to `X_ST` (4, 4) along the slipping twist, and its log likelihood [nat]."""
     if slipping_twist(surface) is None:
         return X_ST, likelihood
-    for _ in range(_ROUNDS):
-        curvature, slope = _profile(evidence, surface, X_ST)
-        step = float(np.clip(0.5 * slope / max(curvature, _FLAT), -1.0, 1.0))
+    for reach in _REACHES:
+        curvature, slope = _profile(evidence, surface, X_ST, reach)
+        step = float(np.clip(0.5 * slope / max(curvature, _FLAT), -reach, reach))
         moved = X_ST @ slipped(surface, step * surface.spacing)
         likelier = log_likelihood(evidence, surface, moved)
-        if likelier <= likelihood:
-            break
-        X_ST, likelihood = moved, likelier
+        if likelier > likelihood:
+            X_ST, likelihood = moved, likelier
     return X_ST, likelihood
 
 
@@ -62,15 +61,16 @@ def with_slip(evidence: Evidence, surface: ModelSurface, X_ST: Array, covariance
     u = np.concatenate([R @ twist[:3], R @ twist[3:] * covariance.radius])
     u -= covariance.free.T @ (covariance.free @ u)
     stated = u @ covariance.information @ u  # [1/m^2] of a slip by 1 m
-    curvature, _ = _profile(evidence, surface, X_ST)
+    curvature, _ = _profile(evidence, surface, X_ST, 1.0)
     square = surface.spacing**2 / (2.0 * max(curvature, _FLAT))
     if stated <= 0.0 or square <= 1.0 / stated:
         return covariance
     return replace(covariance, matrix=readonly(covariance.matrix + (square - 1.0 / stated) * np.outer(u, u)))
 
 
-def _profile(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> tuple[float, float]:
+def _profile(evidence: Evidence, surface: ModelSurface, X_ST: Array, reach: float) -> tuple[float, float]:
     """Curvature [nat/spacing^2], positive at a maximum, and slope [nat/spacing] of the log likelihood along the slip."""
-    poses = (X_ST @ slipped(surface, k * surface.spacing) for k in _TRIED)
-    square, slope, _ = np.polyfit(_TRIED, [log_likelihood(evidence, surface, X) for X in poses], 2)
+    steps = reach * _TRIED  # [spacings]
+    poses = (X_ST @ slipped(surface, k * surface.spacing) for k in steps)
+    square, slope, _ = np.polyfit(steps, [log_likelihood(evidence, surface, X, _COMPARED) for X in poses], 2)
     return -float(square), float(slope)

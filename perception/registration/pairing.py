@@ -24,8 +24,7 @@ _SHOWN = 0.1  # [-] share of the sharp edges that can show, below which they are
 _BESIDE_OCCLUDER = 2  # [px] beside an occluder's picture that its mixed pixels reach
 _EDGE_BIAS = 0.1  # [px] by which all depth edges may be seen aside, or outward
 _HALVINGS = 4  # bisections of a pixel, to locate a model's depth edge
-_ALONG = 12  # points of a contour that give its direction, at most
-_CONTOUR = 5.0  # [px] within which they lie
+_CONTOUR = 5.0  # [px] within which a contour's points give its direction
 _BAND = 40.0  # [px] without depth beside a surface, beyond which its outline is not looked for
 _WIDER = 2.0  # [px] by which that band may be wider than the model's own, which turns away there: no shadow of stereo
 
@@ -375,22 +374,75 @@ def _across(pixels: Array, steps: np.ndarray) -> Array:
 
     A wrong direction would turn motions along the contour, which it does not resist, into motions across it.
     """
-    near = cKDTree(pixels).query(pixels, min(_ALONG, len(pixels)), distance_upper_bound=_CONTOUR)[1]
-    inside = near < len(pixels)
-    near = np.where(inside, near, 0)
-    rough = np.einsum("nk,nki->ni", inside, steps[near])
-    rough = rough / np.maximum(np.linalg.norm(rough, axis=1, keepdims=True), 1e-12)
-    weight = (inside & (np.einsum("nki,ni->nk", rough[near], rough) > 0.7)).astype(np.float64)
-    total = np.maximum(weight.sum(axis=1), 1.0)
-    points = pixels[near]
-    off = points - (np.einsum("nk,nki->ni", weight, points) / total[:, None])[:, None]
-    x, y = off[..., 0], off[..., 1]
-    xx, xy, yy = ((weight * product).sum(axis=1) for product in (x * x, x * y, y * y))
-    along = 0.5 * np.arctan2(2.0 * xy, xx - yy)
-    across = np.column_stack([-np.sin(along), np.cos(along)])
-    agree = np.einsum("ni,ni->n", across, rough)
-    across *= np.where(agree < 0.0, -1.0, 1.0)[:, None]
-    return np.where(np.abs(agree)[:, None] > 0.7, across, rough)
+    order = np.argsort(pixels[:, 0], kind="stable")
+    found = np.empty_like(pixels)
+    found[order] = _across_sorted(pixels[order], steps[order].astype(np.float64))
+    return found
+
+
+@njit(cache=True)
+def _across_sorted(pixels: Array, steps: Array) -> Array:
+    """As `_across`, for points sorted by their first coordinate."""
+    n = len(pixels)
+    rough, across = np.zeros((n, 2)), np.empty((n, 2))
+    first, last = np.empty(n, dtype=np.int64), np.empty(n, dtype=np.int64)
+    low, high = 0, 0
+    for i in range(n):
+        while pixels[low, 0] < pixels[i, 0] - _CONTOUR:
+            low += 1
+        while high < n and pixels[high, 0] <= pixels[i, 0] + _CONTOUR:
+            high += 1
+        first[i], last[i] = low, high
+        for j in range(low, high):
+            if (pixels[j, 0] - pixels[i, 0]) ** 2 + (pixels[j, 1] - pixels[i, 1]) ** 2 < _CONTOUR**2:
+                rough[i, 0] += steps[j, 0]
+                rough[i, 1] += steps[j, 1]
+        length = max(np.hypot(rough[i, 0], rough[i, 1]), 1e-12)
+        rough[i] /= length
+    for i in range(n):
+        total, mx, my, xx, xy, yy = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        for j in range(first[i], last[i]):
+            x, y = pixels[j, 0] - pixels[i, 0], pixels[j, 1] - pixels[i, 1]
+            if x * x + y * y < _CONTOUR**2 and rough[j, 0] * rough[i, 0] + rough[j, 1] * rough[i, 1] > 0.7:
+                total += 1.0
+                mx, my = mx + x, my + y
+                xx, xy, yy = xx + x * x, xy + x * y, yy + y * y
+        across[i] = rough[i]
+        if total > 0.0:
+            xx, xy, yy = xx - mx * mx / total, xy - mx * my / total, yy - my * my / total
+            along = 0.5 * np.arctan2(2.0 * xy, xx - yy)
+            x, y = -np.sin(along), np.cos(along)
+            agree = x * rough[i, 0] + y * rough[i, 1]
+            if abs(agree) > 0.7:
+                across[i, 0], across[i, 1] = np.sign(agree) * x, np.sign(agree) * y
+    return across
+
+
+def _nearest_in_image(points: Array, at: Array, reach: float) -> np.ndarray:
+    """Index (n,) of the one of `points` (k, 2) that is nearest to each of `at` (n, 2); -1 beyond `reach`."""
+    order = np.argsort(points[:, 0], kind="stable")
+    found = _nearest_sorted(points[order], at, reach)
+    return np.where(found >= 0, order[found], -1)
+
+
+@njit(cache=True)
+def _nearest_sorted(points: Array, at: Array, reach: float) -> np.ndarray:
+    """As `_nearest_in_image`, for points sorted by their first coordinate."""
+    found = np.full(len(at), -1)
+    start = np.searchsorted(points[:, 0], at[:, 0])
+    for i in range(len(at)):
+        nearest = reach * reach
+        for way in (-1, 1):
+            j = start[i] - 1 if way < 0 else start[i]
+            while 0 <= j < len(points):
+                x = points[j, 0] - at[i, 0]
+                if x * x >= nearest:
+                    break
+                square = x * x + (points[j, 1] - at[i, 1]) ** 2
+                if square < nearest:
+                    nearest, found[i] = square, j
+                j += way
+    return found
 
 
 def _to_nearest(mask: np.ndarray) -> tuple[Array, tuple[np.ndarray, np.ndarray]]:
@@ -444,12 +496,13 @@ def _edge_rows(edges: DepthEdges, evidence: Evidence, X_ST: Array, gate: float, 
     """Pairs of depth edges: distances across them in the image plane."""
     points = transform_points(X_ST, edges.model_points)
     tangents = points[:, :2] / points[:, 2:]
-    tree, reach = cKDTree(tangents), gate / float(np.median(points[:, 2]))
+    reach = gate / float(np.median(points[:, 2]))
     sides = []
     for side, of_kind in ((edges.ends, edges.model_sharp), (edges.behind, edges.model_smooth)):
-        distance, index = tree.query(side.edges.tangents, distance_upper_bound=reach)
-        paired = np.isfinite(distance)
-        index = np.where(paired, index, 0)
+        if not of_kind.any():
+            continue
+        index = _nearest_in_image(tangents, side.edges.tangents, reach)
+        paired = index >= 0
         paired &= of_kind[index]
         step = jump(points[index, 2])
         nearer = points[index, 2] - side.edges.depth
@@ -457,6 +510,7 @@ def _edge_rows(edges: DepthEdges, evidence: Evidence, X_ST: Array, gate: float, 
         paired &= side.band <= edges.model_band[index] + _WIDER
         paired &= np.einsum("ij,ij->i", side.outward, edges.model_outward[index]) > 0.7
         sides.append((index[paired], side.edges.tangents[paired]))
+    sides = sides or [(np.zeros(0, dtype=np.int64), np.zeros((0, 2)))]
     index, measured = (np.concatenate(each) for each in zip(*sides, strict=True))
     if len(index) < 10:
         index, measured = index[:0], measured[:0]

@@ -24,7 +24,7 @@ _ROUGH_MODEL = 8000  # model points in a rough fit, about
 _NUDGED = 40  # initial poses that get a few steps of ICP, if there are many
 _NUDGE_POINTS, _NUDGE_MODEL = 300, 3000  # points of scan and model in these, about
 _REFINED = 8  # initial poses that get a rough fit
-_REFINED_OF_MANY = 3  # where nothing else is tried
+_NUDGED_OF_MANY, _REFINED_OF_MANY = 16, 3  # of starts that lie close together
 _ALIKE = 3  # poses that look like the likeliest one that get a rough fit
 _SLIDING = 0.7  # [-] translational share of a free twist, from which on it is searched by translation
 _SLIDES = (-0.4, -0.2, -0.1, 0.1, 0.2, 0.4)  # [radii] of the model: translations tried along a free twist
@@ -146,7 +146,7 @@ def likeliest_of(evidence: Evidence, surface: ModelSurface, starts: list[Array],
         to_beat: [nat] Log likelihood of another explanation; a pose that is far below it is not fitted to the end.
     """
     thin = _rough(evidence, surface), surface.thinned(_ROUGH_MODEL)
-    poses = _ranked(evidence, surface, starts, _REFINED_OF_MANY)
+    poses = _ranked(evidence, surface, starts, _REFINED_OF_MANY, _NUDGED_OF_MANY)
     tried = [_likelier(evidence, surface, fine_fit(*thin, X), X, X) for X in poses]
     best = _likeliest(tried)
     if best.log_likelihood > to_beat - _RIVAL:
@@ -154,11 +154,13 @@ def likeliest_of(evidence: Evidence, surface: ModelSurface, starts: list[Array],
     return _best_of(surface, tried)
 
 
-def _ranked(evidence: Evidence, surface: ModelSurface, starts: list[Array], most: int) -> list[Array]:
-    """The likeliest poses (4, 4) after a few steps of ICP, `most` at most, each apart from the others."""
+def _ranked(
+    evidence: Evidence, surface: ModelSurface, starts: list[Array], most: int, moved: int = _NUDGED
+) -> list[Array]:
+    """The likeliest poses (4, 4), `most` at most, each apart from the others; where there are more, `moved` are nudged."""
     if len(starts) > most:
         few_points, few_of_model = evidence.thinned(_ROUGH_STEP, _NUDGE_POINTS), surface.thinned(_NUDGE_MODEL)
-        best = _likeliest_at_a_glance(evidence, surface, starts, _NUDGED)
+        best = _likeliest_at_a_glance(evidence, surface, starts, moved)
         starts = [nudged(few_points, few_of_model, X) for X in best]
     kept: list[Array] = []
     for X in _likeliest_at_a_glance(evidence, surface, starts, len(starts)):

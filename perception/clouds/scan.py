@@ -30,7 +30,7 @@ _FACTORS = np.array([0x1E3779B97F4A7C15, 0x3F58476D1CE4E5B9, 0x14D049BB133111EB]
 _CREASE = np.cos(np.deg2rad(40.0))  # cosine of the angle between normals at which one surface ends
 _WIDTHS = 8  # directions in which the width of a plane is measured
 _OUTER = (1.0, 99.0)  # [%] of its points between which it lies
-_UNCUT = 2.0  # [-] times the extent of the object that a background plane is wide, which the picture does not cut
+_UNCUT = 1.4  # [-] times the extent of the object that a background plane is wide, which the picture does not cut
 _RIM, _CUT = 4, 8  # rows or columns at the border of the thinned picture, and pixels there, of a plane that it cuts
 _GAP = 2  # [px] of the thinned picture: pixels on a plane that are this far from each other are connected
 _NORMAL = 1.4826  # standard deviation of normal errors over their median absolute value
@@ -347,9 +347,10 @@ def _spread(part: Scan, lying: np.ndarray) -> tuple[float, bool]:
     largest = label == np.bincount(label[lying]).argmax()
     points = part.points[largest]
     cut = max(edge.sum() for edge in (largest[:_RIM], largest[-_RIM:], largest[:, :_RIM], largest[:, -_RIM:]))
-    along = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)[2][:2]
+    off = points - points.mean(axis=0)
+    along = np.linalg.eigh(off.T @ off)[1][:, 1:]
     angles = np.pi / _WIDTHS * np.arange(_WIDTHS)
-    off = (points @ along.T) @ np.array([np.cos(angles), np.sin(angles)])
+    off = off @ along @ np.array([np.cos(angles), np.sin(angles)])
     return float(np.ptp(np.percentile(off, _OUTER, axis=0), axis=0).max()), bool(cut > _CUT)
 
 

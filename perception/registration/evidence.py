@@ -14,6 +14,9 @@ from sim.interfaces.spatial import Array, transform_points
 MODEL_TOLERANCE = 0.001  # [m] accuracy of the model
 _GRAZING = np.deg2rad(88.0)  # [rad] of incidence, up to which the model explains what was scanned
 _HASHED = 1e-4  # [m] edge of the cubes by which points are drawn
+_BLOCK = 48  # [px] edge of the blocks of smooth surface in which noise is looked at
+_SAME_DEPTH = 0.4  # [-] by which the logarithm of a block's depth may differ from the object's
+_FEWEST_BLOCKS = 4  # without which nothing is said
 _NOISE_PIXELS = 40_000  # pixels in which the noise is looked at, at most about
 _INLYING = 3.0  # [sigma] as stated, beyond which a difference is something else
 _LEAST_PIXELS = 200  # without which nothing is said
@@ -105,6 +108,38 @@ class Evidence:
 def _coarser(sensor: SensorModel, step: int) -> SensorModel:
     """The model on every `step`-th row and column."""
     return replace(sensor, noise_length=max(1.0, sensor.noise_length / step))
+
+
+def surface_noise(scan: Scan, mask: np.ndarray, stated: SensorModel) -> SensorModel:
+    """Errors of depth as the smooth surfaces of a scan show them, at the depth of the masked pixels.
+
+    In inverse depth a block of such a surface is a quadratic function of the pixel; what differs from it is noise. That
+    of rough or broken blocks is larger: the lower quartile counts. Only the standard deviation is judged, and never
+    taken for larger than stated.
+
+    Args:
+        scan: The scan.
+        mask: (h, w) pixels that may belong to the object.
+        stated: Accuracy of the sensor.
+    """
+    rows, columns = (np.arange(0, n - _BLOCK + 1, _BLOCK) for n in scan.depth.shape)
+    x = np.linspace(-1.0, 1.0, _BLOCK)
+    y, x = (each.ravel() for each in np.meshgrid(x, x, indexing="ij"))
+    basis = np.linalg.qr(np.column_stack([np.ones_like(x), x, y, x * x, x * y, y * y]))[0]
+    middle = float(np.median(scan.depth[mask]))
+    found = []
+    for row in rows:
+        for column in columns:
+            z = scan.depth[row : row + _BLOCK, column : column + _BLOCK].ravel()
+            if not np.isfinite(z).all() or abs(np.log(z.mean() / middle)) > _SAME_DEPTH:
+                continue
+            inverse = 1.0 / z
+            off = inverse - basis @ (basis.T @ inverse)
+            found.append(float(np.mean((off * z * z / stated.sigma(z)) ** 2)))
+    if len(found) < _FEWEST_BLOCKS:
+        return stated
+    variance = float(np.quantile(found, 0.25)) + (MODEL_TOLERANCE / float(stated.sigma(middle))) ** 2
+    return replace(stated, disparity_sigma=stated.disparity_sigma * min(1.0, float(np.sqrt(variance))))
 
 
 def seen_noise(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> SensorModel:

@@ -7,7 +7,7 @@ points, ICP again, PoseCheck by projected trajectories.
 from dataclasses import dataclass, replace
 from pathlib import Path
 from time import perf_counter
-from typing import Any, Literal, get_args
+from typing import Any, Literal, NamedTuple, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,14 +15,14 @@ from scipy import ndimage
 
 from models.objects.targets import TargetModel
 from perception.clouds.scan import MIN_POINTS, Scan, SensorModel, background, near_any, without_flying_pixels
-from perception.registration.evidence import Evidence, score, seen_noise
+from perception.registration.evidence import Evidence, score, seen_noise, surface_noise
 from perception.registration.initialiser import Expected, initial_poses
 from perception.registration.likelihood import log_likelihood
 from perception.registration.mirror_image import MIN_HAND, mirrored_log_likelihood
 from perception.registration.model_surface import ModelSurface
 from perception.registration.pose_check import MIN_MARGIN, Decision, PoseCheck, check
 from perception.registration.pose_covariance import PoseCovariance, pose_covariance
-from perception.registration.pose_search import Found, Hypothesis, likeliest_pose, weighed_again
+from perception.registration.pose_search import REFINED, Found, Hypothesis, likeliest_pose, weighed_again
 from perception.registration.published.paper_check import published_criterion
 from perception.registration.published.paper_icp import laid_on, paper_fit, required_error
 from perception.registration.slipping import with_slip
@@ -44,8 +44,9 @@ Method = Literal["planes", "paper", "paper-q"]
 
 _FARTHEST = 1e5  # [m] largest accepted distance of an object from the sensor
 APPROACH_ERROR = 0.3  # [m] largest error of a coarse detection, unless the caller states another
+_REFINED_LATER = 120  # initial poses that get a rough fit where the scan contradicts the best of a few
 _TURNS = 24  # rotations of a symmetry found in a mesh, up to which each one is judged by the scan
-_BETTER = 2.0  # [-] information of a pixel over what is stated, from which on the noise of the scan itself is used
+_BETTER = 2.0  # [-] information of a pixel over what the search used, from which on the noise of the scan itself is used
 _AROUND = 1.3  # [model radii] around the centre of an initial pose, within which scan points take part
 
 
@@ -172,6 +173,8 @@ def identify(
         standing, mask = mask, mask & _around(starts or given, surface, scan)
         _need(mask, "lie where the object could be")
         evidence = Evidence.of(scan, mask, 0.8 * surface.spacing, sensor, standing)
+        if method == "planes":
+            evidence = evidence.with_noise(surface_noise(scan, mask, sensor))
         if len(evidence.points) < MIN_POINTS:
             raise PerceptionError(f"only {len(evidence.points)} points are left of the object; need {MIN_POINTS}")
     except PerceptionError as error:
@@ -179,25 +182,19 @@ def identify(
 
     searched = evidence
     if method == "planes":
-        found = likeliest_pose(evidence, surface, starts, given)
-        noise = seen_noise(evidence, surface, found.X_ST)
-        if noise.information > _BETTER * sensor.information:
-            evidence = evidence.with_noise(noise)
-            found = weighed_again(evidence, surface, found)
+        evidence, found = _search(searched, surface, starts, given, REFINED)
     else:
         found = _as_in_paper(evidence, surface, starts)
     X_start = found.X_start if R_prior is None or p_approach is None else X_prior
-    X_ST = surface.symmetry.nearest_pose(found.X_ST, X_start[:3, :3] if R_prior is None else R_prior)
-    X_ST = _likeliest_turn(evidence, surface, X_ST)
-    X_told = resolve_symmetry(evidence, surface, X_ST)
-    if X_told is not None:
-        X_ST = X_told
-    second = found.others[0].log_likelihood if found.others else -np.inf
-    doubt = None
-    if found.fit is not None:
-        doubt = pose_covariance(evidence, surface, X_ST, found.fit.free)
-        doubt = doubt and with_slip(evidence, surface, X_ST, doubt)
-    verdict = check(evidence, surface, X_ST, found.fit, second, doubt)
+    judged = _judge(evidence, surface, found, X_start if R_prior is None else X_prior)
+    if method == "planes" and judged.verdict.contradicted and len(starts) > REFINED:
+        # What resembled the model most is not the object: in a heap it may resemble it least.
+        wider, other = _search(searched, surface, starts, given, _REFINED_LATER)
+        X_start = other.X_start if R_prior is None or p_approach is None else X_prior
+        again = _judge(wider, surface, other, X_start if R_prior is None else X_prior)
+        if not again.verdict.contradicted:
+            evidence, found, judged = wider, other, again
+    X_ST, X_told, doubt, verdict = judged
     if method == "paper-q":
         verdict = _by_criterion(verdict, evidence, surface, X_ST)
     if found.asks and verdict.decision is Decision.ACCEPT:
@@ -228,6 +225,42 @@ def identify(
         hypotheses=(Hypothesis(X_sensor_target=readonly(X_ST), log_likelihood=found.log_likelihood), *found.others),
         duration_s=perf_counter() - started,
     )
+
+
+def _search(
+    searched: Evidence, surface: ModelSurface, starts: list[Array], given: list[Array], most: int
+) -> tuple[Evidence, Found]:
+    """The likeliest pose from `most` of the starts, and the evidence with the noise by which it was weighed at last."""
+    found = likeliest_pose(searched, surface, starts, given, most=most)
+    noise = seen_noise(searched, surface, found.X_ST)
+    if noise.information <= _BETTER * searched.noise.information:
+        return searched, found
+    evidence = searched.with_noise(noise)
+    return evidence, weighed_again(evidence, surface, found)
+
+
+class _Judged(NamedTuple):
+    """A pose that was found, of all that are equal by symmetry the one that the scan shows, and its verdict."""
+
+    X_ST: Array  # (4, 4)
+    X_told: Array | None  # (4, 4) if parts in view tell the angle about an axis of symmetry
+    doubt: PoseCovariance | None
+    verdict: PoseCheck
+
+
+def _judge(evidence: Evidence, surface: ModelSurface, found: Found, X_near: Array) -> _Judged:
+    """Verdict on the pose found, next to `X_near` (4, 4) by symmetry."""
+    X_ST = surface.symmetry.nearest_pose(found.X_ST, X_near[:3, :3])
+    X_ST = _likeliest_turn(evidence, surface, X_ST)
+    X_told = resolve_symmetry(evidence, surface, X_ST)
+    if X_told is not None:
+        X_ST = X_told
+    second = found.others[0].log_likelihood if found.others else -np.inf
+    doubt = None
+    if found.fit is not None:
+        doubt = pose_covariance(evidence, surface, X_ST, found.fit.free)
+        doubt = doubt and with_slip(evidence, surface, X_ST, doubt)
+    return _Judged(X_ST, X_told, doubt, check(evidence, surface, X_ST, found.fit, second, doubt))
 
 
 def _likeliest_turn(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> Array:

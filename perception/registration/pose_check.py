@@ -121,6 +121,7 @@ class PoseCheck:
     margin: float  # [nat] log likelihood above that of the best other pose that was tried; inf if none was
     free: Array  # (k, 6) free twists as in `IcpFit`
     projections: Projections
+    contradicted: bool  # the scan speaks against the pose; False: it agrees, or tells too little
     reason: str  # why the pose was not accepted
 
 
@@ -262,6 +263,7 @@ def check(
         projections=Projections(
             scan=(rays.C_model + np.where(both, E, 0.0)[:, None] * rays.o)[both], model=rays.C_model[both]
         ),
+        contradicted=bool(against),
         reason="; ".join(against + lacking),
     )
 
@@ -536,5 +538,6 @@ def _unmade(reason: str) -> PoseCheck:
         margin=np.inf,
         free=np.zeros((0, 6)),
         projections=Projections(nothing, nothing),
+        contradicted=True,
         reason=reason,
     )

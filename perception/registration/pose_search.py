@@ -23,7 +23,7 @@ _ROUGH_POINTS = 1000  # scan points in a rough fit, about
 _ROUGH_MODEL = 8000  # model points in a rough fit, about
 _NUDGED = 40  # initial poses that get a few steps of ICP, if there are many
 _NUDGE_POINTS, _NUDGE_MODEL = 300, 3000  # points of scan and model in these, about
-_REFINED = 8  # initial poses that get a rough fit
+REFINED = 8  # initial poses that get a rough fit
 _NUDGED_OF_MANY, _REFINED_OF_MANY = 16, 3  # of starts that lie close together
 _ALIKE = 3  # poses that look like the likeliest one that get a rough fit
 _SLIDING = 0.7  # [-] translational share of a free twist, from which on it is searched by translation
@@ -72,7 +72,12 @@ class _Candidate:
 
 
 def likeliest_pose(
-    evidence: Evidence, surface: ModelSurface, starts: list[Array], given: list[Array], to_beat: float = -np.inf
+    evidence: Evidence,
+    surface: ModelSurface,
+    starts: list[Array],
+    given: list[Array],
+    to_beat: float = -np.inf,
+    most: int = REFINED,
 ) -> Found:
     """ICP from the likeliest starts, then from poses that look like the likeliest one, until none is likelier.
 
@@ -82,6 +87,7 @@ def likeliest_pose(
         starts: Initial poses (4, 4) of the search; at least one here or among `given`.
         given: Initial poses (4, 4) from prior knowledge, which are tried whatever their likelihood.
         to_beat: [nat] Log likelihood of another explanation; the search ends where all that was tried is far below it.
+        most: Number of starts that are fitted, at most: the likeliest ones.
     """
     thin = _rough(evidence, surface), surface.thinned(_ROUGH_MODEL)
 
@@ -91,7 +97,7 @@ def likeliest_pose(
     def best_of(poses: Iterable[Array], most: int) -> list[Array]:
         return _likeliest_at_a_glance(evidence, surface, poses, most)
 
-    tried = [fitted(X, X) for X in [*_ranked(evidence, surface, starts, _REFINED), *given]]
+    tried = [fitted(X, X) for X in [*_ranked(evidence, surface, starts, most), *given]]
     best = _likeliest(tried)
     tried += [fitted(X, best.X_start) for X in _slides(evidence, surface, best.fit)]
     explored: list[_Candidate] = []

@@ -18,13 +18,13 @@ from perception.clouds.scan import MIN_POINTS, Scan, SensorModel, background, ne
 from perception.registration.evidence import Evidence, score, seen_noise, surface_noise
 from perception.registration.initialiser import Expected, initial_poses
 from perception.registration.likelihood import log_likelihood
-from perception.registration.mirror_image import MIN_HAND, mirrored_log_likelihood
 from perception.registration.model_surface import ModelSurface
-from perception.registration.pose_check import MIN_MARGIN, Decision, PoseCheck, check
+from perception.registration.pose_check import MAX_SIZE, MIN_MARGIN, Decision, PoseCheck, check
 from perception.registration.pose_covariance import PoseCovariance, pose_covariance
 from perception.registration.pose_search import REFINED, Found, Hypothesis, likeliest_pose, weighed_again
 from perception.registration.published.paper_check import published_criterion
 from perception.registration.published.paper_icp import laid_on, paper_fit, required_error
+from perception.registration.rival_shapes import MIN_HAND, mirrored_log_likelihood, resized_log_likelihood
 from perception.registration.slipping import with_slip
 from perception.registration.symmetry import resolve_symmetry
 from sim.interfaces.errors import ConfigurationError, PerceptionError
@@ -44,9 +44,12 @@ Method = Literal["planes", "paper", "paper-q"]
 
 _FARTHEST = 1e5  # [m] largest accepted distance of an object from the sensor
 APPROACH_ERROR = 0.3  # [m] largest error of a coarse detection, unless the caller states another
+_NOMINAL = 0.005  # [-] by which the best scale may differ from 1 without another size being tried
 _REFINED_LATER = 120  # initial poses that get a rough fit where the scan contradicts the best of a few
 _TURNS = 24  # rotations of a symmetry found in a mesh, up to which each one is judged by the scan
-_BETTER = 2.0  # [-] information of a pixel over what the search used, from which on the noise of the scan itself is used
+_BETTER = (
+    2.0  # [-] information of a pixel over what the search used, from which on the noise of the scan itself is used
+)
 _AROUND = 1.3  # [model radii] around the centre of an initial pose, within which scan points take part
 
 
@@ -204,6 +207,13 @@ def identify(
         if hand < MIN_HAND:
             said = "better" if hand < -MIN_HAND else "as well"
             verdict = replace(verdict, decision=Decision.RESCAN, reason=f"its mirror image fits {said}")
+    if method == "planes" and verdict.decision is Decision.ACCEPT and abs(verdict.size - 1.0) > _NOMINAL:
+        size = 1.0 + float(np.copysign(2.0 * MAX_SIZE, verdict.size - 1.0))
+        if (
+            resized_log_likelihood(evidence, surface, size, found)
+            > log_likelihood(evidence, surface, X_ST) - MIN_MARGIN
+        ):
+            verdict = replace(verdict, decision=Decision.RESCAN, reason=f"at {size:.2f} times its size it fits as well")
     reason = verdict.reason
     if not reason and not expected.admits(X_ST[None], surface)[0]:
         reason = "what was found lies, or is turned, too far from what was expected"

@@ -64,6 +64,8 @@ MAX_THROUGH = 0.12  # [-] largest share of rays on which the scan sees through t
 MIN_EDGE_SHARE = 0.25  # [-] least share of the model's sharp edges found in the scan
 MAX_GOES_ON = 0.35  # [-] largest share of the model's edges beyond which the scanned surface goes on
 MAX_BEYOND = 0.25  # [-] unexplained share of the scanned surface around the model; fouled objects reach 0.13
+_ENDS = 0.1  # [-] share of the edges beyond which the surface goes on, up to which the object ends where the model does
+_MAX_TOUCHING = 0.5  # [-] unexplained share then: a neighbour touches it
 MIN_COVERAGE = 0.25  # [-] least share of the expected rays on which the scan shows the object
 WHOLE = 0.5  # [-] coverage above which another scan is not expected to remove a contradiction
 MAX_MOVE = (0.003, 0.005)  # [m] and share of the range by which another ICP may move the pose
@@ -214,7 +216,10 @@ def check(
             (seen_through > MAX_THROUGH, f"the scan sees through {seen_through:.0%} of the model"),
             (edge > edge_threshold, f"edges lie {1e3 * edge:.1f} mm apart, limit {1e3 * edge_threshold:.1f} mm"),
             (goes_on > MAX_GOES_ON, f"the surface goes on beyond {goes_on:.0%} of the model's edges"),
-            (beyond > MAX_BEYOND, f"{beyond:.0%} of the surface that it lies on is not the model's"),
+            (
+                beyond > (_MAX_TOUCHING if goes_on < _ENDS else MAX_BEYOND),
+                f"{beyond:.0%} of the surface that it lies on is not the model's",
+            ),
             (
                 move > move_threshold,
                 f"a further fit moves it by {1e3 * move:.1f} mm, limit {1e3 * move_threshold:.1f} mm",

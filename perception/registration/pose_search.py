@@ -163,7 +163,7 @@ def likeliest_of(evidence: Evidence, surface: ModelSurface, starts: list[Array],
 def _ranked(
     evidence: Evidence, surface: ModelSurface, starts: list[Array], most: int, moved: int = _NUDGED
 ) -> list[Array]:
-    """The likeliest poses (4, 4), `most` at most, each apart from the others; where there are more, `moved` are nudged."""
+    """The likeliest poses (4, 4), each apart from the others; of more than `most`, `moved` are nudged first."""
     if len(starts) > most:
         few_points, few_of_model = evidence.thinned(_ROUGH_STEP, _NUDGE_POINTS), surface.thinned(_NUDGE_MODEL)
         best = _likeliest_at_a_glance(evidence, surface, starts, moved)
@@ -175,9 +175,7 @@ def _ranked(
     return kept
 
 
-def _likeliest_at_a_glance(
-    evidence: Evidence, surface: ModelSurface, poses: Iterable[Array], most: int
-) -> list[Array]:
+def _likeliest_at_a_glance(evidence: Evidence, surface: ModelSurface, poses: Iterable[Array], most: int) -> list[Array]:
     return sorted(poses, key=lambda X: -glance(evidence, surface, X))[:most]
 
 
@@ -191,7 +189,9 @@ def weighed_again(evidence: Evidence, surface: ModelSurface, found: Found) -> Fo
     """
     poses = [found.X_ST, *(each.X_sensor_target for each in found.others)]
     start = fine_fit(evidence, surface, found.X_ST, ())
-    tried = [_finished(evidence, surface, _Candidate(replace(start, X_ST=X), found.X_start, 0.0)) for X in poses[:_WEIGHED]]
+    tried = [
+        _finished(evidence, surface, _Candidate(replace(start, X_ST=X), found.X_start, 0.0)) for X in poses[:_WEIGHED]
+    ]
     for X in poses[_WEIGHED:]:
         tried.append(_Candidate(replace(start, X_ST=X), found.X_start, log_likelihood(evidence, surface, X)))
     return _best_of(surface, tried)

@@ -69,7 +69,7 @@ def with_slip(evidence: Evidence, surface: ModelSurface, X_ST: Array, covariance
 
 
 def _profile(evidence: Evidence, surface: ModelSurface, X_ST: Array, reach: float) -> tuple[float, float]:
-    """Curvature [nat/spacing^2], positive at a maximum, and slope [nat/spacing] of the log likelihood along the slip."""
+    """Curvature [nat/spacing^2], positive at a maximum, and slope [nat/spacing] of the likelihood along the slip."""
     steps = reach * _TRIED  # [spacings]
     poses = (X_ST @ slipped(surface, k * surface.spacing) for k in steps)
     square, slope, _ = np.polyfit(steps, [log_likelihood(evidence, surface, X, _COMPARED) for X in poses], 2)

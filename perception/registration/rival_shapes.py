@@ -1,4 +1,4 @@
-"""Mirror image of a model as a rival: an object of the other hand may fit nearly as well, and is another object."""
+"""Other shapes as rivals of a model: its mirror image and other sizes may fit nearly as well, and are other objects."""
 
 from dataclasses import replace
 from functools import lru_cache
@@ -11,11 +11,12 @@ from models.objects.target_model import Symmetry, TargetModel
 from perception.registration.evidence import Evidence
 from perception.registration.likelihood import difference, log_likelihood
 from perception.registration.model_surface import ModelSurface
-from perception.registration.pose_search import likeliest_of, weighed_again
+from perception.registration.pose_search import Found, likeliest_of, weighed_again
 from perception.registration.symmetry import ambiguous_poses
 from sim.interfaces.spatial import Array, pose
 
 MIN_HAND = 3.0  # [nat] of log likelihood above that of the mirror image: odds of 20
+_NEAR = 7  # other poses that were found, from which a model of another size is fitted too
 _ALIKE_POSES = 24  # of those that look like the pose of the model, from which its mirror image is fitted too
 _ALIKE = 2.0  # [nat] expected difference of log likelihood, below which this view does not tell one from the other
 
@@ -44,6 +45,39 @@ def mirrored_log_likelihood(searched: Evidence, evidence: Evidence, surface: Mod
     if difference(evidence, (surface, X_ST), (rival, found.X_ST)) < _ALIKE:
         return -np.inf
     return found.log_likelihood
+
+
+def resized_log_likelihood(evidence: Evidence, surface: ModelSurface, size: float, found: Found) -> float:
+    """Log likelihood [nat] of the scan with the model at another size, fitted near the poses that were found.
+
+    Args:
+        evidence: Scan of the object.
+        surface: Sampled model.
+        size: [-] of the other over that of the model.
+        found: Result of the search with the model.
+    """
+    rival = resized(surface, size)
+    near = [found.X_ST, *(each.X_sensor_target for each in found.others[:_NEAR])]
+    starts = [pose(X[:3, :3], X[:3, 3] + (1.0 - size) * X[:3, :3] @ surface.center) for X in near]
+    return likeliest_of(evidence, rival, starts, log_likelihood(evidence, surface, found.X_ST)).log_likelihood
+
+
+@lru_cache(maxsize=16)
+def resized(surface: ModelSurface, size: float) -> ModelSurface:
+    """The model scaled by `size` about the origin of T."""
+    target, symmetry = surface.target, surface.symmetry
+    return replace(
+        surface,
+        target=TargetModel(name=target.name, vertices=size * target.vertices, triangles=target.triangles),
+        points=size * surface.points,
+        spacing=size * surface.spacing,
+        center=size * surface.center,
+        radius=size * surface.radius,
+        scene=type(surface.scene)(size * target.vertices, target.triangles),
+        hull=size * surface.hull,
+        border=None if surface.border is None else cKDTree(size * surface.border.data),
+        symmetry=replace(symmetry, center=size * symmetry.center),
+    )
 
 
 @lru_cache(maxsize=16)

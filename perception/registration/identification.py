@@ -203,7 +203,9 @@ def identify(
     if found.asks and verdict.decision is Decision.ACCEPT:
         verdict = replace(verdict, decision=Decision.RESCAN, reason=found.asks)
     if method == "planes" and verdict.decision is Decision.ACCEPT:
-        hand = log_likelihood(evidence, surface, X_ST) - mirrored_log_likelihood(searched, evidence, surface, X_ST)
+        anyhow = Expected(p=p_approach, error=expected.error, R=None)
+        mirrored = mirrored_log_likelihood(searched, evidence, surface, X_ST, anyhow)
+        hand = log_likelihood(evidence, surface, X_ST) - mirrored
         if hand < MIN_HAND:
             said = "better" if hand < -MIN_HAND else "as well"
             verdict = replace(verdict, decision=Decision.RESCAN, reason=f"its mirror image fits {said}")

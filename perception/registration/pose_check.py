@@ -64,7 +64,9 @@ MAX_THROUGH = 0.12  # [-] largest share of rays on which the scan sees through t
 MIN_EDGE_SHARE = 0.25  # [-] least share of the model's sharp edges found in the scan
 MAX_GOES_ON = 0.35  # [-] largest share of the model's edges beyond which the scanned surface goes on
 MAX_BEYOND = 0.25  # [-] unexplained share of the scanned surface around the model; fouled objects reach 0.13
-_ENDS = 0.1  # [-] share of the edges beyond which the surface goes on, up to which the object ends where the model does
+# [-] share of the model's sharp edges that the scan shows, at least, and beyond which it goes on, at most, where the
+# object ends as the model does
+_ENDS = (0.75, 0.1)
 _MAX_TOUCHING = 0.5  # [-] unexplained share then: a neighbour touches it
 MIN_COVERAGE = 0.25  # [-] least share of the expected rays on which the scan shows the object
 WHOLE = 0.5  # [-] coverage above which another scan is not expected to remove a contradiction
@@ -189,7 +191,7 @@ def check(
     form_threshold = MODEL_TOLERANCE + 1.1 * noise / np.sqrt(independent)
 
     offsets, edge_share, goes_on = edge_offsets(evidence, surface, X_ST)
-    beyond = _beyond(evidence, surface, X_ST)
+    beyond, ends = _beyond(evidence, surface, X_ST), edge_share > _ENDS[0] and goes_on < _ENDS[1]
     edge = float(np.median(np.abs(offsets))) if len(offsets) else np.nan
     edge_threshold = 3.0 * float(np.median(rays.pitch)) + 0.002
     rest = fit or fine_fit(evidence, surface, X_ST)
@@ -217,7 +219,7 @@ def check(
             (edge > edge_threshold, f"edges lie {1e3 * edge:.1f} mm apart, limit {1e3 * edge_threshold:.1f} mm"),
             (goes_on > MAX_GOES_ON, f"the surface goes on beyond {goes_on:.0%} of the model's edges"),
             (
-                beyond > (_MAX_TOUCHING if goes_on < _ENDS else MAX_BEYOND),
+                beyond > (_MAX_TOUCHING if ends else MAX_BEYOND),
                 f"{beyond:.0%} of the surface that it lies on is not the model's",
             ),
             (
@@ -336,6 +338,10 @@ def _cast(evidence: Evidence, surface: ModelSurface, X_ST: Array, points: Array)
     around = ndimage.minimum_filter(first, 3)[row, column]
     occluder = np.maximum(OCCLUDER, 6.0 * sigma)
     hidden = (around < z - occluder) | (-occluder > E)
+    # Where scan and model agree along the line of sight, a ray beside it passed through a gap that an occluder leaves.
+    behind = scan.depth[top : top + len(first), left : left + first.shape[1]][row, column] - z
+    agrees = np.abs(behind) < 3.0 * sigma
+    E = np.where(agrees & ~(np.abs(E) < 3.0 * sigma), behind, E)
     # Where the ray meets no triangle the line of sight decides: the scan lies behind, or there is no depth around.
     meets = np.isfinite(E)
     past = ~meets & np.where(np.isfinite(around), around > z + 3.0 * sigma, True)

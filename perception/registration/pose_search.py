@@ -24,7 +24,7 @@ _ROUGH_MODEL = 8000  # model points in a rough fit, about
 _NUDGED = 40  # initial poses that get a few steps of ICP, if there are many
 _NUDGE_POINTS, _NUDGE_MODEL = 300, 3000  # points of scan and model in these, about
 REFINED = 8  # initial poses that get a rough fit
-_NUDGED_OF_MANY, _REFINED_OF_MANY = 16, 3  # of starts that lie close together
+_NUDGED_OF_MANY, _REFINED_OF_MANY = 24, 5  # of starts that lie close together
 _ALIKE = 3  # poses that look like the likeliest one that get a rough fit
 _SLIDING = 0.7  # [-] translational share of a free twist, from which on it is searched by translation
 _SLIDES = (-0.4, -0.2, -0.1, 0.1, 0.2, 0.4)  # [radii] of the model: translations tried along a free twist
@@ -103,7 +103,7 @@ def likeliest_pose(
     explored: list[_Candidate] = []
     for _ in range(_EXPLORED if slipping_twist(surface) is None else _EXPLORED_SLIPPING):
         # The likeliest pose and then its rivals: from a flange turned over, no single step leads to its bolts.
-        near = _rivals(tried, to_beat if explored else -np.inf)
+        near = _rivals(evidence, tried, to_beat if explored else -np.inf)
         new = [each for each in near if _is_new(surface, each.X_ST, explored)]
         if not new:
             break
@@ -115,10 +115,10 @@ def likeliest_pose(
             fit = near[0].fit if near else fine_fit(*thin, X)
             tried.append(_likelier(evidence, surface, fit, X, explored[-1].X_start))
     rough_best, *rest = _distinct(surface, tried)
-    if rough_best.log_likelihood > to_beat - _RIVAL:
+    if rough_best.log_likelihood > to_beat - _of_noise(evidence, _RIVAL):
         tried.append(_finished(evidence, surface, rough_best))
         short = 2.0 * (tried[-1].log_likelihood - rough_best.log_likelihood)  # so may be the others, about
-        least = max(tried[-1].log_likelihood, to_beat) - _RIVAL - short
+        least = max(tried[-1].log_likelihood, to_beat) - _of_noise(evidence, _RIVAL) - short
         near = [each for each in rest if each.log_likelihood > least]
         tried += [_finished(evidence, surface, each) for each in near[: _FINISHED - 1]]
     tried += _beside(evidence, surface, _likeliest(tried))
@@ -155,7 +155,7 @@ def likeliest_of(evidence: Evidence, surface: ModelSurface, starts: list[Array],
     poses = _ranked(evidence, surface, starts, _REFINED_OF_MANY, _NUDGED_OF_MANY)
     tried = [_likelier(evidence, surface, fine_fit(*thin, X), X, X) for X in poses]
     best = _likeliest(tried)
-    if best.log_likelihood > to_beat - _RIVAL:
+    if best.log_likelihood > to_beat - _of_noise(evidence, _RIVAL):
         tried.append(_finished(evidence, surface, best))
     return _best_of(surface, tried)
 
@@ -225,10 +225,15 @@ def _likelier(evidence: Evidence, surface: ModelSurface, fit: IcpFit, X_before: 
     return _Candidate(fit if after > before else replace(fit, X_ST=X_before), X_start, max(before, after))
 
 
-def _rivals(candidates: list[_Candidate], to_beat: float) -> list[_Candidate]:
+def _rivals(evidence: Evidence, candidates: list[_Candidate], to_beat: float) -> list[_Candidate]:
     """Those that come near the likeliest explanation; what ICP leaves to gain is far less."""
-    least = max(_likeliest(candidates).log_likelihood, to_beat) - _RIVAL
+    least = max(_likeliest(candidates).log_likelihood, to_beat) - _of_noise(evidence, _RIVAL)
     return [each for each in candidates if each.log_likelihood > least]
+
+
+def _of_noise(evidence: Evidence, nats: float) -> float:
+    """What ICP leaves to gain where it leaves `nats` [nat] with the noise as stated: more, the less noise there is."""
+    return nats * evidence.noise.information / evidence.sensor.information
 
 
 def _is_new(surface: ModelSurface, X_ST: Array, candidates: list[_Candidate]) -> bool:
@@ -306,7 +311,9 @@ def _beside(evidence: Evidence, surface: ModelSurface, best: _Candidate) -> list
     found: list[_Candidate] = []
     for step in _steps(_FAR, sigma, surface):
         X = _along(covariance, step * sigma * axes[:, -1]) @ best.X_ST
-        if log_likelihood(evidence, surface, X) > best.log_likelihood - _NEARLY and _differ(surface, X, best.X_ST):
+        if log_likelihood(evidence, surface, X) > best.log_likelihood - _of_noise(evidence, _NEARLY) and _differ(
+            surface, X, best.X_ST
+        ):
             fit = fine_fit(evidence, surface, X, GATES[1:])
             likelihood = log_likelihood(evidence, surface, fit.X_ST)
             X_ST, likelihood = polished(evidence, surface, fit, likelihood)

@@ -9,6 +9,7 @@ from scipy.spatial import cKDTree
 from models.objects.mesh_symmetry import has_mirror_plane
 from models.objects.target_model import Symmetry, TargetModel
 from perception.registration.evidence import Evidence
+from perception.registration.initialiser import Expected, initial_poses
 from perception.registration.likelihood import difference, log_likelihood
 from perception.registration.model_surface import ModelSurface
 from perception.registration.pose_search import Found, likeliest_of, weighed_again
@@ -21,7 +22,9 @@ _ALIKE_POSES = 24  # of those that look like the pose of the model, from which i
 _ALIKE = 2.0  # [nat] expected difference of log likelihood, below which this view does not tell one from the other
 
 
-def mirrored_log_likelihood(searched: Evidence, evidence: Evidence, surface: ModelSurface, X_ST: Array) -> float:
+def mirrored_log_likelihood(
+    searched: Evidence, evidence: Evidence, surface: ModelSurface, X_ST: Array, expected: Expected
+) -> float:
     """Log likelihood [nat] of the scan with the mirror image of the model, fitted near a pose of the model.
 
     Args:
@@ -29,6 +32,7 @@ def mirrored_log_likelihood(searched: Evidence, evidence: Evidence, surface: Mod
         evidence: The same with the noise by which the pose was weighed at last.
         surface: Sampled model.
         X_ST: (4, 4) fitted pose of T in S.
+        expected: Where the object may be.
 
     Returns:
         The log likelihood [nat]; -inf where the mirror image is the same shape, or looks the same in this view.
@@ -39,6 +43,7 @@ def mirrored_log_likelihood(searched: Evidence, evidence: Evidence, surface: Mod
     alike = ambiguous_poses(surface)
     alike = (np.eye(4), *alike[:: -(-len(alike) // _ALIKE_POSES) or 1])
     starts = [X_ST @ G @ turn for G in alike for turn in _turns(surface)]
+    starts += initial_poses(searched.scan, searched.mask, rival, searched.sensor, expected)
     found = likeliest_of(searched, rival, starts, log_likelihood(searched, surface, X_ST))
     if evidence is not searched:
         found = weighed_again(evidence, rival, found)

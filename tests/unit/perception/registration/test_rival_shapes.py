@@ -9,8 +9,8 @@ from models.objects.target_model import TargetModel
 from models.objects.targets import barrel, starfish
 from perception.clouds.scan import Scan
 from perception.registration.identification import identify
-from perception.registration.rival_shapes import mirror_image
 from perception.registration.model_surface import ModelSurface
+from perception.registration.rival_shapes import mirror_image
 
 VIEW = seen_from(np.array([0.15, -0.4, 0.8]))
 

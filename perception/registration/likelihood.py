@@ -1,5 +1,7 @@
 """Likelihood of a scan, given the pose of a known model: what ranks poses, and what the best is compared with."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from perception.registration.evidence import Evidence
@@ -38,7 +40,7 @@ def log_likelihood(evidence: Evidence, surface: ModelSurface, X_ST: Array, pixel
     Returns:
         The log likelihood [nat], more than without the model.
     """
-    window = _window(evidence, surface, X_ST, pixels)
+    window = _window(evidence, [(surface, X_ST)], pixels)
     if window is None:
         return 0.0
     scan, mask = evidence.scan.part(window), evidence.standing[window]
@@ -62,7 +64,7 @@ def difference(evidence: Evidence, one: tuple[ModelSurface, Array], other: tuple
     Returns:
         The expected log likelihood ratio [nat], 0 where both look the same; occluded pixels do not count.
     """
-    window = _window(evidence, *one, _PIXELS, *other)
+    window = _window(evidence, [one, other], _PIXELS)
     if window is None:
         return 0.0
     scan = evidence.scan.part(window)
@@ -75,13 +77,10 @@ def difference(evidence: Evidence, one: tuple[ModelSurface, Array], other: tuple
 
 
 def _window(
-    evidence: Evidence, surface: ModelSurface, X_ST: Array, pixels: int, *other: ModelSurface | Array
+    evidence: Evidence, models: Sequence[tuple[ModelSurface, Array]], pixels: int
 ) -> tuple[slice, slice] | None:
-    """Rows and columns around a model at its pose, and around an `other` one; None where neither is in the picture."""
-    corners = [transform_points(X_ST, surface.hull)]
-    if other:
-        rival, X_rival = other
-        corners.append(transform_points(X_rival, rival.hull))
+    """Rows and columns around models at their poses (4, 4), thinned to `pixels`; None if none is in the picture."""
+    corners = [transform_points(X_ST, surface.hull) for surface, X_ST in models]
     rows, columns = evidence.scan.window(np.concatenate(corners), 0.0, pixels)
     if rows.stop <= rows.start or columns.stop <= columns.start:
         return None

@@ -3,12 +3,13 @@
 import numpy as np
 import pytest
 
+from models.meshes.closed_shells import sphere
 from models.objects.target_model import TargetModel
 from perception.clouds.scan import Scan, SensorModel, contour, without_flying_pixels
 from perception.registration.evidence import Evidence
 from perception.registration.fine_fit import fine_fit
 from perception.registration.model_surface import ModelSurface
-from perception.registration.pairing import edge_offsets
+from perception.registration.pairing import Pairing, edge_offsets
 from sim.interfaces.spatial import Array, exp_so3, pose
 from sim.sensors.stereo_noise import StereoNoise, add_noise
 
@@ -109,3 +110,52 @@ def test_an_edge_at_another_depth_is_not_the_models(bar: float, slab: ModelSurfa
         found = fine_fit(seen(X_ST, None, rng, bar), slab, X_ST).X_ST
         off = (X_ST[:3, :3].T @ (found[:3, 3] - X_ST[:3, 3]))[:2] / (X_ST[2, 3] * PITCH)
         within("moved [px]", off, 0.7)  # at most 0.31 on 60 seeds; an edge that is taken wrongly moves it by 1.4 to 1.7
+
+
+BALL, AWAY = 0.12, 1.0  # [m] radius, and distance from the sensor
+
+
+@pytest.fixture(scope="module")
+def ball() -> ModelSurface:
+    vertices, triangles = sphere(4)
+    return ModelSurface.of(TargetModel(name="ball", vertices=BALL * vertices, triangles=triangles))
+
+
+def ball_before_a_wall(shadow: float = 0.0) -> Evidence:
+    """A ball on the optical axis, without depth where it is too steep, and for `shadow` pixels to the right of it."""
+    x, y = np.meshgrid(TANGENT_X, TANGENT_Y)
+    square = 1.0 + x**2 + y**2
+    inside = AWAY**2 - square * (AWAY**2 - BALL**2)
+    hit = inside > 0.0
+    z = np.where(hit, (AWAY - np.sqrt(np.maximum(inside, 0.0))) / square, WALL)
+    steep = hit & (np.sqrt(np.maximum(inside, 0.0)) / (np.sqrt(square) * BALL) < np.cos(SensorModel().max_incidence))
+    shaded = ~hit & (x > 0.0) & (np.hypot(x, y) < silhouette() + shadow * PITCH)
+    z[steep | shaded] = np.nan
+    scan = Scan.of_grid(z, TANGENT_X, TANGENT_Y)
+    return Evidence.of(scan, np.isfinite(z) & hit, 0.004, SensorModel())
+
+
+def silhouette() -> float:
+    """Tangent of the angle between the axis and the ball's outline."""
+    return BALL / np.sqrt(AWAY**2 - BALL**2)
+
+
+def test_the_outline_of_a_ball_is_where_the_wall_begins(ball: ModelSurface, within):
+    """The last depth on the ball lies 1.9 px further in, where it is too steep."""
+    X_ST = pose(p=[0.0, 0.0, AWAY])
+    pairing = Pairing.of(ball_before_a_wall(), ball, X_ST)
+    assert pairing is not None
+    rows = pairing.edge_rows(X_ST, 8.0 * ball.spacing)
+    assert len(rows.J) > 300
+    radius = np.hypot(*rows.tangents.T)
+    within("outline [px]", (radius.mean() - silhouette()) / PITCH, 0.1)
+    within("pull [px]", rows.distance.mean() / (AWAY * PITCH), 0.2)  # the mesh's facets lie inside the ball
+
+
+def test_a_shadow_of_the_second_camera_is_no_outline(ball: ModelSurface):
+    X_ST = pose(p=[0.0, 0.0, AWAY])
+    pairing = Pairing.of(ball_before_a_wall(shadow=8.0), ball, X_ST)
+    assert pairing is not None
+    rows = pairing.edge_rows(X_ST, 8.0 * ball.spacing)
+    assert len(rows.J) > 100
+    assert rows.tangents[:, 0].max() < 0.02  # [-] of 0.12: none on the side of the shadow

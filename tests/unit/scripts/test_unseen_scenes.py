@@ -28,6 +28,7 @@ from scenarios.unseen.scenes import (
     wrong,
 )
 from scenarios.unseen.solids import ball, moved
+from scenarios.unseen.study import UnseenTrial, run
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array, exp_so3, inverse, pose, transform_points
 
@@ -280,3 +281,12 @@ def test_an_empty_sea_is_drawn_anew():
     scene = build(wrong(149116613, 8))  # its first draw has neither the object nor anything else
     assert scene.there is None
     assert np.isfinite(scene.exact).any()
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("member", [0, 4])
+def test_in_a_heap_the_object_is_found_that_others_resemble_more(member: int):
+    """A frame and a union, 2000 and 3500 pixels among four others: none of the likeliest starts leads there."""
+    row = run(UnseenTrial(piled(990001, 10 + member), "place"))
+    assert row["found"]
+    assert row["decision"] == "accept", row["reason"]

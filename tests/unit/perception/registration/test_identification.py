@@ -346,6 +346,18 @@ def test_a_face_whose_plane_cuts_the_bed_is_no_background(rng):
     assert wall[disc].mean() > 0.95
 
 
+@pytest.mark.parametrize("reach", [0.3, 0.36])
+def test_a_panel_in_the_picture_is_the_object_though_a_neighbour_lengthens_it(reach: float):
+    """The object may be 0.5 m long: a panel of 0.6 m that the picture shows whole is kept, one of 0.72 m is a wall."""
+    x = y = np.arange(-0.3, 0.3, 0.003)
+    tx, ty = np.meshgrid(x, y)
+    panel = (np.abs(2.0 * tx) < reach) & (np.abs(2.0 * ty) < 0.1)
+    z = np.where(panel, 2.0, np.nan)
+    scan = Scan(points=np.stack([z * tx, z * ty, z], axis=-1), tangent_x=x, tangent_y=y)
+    taken = background(scan, panel, 0.5, SensorModel(focal=1.0 / 0.003), np.random.default_rng(0))
+    assert taken[panel].mean() == pytest.approx(1.0 if reach > 0.35 else 0.0, abs=0.01)
+
+
 def test_finder_lays_the_path_in_the_world(frame: DepthImage, within):
     X_WT = pose(exp_so3([0, 0, 0.7]), [5.0, -2.0, -9.0])
     X_BC = pose(exp_so3([-1.9, 0.1, 0.0]), [0.5, 0.0, -0.2])

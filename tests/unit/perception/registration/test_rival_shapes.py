@@ -1,4 +1,4 @@
-"""The mirror image as a rival: an object of the other hand is refused, one without a hand is not asked."""
+"""Rivals: an object of the other hand is refused, one without a hand is not asked; the model at another size."""
 
 import numpy as np
 import pytest
@@ -9,8 +9,10 @@ from models.objects.target_model import TargetModel
 from models.objects.targets import barrel, starfish
 from perception.clouds.scan import Scan
 from perception.registration.identification import identify
+from perception.registration.likelihood import log_likelihood
 from perception.registration.model_surface import ModelSurface
-from perception.registration.rival_shapes import mirror_image
+from perception.registration.pose_search import Found
+from perception.registration.rival_shapes import mirror_image, resized, resized_log_likelihood
 
 VIEW = seen_from(np.array([0.15, -0.4, 0.8]))
 
@@ -43,3 +45,27 @@ def test_only_what_has_a_hand_has_a_rival(within):
     rival = mirror_image(surface)
     assert rival is not None
     within("reflected twice", np.sort(rival.points * [-1.0, 1.0, 1.0], axis=0) - np.sort(surface.points, axis=0), 1e-12)
+
+
+@pytest.mark.parametrize("size", [0.95, 1.05])
+def test_an_object_of_another_size_is_likelier_as_that(size):
+    """Five percent: the scan is likelier at the right size by far more than what separates a pose from its rivals."""
+    surface, target = ModelSurface.of(hooked(1.0)), hooked(1.0)
+    other = TargetModel(name="other", vertices=size * target.vertices, triangles=target.triangles)
+    frame = look(other, VIEW, np.random.default_rng(4), floor=False)
+    found = identify(Scan.from_depth(frame), surface, VIEW[:3, 3])
+    assert not found.accepted
+    assert found.evidence is not None
+    X_ST = found.X_sensor_target
+    search = Found(X_ST, None, X_ST, log_likelihood(found.evidence, surface, X_ST), found.hypotheses[1:])
+    assert resized_log_likelihood(found.evidence, surface, size, search) > search.log_likelihood + 20.0
+
+
+def test_a_resized_model_is_the_model_resized(within):
+    surface = ModelSurface.of(hooked(1.0))
+    twice = resized(surface, 2.0)
+    within("centre [m]", twice.center - 2.0 * surface.center, 1e-12)
+    ray = np.array([[0.0, 0.0, -1.0]])
+    within(
+        "ray [m]", twice.scene.distance([0.0, 0.0, 2.0], ray) - 2.0 * surface.scene.distance([0.0, 0.0, 1.0], ray), 1e-5
+    )

@@ -157,12 +157,18 @@ def model_files(folder: str | Path) -> list[Path]:
 
 
 def _compared(found: Mapping[str, Identification]) -> tuple[Candidate, ...]:
-    """The candidates on common pixels, the likeliest first; those that were not found last."""
+    """The candidates on common pixels with the noise that the best of them leaves, the likeliest first.
+
+    Those that were not found come last.
+    """
     seen = {name: each.evidence for name, each in found.items() if each.evidence is not None}
     rivals = [evidence for name, evidence in seen.items() if found[name].decision is not Decision.REFUSE]
     common = None
     for evidence in rivals or list(seen.values()):
-        common = evidence if common is None else replace(common, standing=common.standing | evidence.standing)
+        if common is None:
+            common = evidence
+        noise = max(common.noise, evidence.noise, key=lambda noise: noise.information)
+        common = replace(common, standing=common.standing | evidence.standing, noise=noise)
     candidates = [
         Candidate(
             name=name,

@@ -72,12 +72,7 @@ class _Candidate:
 
 
 def likeliest_pose(
-    evidence: Evidence,
-    surface: ModelSurface,
-    starts: list[Array],
-    given: list[Array],
-    to_beat: float = -np.inf,
-    most: int = REFINED,
+    evidence: Evidence, surface: ModelSurface, starts: list[Array], given: list[Array], most: int = REFINED
 ) -> Found:
     """ICP from the likeliest starts, then from poses that look like the likeliest one, until none is likelier.
 
@@ -86,7 +81,6 @@ def likeliest_pose(
         surface: Sampled model.
         starts: Initial poses (4, 4) of the search; at least one here or among `given`.
         given: Initial poses (4, 4) from prior knowledge, which are tried whatever their likelihood.
-        to_beat: [nat] Log likelihood of another explanation; the search ends where all that was tried is far below it.
         most: Number of starts that are fitted, at most: the likeliest ones.
     """
     thin = _rough(evidence, surface), surface.thinned(_ROUGH_MODEL)
@@ -94,33 +88,28 @@ def likeliest_pose(
     def fitted(X: Array, X_start: Array) -> _Candidate:
         return _likelier(evidence, surface, fine_fit(*thin, X), X, X_start)
 
-    def best_of(poses: Iterable[Array], most: int) -> list[Array]:
-        return _likeliest_at_a_glance(evidence, surface, poses, most)
-
     tried = [fitted(X, X) for X in [*_ranked(evidence, surface, starts, most), *given]]
     best = _likeliest(tried)
     tried += [fitted(X, best.X_start) for X in _slides(evidence, surface, best.fit)]
     explored: list[_Candidate] = []
     for _ in range(_EXPLORED if slipping_twist(surface) is None else _EXPLORED_SLIPPING):
         # The likeliest pose and then its rivals: from a flange turned over, no single step leads to its bolts.
-        near = _rivals(evidence, tried, to_beat if explored else -np.inf)
-        new = [each for each in near if _is_new(surface, each.X_ST, explored)]
+        new = [each for each in _rivals(evidence, tried) if _is_new(surface, each.X_ST, explored)]
         if not new:
             break
         explored.append(_likeliest(new))
         X_now = explored[-1].X_ST
-        alike = best_of((X_now @ G for G in ambiguous_poses(surface)), _ALIKE)
+        alike = _likeliest_at_a_glance(evidence, surface, (X_now @ G for G in ambiguous_poses(surface)), _ALIKE)
         for X in [*alike, *resting_places(evidence, surface, X_now)]:
             near = [each for each in tried if not _differ(surface, X, each.X_ST)]
             fit = near[0].fit if near else fine_fit(*thin, X)
             tried.append(_likelier(evidence, surface, fit, X, explored[-1].X_start))
     rough_best, *rest = _distinct(surface, tried)
-    if rough_best.log_likelihood > to_beat - _of_noise(evidence, _RIVAL):
-        tried.append(_finished(evidence, surface, rough_best))
-        short = 2.0 * (tried[-1].log_likelihood - rough_best.log_likelihood)  # so may be the others, about
-        least = max(tried[-1].log_likelihood, to_beat) - _of_noise(evidence, _RIVAL) - short
-        near = [each for each in rest if each.log_likelihood > least]
-        tried += [_finished(evidence, surface, each) for each in near[: _FINISHED - 1]]
+    tried.append(_finished(evidence, surface, rough_best))
+    short = 2.0 * (tried[-1].log_likelihood - rough_best.log_likelihood)  # so may be the others, about
+    least = tried[-1].log_likelihood - _of_noise(evidence, _RIVAL) - short
+    near = [each for each in rest if each.log_likelihood > least]
+    tried += [_finished(evidence, surface, each) for each in near[: _FINISHED - 1]]
     tried += _beside(evidence, surface, _likeliest(tried))
     for _ in range(_EXPLORED):
         best = _likeliest(tried)
@@ -128,10 +117,11 @@ def likeliest_pose(
         tried += [_finished(evidence, surface, replace(best, fit=replace(best.fit, X_ST=X))) for X in places]
         if best is _likeliest(tried):
             break
-    return _best_of(surface, tried)
+    return _found(surface, tried)
 
 
-def _best_of(surface: ModelSurface, tried: list[_Candidate]) -> Found:
+def _found(surface: ModelSurface, tried: list[_Candidate]) -> Found:
+    """The likeliest of all, and those that are apart from it and from each other."""
     best, *others = _distinct(surface, tried)
     return Found(
         best.X_ST,
@@ -157,7 +147,7 @@ def likeliest_of(evidence: Evidence, surface: ModelSurface, starts: list[Array],
     best = _likeliest(tried)
     if best.log_likelihood > to_beat - _of_noise(evidence, _RIVAL):
         tried.append(_finished(evidence, surface, best))
-    return _best_of(surface, tried)
+    return _found(surface, tried)
 
 
 def _ranked(
@@ -176,6 +166,7 @@ def _ranked(
 
 
 def _likeliest_at_a_glance(evidence: Evidence, surface: ModelSurface, poses: Iterable[Array], most: int) -> list[Array]:
+    """The `most` likeliest of `poses` (4, 4), by a few pixels, the likeliest first."""
     return sorted(poses, key=lambda X: -glance(evidence, surface, X))[:most]
 
 
@@ -194,7 +185,7 @@ def weighed_again(evidence: Evidence, surface: ModelSurface, found: Found) -> Fo
     ]
     for X in poses[_WEIGHED:]:
         tried.append(_Candidate(replace(start, X_ST=X), found.X_start, log_likelihood(evidence, surface, X)))
-    return _best_of(surface, tried)
+    return _found(surface, tried)
 
 
 def _rough(evidence: Evidence, surface: ModelSurface) -> Evidence:
@@ -208,8 +199,8 @@ def _rough(evidence: Evidence, surface: ModelSurface) -> Evidence:
 
 def best_alternative(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> float:
     """Log likelihood [nat] of the scan at the best fitted pose that looks nearly as `X_ST` does; -inf without any."""
-    ranked = sorted((X_ST @ G for G in ambiguous_poses(surface)), key=lambda X: -glance(evidence, surface, X))
-    fitted = (fine_fit(evidence, surface, X).X_ST for X in ranked[:_ALIKE])
+    alike = _likeliest_at_a_glance(evidence, surface, (X_ST @ G for G in ambiguous_poses(surface)), _ALIKE)
+    fitted = (fine_fit(evidence, surface, X).X_ST for X in alike)
     return max((log_likelihood(evidence, surface, X) for X in fitted if _differ(surface, X, X_ST)), default=-np.inf)
 
 
@@ -225,9 +216,9 @@ def _likelier(evidence: Evidence, surface: ModelSurface, fit: IcpFit, X_before: 
     return _Candidate(fit if after > before else replace(fit, X_ST=X_before), X_start, max(before, after))
 
 
-def _rivals(evidence: Evidence, candidates: list[_Candidate], to_beat: float) -> list[_Candidate]:
+def _rivals(evidence: Evidence, candidates: list[_Candidate]) -> list[_Candidate]:
     """Those that come near the likeliest explanation; what ICP leaves to gain is far less."""
-    least = max(_likeliest(candidates).log_likelihood, to_beat) - _of_noise(evidence, _RIVAL)
+    least = _likeliest(candidates).log_likelihood - _of_noise(evidence, _RIVAL)
     return [each for each in candidates if each.log_likelihood > least]
 
 

@@ -567,11 +567,15 @@ def hull_figures(recording: Recording) -> HullMetrics:
 
 
 def _identification(recording: Recording, truth: TrueObject) -> IdentificationMetrics:
-    """Error of the last identification, up to the object's symmetry."""
+    """Error of the pose that the work went by, up to the object's symmetry; of the last find without any work.
+
+    Range, check and verdict are those of the last find.
+    """
     if not recording.targets:
         return unmeasured(IdentificationMetrics, accepted=False, views=0)
     found = recording.targets[-1]
-    position, orientation = truth.model.symmetry.error(found.X_WT, truth.X_WT)
+    worked_on = recording.goes_by or found
+    position, orientation = truth.model.symmetry.error(worked_on.X_WT, truth.X_WT)
     return IdentificationMetrics(
         position_error_m=_finite(position),
         orientation_error_rad=_finite(orientation),

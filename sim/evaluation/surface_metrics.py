@@ -7,13 +7,13 @@ from sim.evaluation.schemas import metric
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class IdentificationMetrics:
-    """Error of the last identification, up to the object's symmetry."""
+    """Error of the pose that the work went by, the mean of the finds, and the last of these."""
 
     position_error_m: float | None = metric(
-        "Origin of the found pose from the true one, up to the object's symmetry.", minimum=0
+        "Origin of the pose that the work went by from the true one, up to the object's symmetry.", minimum=0
     )
     orientation_error_rad: float | None = metric(
-        "Least rotation from the found pose to the true one, up to the object's symmetry.", minimum=0
+        "Least rotation from the pose that the work went by to the true one, up to the object's symmetry.", minimum=0
     )
     range_m: float | None = metric("Camera to the target's centre.", minimum=0)
     check_m: float | None = metric("The acceptance check's figure.", minimum=0)

@@ -13,7 +13,7 @@ import numpy as np
 
 from perception.registration.evidence import Evidence
 from perception.registration.model_surface import ModelSurface
-from perception.registration.pairing import Pairing
+from perception.registration.pairing import Pairing, PairRows
 from sim.interfaces.spatial import Array, exp_so3, pose, transform_points
 
 GATES = (8.0, 3.0)  # [spacings] distance within which points are paired, in the first and in the last round
@@ -82,6 +82,15 @@ def fine_fit(
         return IcpFit(X_ST, np.zeros((0, 6)), np.inf, 1.0, np.inf)
     H, g, residual = pairing.terms(X_ST, gate, pairing.nearest(X_ST, gate))
     return IcpFit(X_ST, _moved(X_ST, H, g, surface)[1], residual, *_size(H, g, surface), pairing)
+
+
+def icp_rows(evidence: Evidence, surface: ModelSurface, fit: IcpFit) -> PairRows | None:
+    """The pairs of the last round at the pose of a fit; None if the model is out of view."""
+    pairing = fit.pairing or Pairing.of(evidence, surface, fit.X_ST)
+    if pairing is None:
+        return None
+    gate = GATES[-1] * surface.spacing
+    return pairing.rows(fit.X_ST, gate, pairing.nearest(fit.X_ST, gate))
 
 
 def _moved(X_ST: Array, H: Array, g: Array, surface: ModelSurface) -> tuple[Array, Array]:

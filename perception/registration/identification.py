@@ -22,6 +22,7 @@ from perception.registration.model_surface import ModelSurface
 from perception.registration.pose_check import MAX_SIZE, MIN_MARGIN, Decision, PoseCheck, check
 from perception.registration.pose_covariance import PoseCovariance, pose_covariance
 from perception.registration.pose_search import REFINED, Found, Hypothesis, likeliest_pose, weighed_again
+from perception.registration.projective_fit import polished_rows
 from perception.registration.published.paper_check import published_criterion
 from perception.registration.published.paper_icp import laid_on, paper_fit, required_error
 from perception.registration.rival_shapes import MIN_HAND, mirrored_log_likelihood, resized_log_likelihood
@@ -270,7 +271,7 @@ def _judge(evidence: Evidence, surface: ModelSurface, found: Found, X_near: Arra
     second = found.others[0].log_likelihood if found.others else -np.inf
     doubt = None
     if found.fit is not None:
-        doubt = pose_covariance(evidence, surface, X_ST, found.fit.free)
+        doubt = pose_covariance(evidence, surface, X_ST, found.fit.free, polished_rows(evidence, surface, X_ST))
         doubt = doubt and with_slip(evidence, surface, X_ST, doubt)
     return _Judged(X_ST, X_told, doubt, check(evidence, surface, X_ST, found.fit, second, doubt))
 

@@ -8,9 +8,8 @@ errors of pixels may be correlated in whatever way. Motions that no pair resists
 import numpy as np
 
 from perception.registration.evidence import Evidence
-from perception.registration.fine_fit import GATES
 from perception.registration.model_surface import ModelSurface
-from perception.registration.pairing import Pairing, PairRows
+from perception.registration.pairing import PairRows
 from sim.interfaces.pose_covariance import PoseCovariance
 from sim.interfaces.spatial import Array, readonly, transform_points
 
@@ -23,25 +22,22 @@ _FEWEST = 4  # tiles, below which nothing is said
 
 
 def pose_covariance(
-    evidence: Evidence, surface: ModelSurface, X_ST: Array, free: Array, pairing: Pairing | None = None
+    evidence: Evidence, surface: ModelSurface, X_ST: Array, free: Array, rows: PairRows | None
 ) -> PoseCovariance | None:
-    """Covariance of a pose to which ICP has converged.
+    """Covariance of a pose to which a fit has converged.
 
     Args:
         evidence: Scan of the object.
         surface: Sampled model.
         X_ST: (4, 4) the pose.
         free: (k, 6) free twists as in `IcpFit`.
-        pairing: That of the last round of ICP at this pose; None: it is made.
+        rows: Pairs that the fit compared, at this pose; None: there were none.
 
     Returns:
         The covariance; None if the object covers too few tiles of the image to estimate one.
     """
-    pairing = pairing or Pairing.of(evidence, surface, X_ST)
-    if pairing is None:
+    if rows is None:
         return None
-    gate = GATES[-1] * surface.spacing
-    rows = pairing.rows(X_ST, gate, pairing.nearest(X_ST, gate))
     cells = np.floor(rows.tangents / (_TILE * evidence.sensor.noise_length * evidence.scan.pitch)).astype(np.int64)
     tiles = np.unique(cells, axis=0, return_inverse=True)[1]
     if not len(tiles) or tiles.max() + 1 < _FEWEST:

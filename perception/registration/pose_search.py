@@ -7,7 +7,7 @@ import numpy as np
 from scipy import ndimage
 
 from perception.registration.evidence import Evidence, score
-from perception.registration.fine_fit import GATES, IcpFit, fine_fit, nudged
+from perception.registration.fine_fit import GATES, IcpFit, fine_fit, icp_rows, nudged
 from perception.registration.likelihood import glance, log_likelihood
 from perception.registration.model_surface import ModelSurface
 from perception.registration.pose_covariance import PoseCovariance, pose_covariance
@@ -262,7 +262,7 @@ def _differ(surface: ModelSurface, A: Array, B: Array) -> bool:
 def _slackened(evidence: Evidence, surface: ModelSurface, best: _Candidate) -> _Candidate:
     """The likeliest pose along the twists that ICP holds least: the outline may say more of them than any pair does."""
     for _ in range(_SLACKENED):
-        covariance = pose_covariance(evidence, surface, best.X_ST, best.fit.free, best.fit.pairing)
+        covariance = pose_covariance(evidence, surface, best.X_ST, best.fit.free, icp_rows(evidence, surface, best.fit))
         moved = best if covariance is None else _along_loosest(evidence, surface, best, covariance)
         if moved is best:
             break
@@ -292,7 +292,7 @@ def _along_loosest(
 
 def _beside(evidence: Evidence, surface: ModelSurface, best: _Candidate) -> list[_Candidate]:
     """Poses far along the loosest twist that are nearly as likely: the likelihood may have several maxima there."""
-    covariance = pose_covariance(evidence, surface, best.X_ST, best.fit.free, best.fit.pairing)
+    covariance = pose_covariance(evidence, surface, best.X_ST, best.fit.free, icp_rows(evidence, surface, best.fit))
     if covariance is None:
         return []
     variances, axes = np.linalg.eigh(covariance.matrix)

@@ -10,6 +10,7 @@ from perception.registration.evidence import Evidence
 from perception.registration.fine_fit import GATES, IcpFit
 from perception.registration.likelihood import OCCLUDER, log_likelihood
 from perception.registration.model_surface import ModelSurface
+from perception.registration.pairing import Pairing, PairRows
 from sim.interfaces.spatial import Array, exp_so3, pose, transform_points
 
 _STEPS = 3  # of Gauss-Newton at most
@@ -33,11 +34,11 @@ def polished(evidence: Evidence, surface: ModelSurface, fit: IcpFit, likelihood:
     """
     X_ST = fit.X_ST
     for _ in range(_STEPS):
-        H, g = _pixels(evidence, surface, X_ST)
+        rows = pixel_rows(evidence, surface, X_ST)
         if fit.pairing is not None:
-            edges = fit.pairing.edge_rows(X_ST, GATES[-1] * surface.spacing)
-            H = H + edges.J[:, :6].T @ (edges.weight[:, None] * edges.J[:, :6])
-            g = g + edges.J[:, :6].T @ (edges.weight * edges.distance)
+            rows = PairRows.joined(rows, fit.pairing.edge_rows(X_ST, GATES[-1] * surface.spacing))
+        J = rows.J[:, :6]
+        H, g = J.T @ (rows.weight[:, None] * J), J.T @ (rows.weight * rows.distance)
         held = np.linalg.svd(np.vstack([fit.free, np.zeros((1, 6))]))[2][len(fit.free) :]
         A = held @ H @ held.T
         step = held.T @ np.linalg.solve(A + 1e-9 * (np.trace(A) + 1.0) * np.eye(len(A)), held @ g)
@@ -52,8 +53,17 @@ def polished(evidence: Evidence, surface: ModelSurface, fit: IcpFit, likelihood:
     return X_ST, likelihood
 
 
-def _pixels(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> tuple[Array, Array]:
-    """Normal equations (6, 6), (6,) of the depth differences, for a twist (linear; angular x radius) as in ICP."""
+def polished_rows(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> PairRows | None:
+    """What holds a polished pose `X_ST` (4, 4): pixels and depth edges; None if the model is out of view."""
+    pairing = Pairing.of(evidence, surface, X_ST)
+    if pairing is None:
+        return None
+    edges = pairing.edge_rows(X_ST, GATES[-1] * surface.spacing)
+    return PairRows.joined(pixel_rows(evidence, surface, X_ST), edges)
+
+
+def pixel_rows(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> PairRows:
+    """Depth differences of scan and model at `X_ST` (4, 4), one pixel a row; unknowns as in `Pairing.terms`."""
     window = evidence.scan.window(transform_points(X_ST, surface.hull), 0.0, _PIXELS)
     scan = evidence.scan.part(window)
     rays, X_TS = scan.rays, np.linalg.inv(X_ST)
@@ -69,7 +79,13 @@ def _pixels(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> tuple[Arr
         )
     off, sigma, n, across, rays, z = off[used], sigma[used], n[used], across[used], rays[used], z[used]
     arm = (z[:, None] * rays - transform_points(X_ST, surface.center)) / surface.radius
-    # A motion of the surface by v changes the depth along the ray d, scaled to z = 1, by n . v / n . d.
-    J = np.column_stack([n, np.cross(arm, n)]) / across[:, None]
     weight = evidence.noise.independent(window[0].step or 1) / sigma**2
-    return J.T @ (weight[:, None] * J), J.T @ (weight * off)
+    return PairRows(
+        # A motion of the surface by v changes the depth along the ray d, scaled to z = 1, by n . v / n . d.
+        J=np.column_stack([n, np.cross(arm, n), np.einsum("ni,ni->n", arm, n)]) / across[:, None],
+        weight=weight,
+        slope=weight,
+        distance=off,
+        tangents=rays[:, :2],
+        common=np.zeros(len(off)),
+    )

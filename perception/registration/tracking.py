@@ -6,7 +6,7 @@ import numpy as np
 
 from perception.clouds.scan import MIN_POINTS, Scan, SensorModel, near_any, without_flying_pixels
 from perception.registration.evidence import Evidence
-from perception.registration.fine_fit import GATES, fine_fit
+from perception.registration.fine_fit import GATES, fine_fit, icp_rows
 from perception.registration.model_surface import ModelSurface
 from perception.registration.pose_covariance import PoseCovariance, pose_covariance
 from sim.interfaces.spatial import Array, transform_points
@@ -55,5 +55,5 @@ def follow(scan: Scan, surface: ModelSurface, X_ST: Array, sensor: SensorModel) 
     fit = fine_fit(evidence, surface, X_ST, GATES[:1])
     if not np.isfinite(fit.residual):
         return None
-    doubt = pose_covariance(evidence, surface, fit.X_ST, fit.free, fit.pairing)
+    doubt = pose_covariance(evidence, surface, fit.X_ST, fit.free, icp_rows(evidence, surface, fit))
     return FrameFit(X_ST=fit.X_ST, covariance=doubt, residual=fit.residual)

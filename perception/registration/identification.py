@@ -118,6 +118,7 @@ def identify(
     approach_error: float = APPROACH_ERROR,
     seed: int = 0,
     method: Method = "planes",
+    thorough: bool = True,
 ) -> Identification:
     """Find `target` in one scan of a depth sensor.
 
@@ -136,6 +137,7 @@ def identify(
         seed: Of all random samples.
         method: "planes"; "paper" for the published ICP (`paper_icp`), which has no search: give `orientation`;
             "paper-q" for that with the published threshold on Q (`paper_check`) in place of `pose_check`.
+        thorough: Whether all starts are fitted where the scan contradicts the best of a few, which takes seconds.
 
     Returns:
         The pose with its PoseCheck, evidence and other hypotheses.
@@ -191,7 +193,7 @@ def identify(
         found = _as_in_paper(evidence, surface, starts)
     X_start = found.X_start if R_prior is None or p_approach is None else X_prior
     judged = _judge(evidence, surface, found, X_start if R_prior is None else X_prior)
-    if method == "planes" and judged.verdict.contradicted and len(starts) > REFINED:
+    if thorough and method == "planes" and judged.verdict.contradicted and len(starts) > REFINED:
         # What resembled the model most is not the object: in a heap it may resemble it least.
         wider, other = _search(searched, surface, starts, given, _REFINED_LATER)
         X_start = other.X_start if R_prior is None or p_approach is None else X_prior

@@ -100,10 +100,23 @@ def recognise(
     if not isinstance(cloud, Scan):
         with suppress(PerceptionError):  # each says it
             scan = Scan.from_cloud(cloud)  # once for all
-    found = {
-        name: identify(scan, surface, approach, orientation, sensor=sensor, approach_error=approach_error, seed=seed)
-        for name, surface in surfaces.items()
-    }
+    found: dict[str, Identification] = {}
+    for thorough in (False, True):  # most objects are another one: all starts are fitted only if none fits
+        found = {
+            name: identify(
+                scan,
+                surface,
+                approach,
+                orientation,
+                sensor=sensor,
+                approach_error=approach_error,
+                seed=seed,
+                thorough=thorough,
+            )
+            for name, surface in surfaces.items()
+        }
+        if any(each.accepted for each in found.values()):
+            break
     candidates = _compared(found)
     name, reason = None, _doubt(candidates)
     decision = candidates[0].found.decision

@@ -86,6 +86,14 @@ class SensorModel:
         return float(self.independent(1.0) / self.sigma(1.0) ** 2)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class KnownObjects:
+    """Objects that were found in a scan, and are not sought any more: they explain what shows them, and hide."""
+
+    depth: Array  # (h, w) [m] of their models, inf beside them
+    shown: np.ndarray  # (h, w) pixels of the scan that show them
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Scan:
     """One frame of a depth sensor: a point for each pixel of a pinhole grid, in the sensor frame S."""
@@ -93,6 +101,7 @@ class Scan:
     points: Array  # (h, w, 3) [m], NaN without echo
     tangent_x: Array  # (w,) x/z of each column
     tangent_y: Array  # (h,) y/z of each row
+    known: "KnownObjects | None" = None  # others that were found in it already
 
     @property
     def depth(self) -> Array:
@@ -133,7 +142,10 @@ class Scan:
     def part(self, window: tuple[slice, slice]) -> "Scan":
         """Rows and columns of `window`, whose steps may thin the grid."""
         return Scan(
-            points=self.points[window], tangent_x=self.tangent_x[window[1]], tangent_y=self.tangent_y[window[0]]
+            points=self.points[window],
+            tangent_x=self.tangent_x[window[1]],
+            tangent_y=self.tangent_y[window[0]],
+            known=None if self.known is None else KnownObjects(self.known.depth[window], self.known.shown[window]),
         )
 
     def window(self, points: Array, margin: float, pixels: int) -> tuple[slice, slice]:

@@ -317,6 +317,8 @@ def segment(
     """
     usable = without_flying_pixels(scan)
     _need(usable, "of the scan form a surface")
+    if scan.known is not None:
+        usable &= ~scan.known.shown
     mask = usable & ~background(scan, usable, 2.4 * target.radius, sensor, rng)
     if approach is not None:
         mask &= near_any(scan.points, approach[None], target.radius + approach_error)

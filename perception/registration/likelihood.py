@@ -49,7 +49,13 @@ def log_likelihood(evidence: Evidence, surface: ModelSurface, X_ST: Array, pixel
     sigma = evidence.noise.sigma(np.where(shown, depth, 1.0))
     behind = np.where(shown, scan.depth - depth, 0.0)
     shown &= behind > -np.maximum(OCCLUDER, 6.0 * sigma)  # pixels of an occluder carry no information on the model
-    cost = np.minimum((behind[shown] / sigma[shown]) ** 2, _MOST_COST) - _UNEXPLAINED_COST * mask[shown]
+    without = _UNEXPLAINED_COST * mask
+    if (known := scan.known) is not None:
+        shown &= ~(known.depth < depth)  # nor do those where a known object hides the model
+        there = np.isfinite(known.depth)
+        explained = np.where(there, (scan.depth - np.where(there, known.depth, 0.0)) / sigma, 0.0) ** 2
+        without = np.where(there, np.minimum(explained, _UNEXPLAINED_COST), without)
+    cost = np.minimum((behind[shown] / sigma[shown]) ** 2, _MOST_COST) - without[shown]
     return -0.5 * float(evidence.noise.independent(window[0].step) * cost.sum())
 
 

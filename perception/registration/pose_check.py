@@ -48,6 +48,7 @@ _UNTOLD = 3.0  # [spacings] edge of a part that a cloud does not tell from a gap
 _AGREES = 1.5  # [sigma] within which scan and model agree
 _ABRUPT = 0.6  # [-] share of such pixels among those within 3 sigma around a missing part, of a dent less
 _FEW_RAYS = 120  # parallel rays below which lines of sight replace them
+_TURNED_AWAY = 0.3  # [-] share of the rim of a region without depth that an occluder takes, above which it may go on there
 _THIN = 0.75  # [-] share of the parallel rays that stay clear of edges, below which lines of sight replace them
 _SIGHTS = 1000  # lines of sight, about
 _STEEP = np.cos(np.deg2rad(65.0))  # cosine of incidence below which a ray does not count
@@ -68,7 +69,7 @@ MAX_BEYOND = 0.25  # [-] unexplained share of the scanned surface around the mod
 # object ends as the model does
 _ENDS = (0.75, 0.1)
 _MAX_TOUCHING = 0.5  # [-] unexplained share then: a neighbour touches it
-MIN_COVERAGE = 0.25  # [-] least share of the expected rays on which the scan shows the object
+MIN_COVERAGE = 0.1  # [-] least share of the expected rays on which the scan shows the object
 WHOLE = 0.5  # [-] coverage above which another scan is not expected to remove a contradiction
 MAX_MOVE = (0.003, 0.005)  # [m] and share of the range by which another ICP may move the pose
 FOUND = (0.005, 0.003, np.deg2rad(3.0))  # [m], share of the range and [rad] by which a pose may be wrong
@@ -338,6 +339,8 @@ def _cast(evidence: Evidence, surface: ModelSurface, X_ST: Array, points: Array)
     around = ndimage.minimum_filter(first, 3)[row, column]
     occluder = np.maximum(OCCLUDER, 6.0 * sigma)
     hidden = (around < z - occluder) | (-occluder > E)
+    if scan.known is not None:
+        hidden |= scan.known.depth[row + top, column + left] < z
     # Where scan and model agree along the line of sight, a ray beside it passed through a gap that an occluder leaves.
     behind = scan.depth[top : top + len(first), left : left + first.shape[1]][row, column] - z
     agrees = np.abs(behind) < 3.0 * sigma
@@ -346,10 +349,35 @@ def _cast(evidence: Evidence, surface: ModelSurface, X_ST: Array, points: Array)
     meets = np.isfinite(E)
     past = ~meets & np.where(np.isfinite(around), around > z + 3.0 * sigma, True)
     past &= np.isfinite(around) | ~np.isfinite(ndimage.minimum_filter(first, 5)[row, column])
+    past &= ~_behind_no_depth(first, row, column, z - occluder)
     near = ~hidden & (np.abs(E) < 3.0 * sigma)
     through = ~hidden & ((meets & (3.0 * sigma <= E)) | past)
     before = ~hidden & meets & (-3.0 * sigma >= E)
     return _Rays(C_model, met.o, E, sigma, pitch, hidden, near, through, near | through | before)
+
+
+def _behind_no_depth(first: Array, row: np.ndarray, column: np.ndarray, limit: Array) -> np.ndarray:
+    """Mask (n,) of rays into a region without depth at whose rim an occluder stands: it may be turned away there.
+
+    Args:
+        first: (h, w) [m] depth of the scan, inf where there is none.
+        row: (n,) of the rays' pixels.
+        column: (n,)
+        limit: (n,) [m] depth below which a surface is in front of the model.
+    """
+    label, count = ndimage.label(~np.isfinite(first))
+    if count == 0:
+        return np.zeros(len(row), dtype=bool)
+    beside = ndimage.maximum_filter(label, 3)
+    beside[~np.isfinite(first)] = 0
+    region = label[row, column]
+    within = region > 0
+    nearest = np.full(count + 1, np.inf)
+    np.minimum.at(nearest, region[within], limit[within])
+    rim = beside > 0
+    occluding = np.bincount(beside[rim], first[rim] < nearest[beside[rim]], count + 1)
+    share = occluding / np.maximum(np.bincount(beside[rim], minlength=count + 1), 1)
+    return within & (share[region] > _TURNED_AWAY)
 
 
 class _Met(NamedTuple):

@@ -14,10 +14,11 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy import ndimage
 
 from models.meshes.mesh_files import FORMATS
 from models.meshes.surfel_files import TEXT
-from perception.clouds.scan import Scan, SensorModel
+from perception.clouds.scan import KnownObjects, Scan, SensorModel
 from perception.registration.identification import APPROACH_ERROR, Identification, identify, sampled
 from perception.registration.likelihood import log_likelihood
 from perception.registration.model_surface import ModelSurface
@@ -127,6 +128,75 @@ def recognise(
     return Recognition(
         name=name, reason=reason, decision=decision, candidates=candidates, duration_s=perf_counter() - started
     )
+
+
+def identify_together(
+    cloud: ArrayLike | Scan,
+    targets: Mapping[str, Any] | Iterable[Any] | str | Path,
+    approaches: Mapping[str, ArrayLike] | None = None,
+    *,
+    sensor: SensorModel | None = None,
+    approach_error: float = APPROACH_ERROR,
+    seed: int = 0,
+) -> dict[str, Identification]:
+    """Find several objects that all are in one scan, such as a heap of things that touch each other.
+
+    What is accepted explains its part of the scan: the others are sought again without it, and may lie behind it, as
+    long as another one is accepted so.
+
+    Args:
+        cloud: As for `identify`.
+        targets: As for `recognise`.
+        approaches: (3,) [m] coarse position of each object's centre in S, by name; without one: anywhere.
+        sensor: Accuracy of the sensor; None: `SensorModel()`.
+        approach_error: [m] largest error of the coarse positions.
+        seed: Of all random samples.
+
+    Returns:
+        The identification of each object, by name.
+
+    Raises:
+        ConfigurationError: For arguments of a wrong type or shape, no targets, or two of one name.
+    """
+    surfaces = models_of(targets, seed)
+    approaches = dict(approaches or {})
+    if stray := sorted(set(approaches) - set(surfaces)):
+        raise ConfigurationError(f"approaches: no object is named {shown(stray[0])}; there are {sorted(surfaces)}")
+    scan: Any = cloud
+    if not isinstance(cloud, Scan):
+        with suppress(PerceptionError):  # each says it
+            scan = Scan.from_cloud(cloud)
+    found: dict[str, Identification] = {}
+    while True:
+        sought = [name for name in surfaces if name not in found or not found[name].accepted]
+        for name in sought:
+            found[name] = identify(
+                scan,
+                surfaces[name],
+                approaches.get(name),
+                sensor=sensor,
+                approach_error=approach_error,
+                seed=seed,
+            )
+        new = [name for name in sought if found[name].accepted]
+        if not new or len(new) == len(sought):
+            return found
+        for name in new:
+            scan = _explained(scan, found[name])
+
+
+def _explained(scan: Scan, found: Identification) -> Scan:
+    """The scan in which an object that was found is known."""
+    assert found.evidence is not None  # it was accepted
+    depth = found.surface.depth(found.X_sensor_target, scan)
+    off, z = np.abs(scan.depth - depth), np.where(np.isfinite(depth), depth, 1.0)
+    with np.errstate(invalid="ignore"):
+        shown = off < 3.0 * found.evidence.noise.sigma(z)
+        shown |= ndimage.binary_dilation(shown) & (off < 3.0 * found.evidence.sensor.sigma(z))
+    depth = np.where(np.isfinite(depth), depth, np.inf)
+    if scan.known is not None:
+        depth, shown = np.minimum(depth, scan.known.depth), shown | scan.known.shown
+    return replace(scan, known=KnownObjects(depth, shown))
 
 
 def models_of(targets: Mapping[str, Any] | Iterable[Any] | str | Path, seed: int = 0) -> dict[str, ModelSurface]:

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from itertools import combinations
 
 import numpy as np
+from scipy.optimize import minimize_scalar
 from scipy.spatial import cKDTree
 
 from models.meshes.nearest_surface import NearestSurface
@@ -20,6 +21,7 @@ _EQUAL = 0.02  # [-] relative difference of moments of inertia, up to which axes
 _SAMPLES = 1500  # points of the surface, and as many corners, that are turned
 _FIRST = 60  # of them that are turned first: they exclude most rotations
 _SCANNED = np.deg2rad(3.0)  # [rad] between the axes tried where the moments of inertia leave them open
+_EXACTLY = np.deg2rad(0.02)  # [rad] to which such an angle is found
 _REFINED = 20  # of the axes tried, the best ones that are refined
 _ITERATIONS = 15  # of ICP
 _SIGNS = np.array(
@@ -58,8 +60,7 @@ def mesh_symmetry(vertices: Array, triangles: np.ndarray, rng: np.random.Generat
         candidates = _distinct([*found, *(axis / np.linalg.norm(axis) for axis in sums if np.linalg.norm(axis) > 0.1)])
     elif equal.any():
         main, side = (axes[:, 0] if equal[1] else axes[:, 2]), axes[:, 1]
-        around = np.array([exp_so3(angle * main) @ side for angle in np.arange(0.0, np.pi, _SCANNED)])
-        candidates = [main, *shape.half_turns(around)]
+        candidates = [main, *shape.half_turns_across(main, side)]
     else:
         candidates = list(axes.T)
     return Symmetry(rotations=_group(shape, candidates), center=shape.center)
@@ -135,6 +136,30 @@ class _Shape:
     def half_turns(self, axes: Array) -> list[Array]:
         """Axes of half turns that map the shape onto itself, found by ICP from the best of `axes` (n, 3)."""
         return _distinct([np.linalg.eigh(R + R.T)[1][:, -1] for R in self.settled([exp_so3(np.pi * a) for a in axes])])
+
+    def half_turns_across(self, main: Array, side: Array) -> list[Array]:
+        """Axes across `main` (3,) of half turns that map the shape onto itself; `side` (3,) is one across it.
+
+        Only the angle about `main` is open, which ICP finds slowly on a prism: most of its surface slides.
+        """
+        angles = np.arange(0.0, np.pi, _SCANNED)
+
+        def axis(angle: float) -> Array:
+            return exp_so3(angle * main) @ side
+
+        def off(angle: float, points: Array) -> float:
+            return float(np.mean(self.surface.query(points @ exp_so3(np.pi * axis(angle)).T).distance ** 2))
+
+        few, more = self.points[:_FIRST], self.points[: 5 * _FIRST]
+        around = np.array([off(angle, few) for angle in angles])
+        lowest = np.nonzero((around <= np.roll(around, 1)) & (around <= np.roll(around, -1)))[0]
+        found: list[Array] = []
+        for k in lowest[np.argsort(around[lowest], kind="stable")[:_REFINED]]:
+            bounds = angles[k] - _SCANNED, angles[k] + _SCANNED
+            best = minimize_scalar(off, bounds=bounds, args=(more,), method="bounded", options={"xatol": _EXACTLY})
+            if self.is_like(exp_so3(np.pi * axis(float(best.x)))):
+                found.append(axis(float(best.x)))
+        return _distinct(found)
 
     def settled(self, maps: Sequence[Array]) -> list[Array]:
         """Orthogonal maps (3, 3) of the shape onto itself, found by ICP from the best of `maps` [Arun 1987]."""

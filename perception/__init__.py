@@ -11,7 +11,7 @@ import sim.interfaces  # noqa: F401  decides where compiled loops are kept
 if TYPE_CHECKING:
     from perception.clouds.scan import Scan, SensorModel
     from perception.registration.identification import Identification, identify
-    from perception.registration.recognition import Recognition, recognise
+    from perception.registration.recognition import Recognition, identify_together, recognise
     from perception.target_finder import KnownObjectFinder
     from perception.toolpath.path_planner import plan_path
 
@@ -22,6 +22,7 @@ _HOME = {
     "Scan": "perception.clouds.scan",
     "SensorModel": "perception.clouds.scan",
     "identify": "perception.registration.identification",
+    "identify_together": "perception.registration.recognition",
     "plan_path": "perception.toolpath.path_planner",
     "recognise": "perception.registration.recognition",
 }
@@ -32,6 +33,7 @@ __all__ = [
     "Scan",
     "SensorModel",
     "identify",
+    "identify_together",
     "plan_path",
     "recognise",
 ]

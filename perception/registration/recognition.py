@@ -1,8 +1,12 @@
-"""Which of several known objects is in a scan: each is identified, and all are compared on the same pixels.
+"""Which of several known objects is in a scan, or where all of them are.
+
+`recognise`: each is identified, and all are compared on the same pixels.
 
 The scan's likelihood with one object at its best pose, over that with another, says how much better it explains the
 scan. The pixels must be the same for both: those that stand out for any object that the scan does not contradict. An
 object that is likelier than the accepted one, though not accepted itself, is a reason to look again.
+
+`identify_together`: what is accepted explains its pixels and hides what lies behind, while the others are sought again.
 """
 
 from collections.abc import Iterable, Mapping

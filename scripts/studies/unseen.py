@@ -27,7 +27,7 @@ class Options(StudyOptions):
     wrong: int = 100
     """Number of scenes where it is absent, another object of its class, mirrored or resized, in turn."""
     piles: int = 0
-    """Number of piles of five touching objects; each object is searched for."""
+    """Number of piles of five touching objects, which are searched for together; of the start only the position."""
     sonar: int = 0
     """Number of scenes with the object present that a sonar sees."""
     start: Known = "place"

@@ -93,6 +93,14 @@ class KnownObjects:
     depth: Array  # (h, w) [m] of their models, inf beside them
     shown: np.ndarray  # (h, w) pixels of the scan that show them
 
+    def part(self, window: tuple[slice, slice]) -> "KnownObjects":
+        """Rows and columns of `window`."""
+        return KnownObjects(self.depth[window], self.shown[window])
+
+    def joined(self, others: "KnownObjects") -> "KnownObjects":
+        """These and `others` in the same scan."""
+        return KnownObjects(np.minimum(self.depth, others.depth), self.shown | others.shown)
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Scan:
@@ -145,7 +153,7 @@ class Scan:
             points=self.points[window],
             tangent_x=self.tangent_x[window[1]],
             tangent_y=self.tangent_y[window[0]],
-            known=None if self.known is None else KnownObjects(self.known.depth[window], self.known.shown[window]),
+            known=None if self.known is None else self.known.part(window),
         )
 
     def window(self, points: Array, margin: float, pixels: int) -> tuple[slice, slice]:

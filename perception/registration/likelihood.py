@@ -56,7 +56,7 @@ def log_likelihood(evidence: Evidence, surface: ModelSurface, X_ST: Array, pixel
         explained = np.where(there, (scan.depth - np.where(there, known.depth, 0.0)) / sigma, 0.0) ** 2
         without = np.where(there, np.minimum(explained, _UNEXPLAINED_COST), without)
     cost = np.minimum((behind[shown] / sigma[shown]) ** 2, _MOST_COST) - without[shown]
-    return -0.5 * float(evidence.noise.independent(window[0].step) * cost.sum())
+    return -0.5 * _weight(evidence, window) * float(cost.sum())
 
 
 def difference(evidence: Evidence, one: tuple[ModelSurface, Array], other: tuple[ModelSurface, Array]) -> float:
@@ -79,7 +79,15 @@ def difference(evidence: Evidence, one: tuple[ModelSurface, Array], other: tuple
     sigma = evidence.noise.sigma(z)
     seen = (np.isfinite(a) | np.isfinite(b)) & (scan.depth > z - np.maximum(OCCLUDER, 6.0 * sigma))
     cost = np.where(np.isfinite(a) & np.isfinite(b), np.minimum(((a - b) / sigma) ** 2, _MOST_COST), _MOST_COST)
-    return 0.5 * float(evidence.noise.independent(window[0].step) * cost[seen].sum())
+    return 0.5 * _weight(evidence, window) * float(cost[seen].sum())
+
+
+def _weight(evidence: Evidence, window: tuple[slice, slice]) -> float:
+    """Independent readings for which a pixel of the window stands, with those that thinning has left out.
+
+    The window depends on the pose: were those left out not counted, a pose with a smaller picture would be likelier.
+    """
+    return float(evidence.noise.independent(1.0)) * window[0].step ** 2
 
 
 def _window(

@@ -48,7 +48,9 @@ _UNTOLD = 3.0  # [spacings] edge of a part that a cloud does not tell from a gap
 _AGREES = 1.5  # [sigma] within which scan and model agree
 _ABRUPT = 0.6  # [-] share of such pixels among those within 3 sigma around a missing part, of a dent less
 _FEW_RAYS = 120  # parallel rays below which lines of sight replace them
-_TURNED_AWAY = 0.3  # [-] share of the rim of a region without depth that an occluder takes, above which it may go on there
+_TURNED_AWAY = (
+    0.3  # [-] share of the rim of a region without depth that an occluder takes, above which it may go on there
+)
 _THIN = 0.75  # [-] share of the parallel rays that stay clear of edges, below which lines of sight replace them
 _SIGHTS = 1000  # lines of sight, about
 _STEEP = np.cos(np.deg2rad(65.0))  # cosine of incidence below which a ray does not count
@@ -349,7 +351,7 @@ def _cast(evidence: Evidence, surface: ModelSurface, X_ST: Array, points: Array)
     meets = np.isfinite(E)
     past = ~meets & np.where(np.isfinite(around), around > z + 3.0 * sigma, True)
     past &= np.isfinite(around) | ~np.isfinite(ndimage.minimum_filter(first, 5)[row, column])
-    past &= ~_behind_no_depth(first, row, column, z - occluder)
+    hidden |= past & _behind_no_depth(first, row, column, z - occluder)
     near = ~hidden & (np.abs(E) < 3.0 * sigma)
     through = ~hidden & ((meets & (3.0 * sigma <= E)) | past)
     before = ~hidden & meets & (-3.0 * sigma >= E)

@@ -30,6 +30,7 @@ from perception.registration.pose_check import MIN_MARGIN, Decision
 from sim.interfaces.errors import ConfigurationError, PerceptionError
 from sim.interfaces.spatial import shown
 
+_SHARED = 0.2  # [-] largest share of an object's pixels that show another one too
 _ENDINGS = {f".{kind}" for kind in (*FORMATS, *TEXT, "pcd")}
 
 
@@ -146,7 +147,7 @@ def identify_together(
     """Find several objects that all are in one scan, such as a heap of things that touch each other.
 
     What is accepted explains its part of the scan: the others are sought again without it, and may lie behind it, as
-    long as another one is accepted so.
+    long as another one is accepted so. A pixel shows one object: of two that claim the same ones the likelier is taken.
 
     Args:
         cloud: As for `identify`.
@@ -171,36 +172,35 @@ def identify_together(
         with suppress(PerceptionError):  # each says it
             scan = Scan.from_cloud(cloud)
     found: dict[str, Identification] = {}
-    while True:
-        sought = [name for name in surfaces if name not in found or not found[name].accepted]
+    sought = list(surfaces)
+    while sought:
         for name in sought:
             found[name] = identify(
-                scan,
-                surfaces[name],
-                approaches.get(name),
-                sensor=sensor,
-                approach_error=approach_error,
-                seed=seed,
+                scan, surfaces[name], approaches.get(name), sensor=sensor, approach_error=approach_error, seed=seed
             )
-        new = [name for name in sought if found[name].accepted]
-        if not new or len(new) == len(sought):
-            return found
-        for name in new:
-            scan = _explained(scan, found[name])
+        left = [name for name in sought if not found[name].accepted]
+        for name in sorted(set(sought) - set(left), key=lambda name: -found[name].hypotheses[0].log_likelihood):
+            known = _shown(scan, found[name])
+            if scan.known is not None and (known.shown & scan.known.shown).sum() > _SHARED * known.shown.sum():
+                found[name] = replace(found[name], accepted=False, reason="what shows it shows another object")
+                left.append(name)
+            else:
+                scan = replace(scan, known=known if scan.known is None else known.joined(scan.known))
+        if len(left) == len(sought):
+            break
+        sought = left
+    return found
 
 
-def _explained(scan: Scan, found: Identification) -> Scan:
-    """The scan in which an object that was found is known."""
+def _shown(scan: Scan, found: Identification) -> KnownObjects:
+    """An accepted object in the pixels of the scan."""
     assert found.evidence is not None  # it was accepted
     depth = found.surface.depth(found.X_sensor_target, scan)
     off, z = np.abs(scan.depth - depth), np.where(np.isfinite(depth), depth, 1.0)
     with np.errstate(invalid="ignore"):
         shown = off < 3.0 * found.evidence.noise.sigma(z)
         shown |= ndimage.binary_dilation(shown) & (off < 3.0 * found.evidence.sensor.sigma(z))
-    depth = np.where(np.isfinite(depth), depth, np.inf)
-    if scan.known is not None:
-        depth, shown = np.minimum(depth, scan.known.depth), shown | scan.known.shown
-    return replace(scan, known=KnownObjects(depth, shown))
+    return KnownObjects(np.where(np.isfinite(depth), depth, np.inf), shown)
 
 
 def models_of(targets: Mapping[str, Any] | Iterable[Any] | str | Path, seed: int = 0) -> dict[str, ModelSurface]:

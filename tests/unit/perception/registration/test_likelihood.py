@@ -52,6 +52,15 @@ def surface() -> ModelSurface:
     return slab()
 
 
+def test_pixels_left_out_count(surface: ModelSurface, within):
+    """Thinned to a ninth, the sum changes by the pixels at the rim only, however short the noise is correlated."""
+    shown = face(1.0)
+    for length in (1.0, 5.0):
+        evidence = Evidence.of(scan_of(np.where(shown, 1.0, np.nan)), shown, 0.01, SensorModel(noise_length=length))
+        whole, ninth = (log_likelihood(evidence, surface, pose(p=[0.0, 0.0, 1.0]), n) for n in (40_000, 3_000))
+        within("share of the sum", ninth / whole - 1.0, 0.05)
+
+
 @pytest.mark.parametrize("hidden", [False, True])
 def test_a_flat_face_moved_away(surface: ModelSurface, hidden: bool, within):
     """Cost: half the squared offset in sigma a pixel, 2 where the smaller picture leaves a pixel unexplained."""

@@ -1,14 +1,21 @@
-"""Which of several objects it is: named, or refused with a reason; folders, twins, and what is not there."""
+"""Which of several objects it is: named, or refused with a reason; folders, twins, what is not there; heaps."""
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import perception
 from models.meshes.ply_files import write_ply
+from perception.clouds.scan import KnownObjects, Scan, SensorModel
+from perception.registration.evidence import Evidence
+from perception.registration.likelihood import log_likelihood
+from perception.registration.model_surface import ModelSurface
 from perception.registration.pose_check import MIN_MARGIN, Decision
 from scenarios.object_scenes import object_scene, target_of
 from scenarios.perception_studies.cloud_models import sampled_cloud
 from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.spatial import exp_so3, pose
 from untyped import untyped
 
 NAMES = ("starfish", "valve", "manifold")
@@ -59,15 +66,54 @@ def test_twins_and_what_is_not_there_are_refused():
     assert empty.margin == np.inf
 
 
-def test_a_small_object_in_front_of_a_large_one_is_found_with_it():
-    """Alone the valve is refused: of the surface that passes into it most is the barrel's."""
-    scene = leaning_scene()
-    found = perception.identify_together(scene.scan, scene.targets, scene.approaches, sensor=scene.sensor)
-    for name, X_CT in scene.X_CT.items():
+def rendered(shown: dict[str, np.ndarray], surfaces: dict[str, ModelSurface], sensor: SensorModel) -> Scan:
+    """Scan of several objects at their poses X_ST (4, 4), with white noise."""
+    tangent_x, tangent_y = (np.linspace(-0.5, 0.5, n) * (n - 1) / sensor.focal for n in (640, 480))
+    grid = Scan.of_grid(np.ones((480, 640)), tangent_x, tangent_y)
+    depth = np.fmin.reduce([surfaces[name].depth(X_ST, grid) for name, X_ST in shown.items()])
+    noise = np.random.default_rng(0).normal(size=depth.shape) * sensor.sigma(depth)
+    return Scan.of_grid(depth + noise, tangent_x, tangent_y)
+
+
+def test_what_is_found_explains_its_part_of_the_scan():
+    """An anode hides half of a manifold, which alone is found on the anode: a pixel shows one object only."""
+    sensor = SensorModel(noise_length=1.0)
+    surfaces = {name: ModelSurface.of(target_of(name)) for name in ("manifold", "anode")}
+    X_manifold = pose(exp_so3([3.0, 0.25, 0.1]), [0.05, 0.0, 1.8])
+    poses = {
+        "manifold": X_manifold,
+        "anode": pose(X_manifold[:3, :3] @ exp_so3([0.0, 0.0, 0.9]), X_manifold[:3, 3] - [0.0, 0.05, 0.12]),
+    }
+    scan = rendered(poses, surfaces, sensor)
+    approaches = {name: X[:3, 3] + [0.1, -0.05, 0.1] for name, X in poses.items()}
+    found = perception.identify_together(scan, surfaces, approaches, sensor=sensor)
+    for name, X_ST in poses.items():
         assert found[name].accepted, (name, found[name].reason)
-        position, angle = scene.targets[name].symmetry.error(found[name].X_sensor_target, X_CT)
+        position, angle = surfaces[name].symmetry.error(found[name].X_sensor_target, X_ST)
         assert position < 0.005
         assert angle < np.deg2rad(3.0)
+    with pytest.raises(ConfigurationError, match="no object is named 'barrel'"):
+        perception.identify_together(scan, surfaces, {"barrel": np.zeros(3)}, sensor=sensor)
+
+
+def test_a_known_object_hides_and_explains():
+    """Where a known object stands the likelihood of another asks whether the other is nearer, and fits better there."""
+    sensor = SensorModel(noise_length=1.0)
+    surfaces = {name: ModelSurface.of(target_of(name)) for name in ("plate", "starfish")}
+    R = exp_so3([3.0, 0.2, 0.0])
+    poses = {"plate": pose(R, [0.0, 0.0, 1.6]), "starfish": pose(R, [0.0, 0.0, 1.5])}
+    scan = rendered(poses, surfaces, sensor)
+    depth = surfaces["plate"].depth(poses["plate"], scan)
+    depth = np.where(np.isfinite(depth), depth, np.inf)
+    known = replace(scan, known=KnownObjects(depth, np.abs(scan.depth - depth) < 0.02))
+    mask = np.isfinite(scan.depth)
+    alone, joint = (Evidence.of(each, mask, 0.005, sensor) for each in (scan, known))
+    starfish, behind = surfaces["starfish"], pose(R, [0.0, 0.0, 2.0])
+    assert log_likelihood(joint, starfish, poses["starfish"]) > 100.0
+    assert log_likelihood(joint, starfish, behind) == 0.0
+    on_plate = pose(R, [0.15, 0.1, 1.6])
+    assert log_likelihood(alone, starfish, on_plate) > 100.0  # the plate's face passes for the starfish
+    assert log_likelihood(joint, starfish, on_plate) < 0.0
 
 
 def test_targets_that_are_none_are_refused_in_a_line(tmp_path):

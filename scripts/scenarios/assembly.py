@@ -16,7 +16,7 @@ from sim import hydrodynamics
 from sim.interfaces.spatial import Array, exp_so3, pose
 from sim.loop.rollout import Parts, ticks_per_period
 from sim.plant.plant import Plant
-from sim.water.current import Current
+from sim.water.current import Current, Wave
 
 REACTION_TICKS = 10  # loop steps between measurements of the arm's reaction wrench on the hull, for the report
 
@@ -43,9 +43,10 @@ class Assembly:
         return self.loop.parts
 
     def current(self, profile: Callable[[float], tuple[float, float]] | None = None) -> Current:
-        """The current from its beginning, with gusts; `profile` changes it in time."""
+        """The current from its beginning, with wave and gusts; `profile` changes it in time."""
         site, dt = self.scenario.site, self.plant.timestep
-        return Current(site.current, gust=site.gust, timestep=dt, rng=self.gusts, profile=profile)
+        wave = Wave(amplitude_W=site.wave, frequency=site.wave_frequency)
+        return Current(site.current, gust=site.gust, wave=wave, timestep=dt, rng=self.gusts, profile=profile)
 
     def restart(self) -> None:
         """Resets the plant to its start, gusts included."""

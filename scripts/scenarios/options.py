@@ -24,6 +24,13 @@ from sim.runs.command_line import ScenarioOptions
 BOTTOM = 0.02  # [m] by which a hole is deeper than the depth to reach
 
 
+def site_of(options: ScenarioOptions, of: SiteObject) -> Site:
+    """The site with that object, and the water of the options."""
+    return Site(
+        object=of, current=options.current, gust=options.gust, wave=options.wave, wave_frequency=options.wave_frequency
+    )
+
+
 @dataclass(kw_only=True)
 class VehicleOptions(ScenarioOptions):
     """Options of every command that drives the whole vehicle."""
@@ -35,7 +42,7 @@ class VehicleOptions(ScenarioOptions):
 
     def site(self, of: SiteObject) -> Site:
         """The site with that object."""
-        return Site(object=of, current=self.current, gust=self.gust)
+        return site_of(self, of)
 
 
 @dataclass(kw_only=True)
@@ -361,7 +368,7 @@ class GearOptions(ScenarioOptions):
         return Scenario(
             name="identify_friction",
             seed=self.seed,
-            site=Site(object=OpenWater(), current=self.current, gust=self.gust),
+            site=site_of(self, OpenWater()),
             task=GearIdentificationTask(seconds=seconds),
             vehicle=VehicleSetup(vehicle=self.vehicle),
             perturbations=(Gears(spread=self.gear_spread),),

@@ -192,6 +192,8 @@ class Site:
     X_WT: Pose | None = None  # true pose of the object; None: drawn from the seed
     current: tuple[float, float, float] = (0.15, 0.0, 0.0)  # [m/s] steady, in W
     gust: float = 0.03  # [m/s] standard deviation per axis
+    wave: tuple[float, float, float] = (0.0, 0.0, 0.0)  # [m/s] amplitude of a regular wave, in W
+    wave_frequency: float = 0.1  # [Hz]
 
     def __post_init__(self) -> None:
         if self.X_WT is not None:

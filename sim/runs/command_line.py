@@ -54,6 +54,10 @@ class ScenarioOptions(RunOptions):
     """Steady current [m/s], world axes; gusts come on top."""
     gust: float = 0.03
     """Standard deviation of the gusts [m/s] per axis."""
+    wave: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Amplitude [m/s] of a regular wave, world axes."""
+    wave_frequency: float = 0.1
+    """Frequency of the wave [Hz]."""
     quick: bool = False
     """A shorter job, for a first look within a minute."""
 

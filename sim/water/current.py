@@ -1,7 +1,8 @@
-"""Time-varying current: a steady part plus gusts of finite acceleration."""
+"""Time-varying current: a steady part, a regular wave, and gusts of finite acceleration."""
 
 import sys
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numba
 import numpy as np
@@ -11,6 +12,7 @@ from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array, checked, number
 
 _BLOCK = 4096  # steps generated at a time
+_FEWEST = 20.0  # [steps] in the period of a wave
 _LONGEST = 1e12  # [steps] longest time constant; beyond it the filter's pole is lost in rounding
 
 
@@ -25,6 +27,29 @@ def _filter(gain: float, pole: float, signal: Array, state: Array) -> None:
             value = state[i] + gain * signal[k, i]
             signal[k, i] = value
             state[i] = pole * value
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Wave:
+    """Regular wave of long length: the water around the vehicle swings to and fro along one direction."""
+
+    amplitude_W: tuple[float, float, float] = (0.0, 0.0, 0.0)  # [m/s] of the velocity, world axes
+    frequency: float = 0.1  # [Hz]
+    phase: float = 0.0  # [rad] at the start; 0: the water stands still and begins to move along the amplitude
+
+    def __post_init__(self) -> None:
+        checked(self.amplitude_W, (3,), "amplitude of the wave [m/s]")
+        number(self.phase, "phase of the wave [rad]")
+        frequency = number(self.frequency, "frequency of the wave [Hz]")
+        if not 0.0 < frequency < np.inf:
+            raise ConfigurationError(f"frequency of the wave: must be finite and > 0 Hz, got {frequency}")
+
+    def velocity(self, time: Array) -> Array:
+        """Velocity (N, 3) [m/s] of the water at `time` (N,) [s]."""
+        return np.outer(np.sin(2.0 * np.pi * self.frequency * time + self.phase), self.amplitude_W)
+
+
+STILL = Wave()
 
 
 class Current:
@@ -43,16 +68,18 @@ class Current:
         mean_W: ArrayLike,
         *,
         gust: float = 0.0,
+        wave: Wave = STILL,
         time_constant: float = 5.0,
         timestep: float = 0.002,
         rng: np.random.Generator | None = None,
         profile: Callable[[float], tuple[float, float]] | None = None,
     ) -> None:
-        """Set up the steady current and its gusts.
+        """Set up the steady current, its wave and its gusts.
 
         Args:
             mean_W: Steady current (3,) [m/s].
             gust: Standard deviation of the gusts per axis [m/s].
+            wave: Regular wave on top.
             time_constant: Of the gusts [s].
             timestep: Step of the plant [s].
             rng: Random generator; needed for gusts only.
@@ -61,7 +88,7 @@ class Current:
 
         Raises:
             ConfigurationError: A number is not finite or has the wrong sign, the time constant has too few or too many
-                steps, or gusts lack a generator.
+                steps, the wave has too few, or gusts lack a generator.
         """
         self._mean = checked(mean_W, (3,), "current [m/s]")
         gust, dt = number(gust, "gust [m/s]"), number(timestep, "timestep of the current [s]")
@@ -79,40 +106,52 @@ class Current:
             )
         self._rng, self._dt = rng, dt
         self.profile, self._ticks = profile, 0
-        self._blows = gust > 0.0
+        self._blows, self._wave = gust > 0.0, wave if any(wave.amplitude_W) else None
+        self._varies = self._blows or self._wave is not None
+        if self._wave is not None and not wave.frequency * dt * _FEWEST < 1.0:
+            raise ConfigurationError(
+                f"wave of {wave.frequency} Hz: its period must be above {_FEWEST:g} steps of {dt} s"
+            )
         a, b = np.exp(-dt / time_constant), -np.expm1(-dt / time_constant)
         self._gain, self._pole = float(b), float(a)
         # Stationary start: standard deviations of both filter states for unit white noise (gain b and pole a, twice),
         # from Lyapunov's equation; scaled so that the second state has the gust's.
         first = gust * (1.0 + a) / (1.0 + a * a)
         self._scale = gust * (1.0 + a) * np.sqrt((1.0 + a) / (b * (1.0 + a * a)))
-        rows = _BLOCK if self._blows else 1
+        rows = _BLOCK if self._varies else 1
         self.velocity, self.acceleration = np.tile(self._mean, (rows, 1)), np.zeros((rows, 3))
-        self.row = np.array([rows, 1] if self._blows else [0, 0])  # no gust is generated yet
-        self._filters = np.zeros((2, 3))
+        self.row = np.array([rows, 1] if self._varies else [0, 0])  # none is generated yet
+        self._filters, self._generated = np.zeros((2, 3)), 0
+        self._before = np.zeros(3)  # [m/s] gust and wave at the last step generated
         if self._blows:
             assert rng is not None
             now, other = rng.standard_normal((2, 3))
-            self._gust = gust * now  # [m/s] at the last step generated
-            self._filters[:] = a * first * (now + a * other), a * self._gust
+            self._before[:] = gust * now
+            self._filters[:] = a * first * (now + a * other), a * self._before
+        if self._wave is not None:
+            self._before += self._wave.velocity(np.array([-dt]))[0]
 
     @property
     def timestep(self) -> float | None:
         """Step of the plant [s] that it was made for; None for a steady current, which suits any step."""
-        return self._dt if self._blows or self.profile is not None else None
+        return self._dt if self._varies or self.profile is not None else None
 
     def _refill(self) -> None:
-        assert self._rng is not None
-        noise = self._scale * self._rng.standard_normal((_BLOCK, 3))
-        for state in self._filters:
-            _filter(self._gain, self._pole, noise, state)
-        self.velocity[:] = self._mean + noise
-        self.acceleration[:] = np.diff(noise, axis=0, prepend=self._gust[None]) / self._dt
-        self._gust, self.row[0] = noise[-1], 0
+        varying = np.zeros((_BLOCK, 3))
+        if self._blows:
+            assert self._rng is not None
+            varying = self._scale * self._rng.standard_normal((_BLOCK, 3))
+            for state in self._filters:
+                _filter(self._gain, self._pole, varying, state)
+        if self._wave is not None:
+            varying += self._wave.velocity((self._generated + np.arange(_BLOCK)) * self._dt)
+        self.velocity[:] = self._mean + varying
+        self.acceleration[:] = np.diff(varying, axis=0, prepend=self._before[None]) / self._dt
+        self._before, self._generated, self.row[0] = varying[-1], self._generated + _BLOCK, 0
 
     def ready(self) -> int:
         """Number of steps that may now be taken from the rows; generates new ones after the last."""
-        if not self._blows:
+        if not self._varies:
             return sys.maxsize
         if self.row[0] == _BLOCK:
             self._refill()

@@ -31,6 +31,7 @@ from scenarios.arm_identification.calibration_input import (
     solve,
 )
 from scenarios.arm_identification.touching import touching_scenario
+from scenarios.options import site_of
 from scenarios.scenario import VehicleSetup
 from scenarios.site import OpenWater, Site
 from sim.interfaces.errors import ConfigurationError
@@ -165,10 +166,10 @@ def case_of(options: CalibrationOptions, folder: Path, rng: np.random.Generator)
         return logs[0]
 
     hovering = options.touching == "hovering"
-    site = Site(object=OpenWater(), current=options.current, gust=options.gust)
+    site = site_of(options, OpenWater())
     scenario = touching_scenario(
         VehicleSetup(vehicle=options.arm, arm_errors=errors),
-        site if hovering else replace(site, current=(0.0, 0.0, 0.0), gust=0.0),
+        site if hovering else Site(object=OpenWater(), current=(0.0, 0.0, 0.0), gust=0.0),
         hovering=hovering,
         nests=points,
         touches=poses,

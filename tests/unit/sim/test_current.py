@@ -1,5 +1,7 @@
 """The current in time: its statistics, an acceleration that is its derivative, and what the door refuses."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -8,7 +10,7 @@ from sim import hydrodynamics
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array
 from sim.plant.plant import Plant
-from sim.water.current import Current
+from sim.water.current import Current, Wave
 
 MEAN = (0.15, -0.05, 0.02)  # [m/s]
 
@@ -124,3 +126,23 @@ def test_steady_without_gusts():
 def test_refusals(mean, options, said):
     with pytest.raises(ConfigurationError, match=said):
         Current(mean, **options)
+
+
+def test_a_wave_swings_about_the_steady_current(within):
+    """Its velocity is the sine in closed form across two blocks, and its acceleration adds up to the velocity."""
+    dt, wave = 0.002, Wave(amplitude_W=(0.1, -0.05, 0.0), frequency=0.2, phase=0.3)
+    current = Current([0.2, 0.0, 0.0], wave=wave, timestep=dt)
+    velocity, acceleration = run(current, 6000)
+    t = dt * np.arange(6000)
+    expected = np.array([0.2, 0.0, 0.0]) + np.outer(np.sin(2.0 * np.pi * 0.2 * t + 0.3), [0.1, -0.05, 0.0])
+    within("velocity [m/s]", float(np.abs(velocity - expected).max()), 1e-12)
+    within("velocity added up [m/s]", float(np.abs(np.diff(velocity, axis=0) - dt * acceleration[1:]).max()), 1e-12)
+    alone = Current([0.0, 0.0, 0.0], gust=0.1, rng=np.random.default_rng(1))
+    both = Current([0.0, 0.0, 0.0], gust=0.1, wave=wave, rng=np.random.default_rng(1))
+    gust, with_wave = (np.array([each.step()[0] for _ in range(10)]) for each in (alone, both))
+    within("gust and wave [m/s]", float(np.abs(with_wave - gust - wave.velocity(t[:10])).max()), 1e-12)
+    for wrong, words in ((0.0, "finite and > 0 Hz"), (np.inf, "finite and > 0 Hz")):
+        with pytest.raises(ConfigurationError, match=words):
+            Wave(frequency=wrong)
+    with pytest.raises(ConfigurationError, match="must be above 20 steps"):
+        Current([0.0, 0.0, 0.0], wave=replace(wave, frequency=50.0), timestep=dt)

@@ -254,9 +254,10 @@ class FaultLimits:
     )
     thruster_leftover: float = tuned(0.4, "[-] share of the missing wrench that the thruster may leave unexplained")
     thruster_confirm: float = tuned(0.35, "[s] for which a loss must persist")
-    current_confirm: float = tuned(
-        0.8, "[s] where it may be a current; one that doubles in 1 s exceeds the bound for 0.5 s"
-    )
+    current_confirm: float = tuned(0.4, "[s] where it may be a current or a wave; then the thruster is probed")
+    probe_share: float = tuned(0.12, "[-] size of a probe's doublet, as a share of full thrust")
+    probe_time: float = tuned(0.6, "[s] of a doublet: half of it ahead, half of it astern")
+    probe_again: float = tuned(4.0, "[s] after which a thruster that was found sound may be probed again")
 
     def __post_init__(self) -> None:
         check(self, "health", positive=tuple(self.__slots__))

@@ -10,9 +10,9 @@ The plant is not used. A fault is a disagreement of two sources that should agre
   thrust, the arm's wrench, weight and drag.
 
 A missing wrench along the column of one thruster, in proportion to that thruster's demand, is attributed to that
-thruster. Any other is a gust or a snag, and counts only by its effect on station keeping. A thruster with a column that
-is almost a pure force (one sway thruster amidships) needs a longer confirmation. Its loss and a current that has just
-risen look alike until the controller has learnt the current.
+thruster. Any other is a gust or a snag, and counts only by its effect on station keeping. Where the column is almost a
+pure force (one sway thruster amidships) a wave, or a current that has just risen, looks like the thruster's loss. Such
+a thruster is probed by a small doublet (`controllers.safety.thruster_probe`).
 
 Each residual is compared with its own average (`learning_time`), so that constant biases and model errors are no fault.
 Thresholds are in `FaultLimits`; the tests measure the distance of sound runs from them.
@@ -27,6 +27,7 @@ import numpy as np
 
 from controllers.hull.station_keeping import hull_inertia
 from controllers.safety.joint_residuals import JointResidualModel, JointResiduals, update_residuals
+from controllers.safety.thruster_probe import ProbeState, ThrusterProbe, is_lost
 from controllers.tuning import FaultLimits
 from models import hydrodynamics
 from models.vehicle import Vehicle
@@ -71,7 +72,10 @@ class FaultDetectionState:
     joints: JointResiduals
     hull: HullResiduals
     hull_time: float  # [s] of the last momentum balance of the hull
+    asked: Array  # (m,) last thruster commands of the controller
     load_seen: HullLoad | None = None  # of the last momentum balance, to recognise a new one
+    probe: ProbeState | None = None  # of a thruster under suspicion
+    cleared: list[float] = field(default_factory=list)  # [s] for each thruster, when a probe last found it sound
     faults: list[Fault] = field(default_factory=list)  # found so far
 
     def has(self, kind: FaultKind, index: int = -1) -> bool:
@@ -116,7 +120,9 @@ class FaultDetection:
         )
         force, moment = (np.linalg.norm(part, axis=0) for part in np.vsplit(hull.scale[:, None] * hull.B, 2))
         telling = moment > limits.thruster_moment * force
+        self._telling = telling
         self._confirm = np.where(telling, limits.thruster_confirm, limits.current_confirm)
+        self._probe = ThrusterProbe(hull.curves, hull.lags, limits)
 
     def init(self, estimate: StateEstimate) -> FaultDetectionState:
         """Initial state at the first `estimate`: no faults."""
@@ -125,6 +131,8 @@ class FaultDetection:
         return FaultDetectionState(
             began=estimate.time,
             hull_time=estimate.time,
+            asked=thruster(),
+            cleared=[-np.inf] * m,
             joints=JointResiduals.start(estimate.q, estimate.qd, estimate.tau),
             hull=HullResiduals(
                 speed=thruster(),
@@ -185,9 +193,35 @@ class FaultDetection:
             return
         seen = (estimate.X_WB[:3, :3], estimate.v_WB_B, estimate.w_WB_B, load.current_W, load.arm_wrench_B)
         _hull(self._hull, seen, dt, self.limits.hull_time, state.hull)
-        state.hull.thrusters[:] = command.thrusters
         warm = estimate.time - state.began > self.limits.warm_up
-        self._learn_or_suspect(state, estimate.time, dt, float(np.linalg.norm(estimate.v_WB_B)), warm)
+        if state.probe is None:
+            self._learn_or_suspect(state, estimate.time, dt, float(np.linalg.norm(estimate.v_WB_B)), warm)
+        else:
+            self._go_on_probing(state, state.probe, estimate.time, dt)
+        state.asked[:] = command.thrusters
+        state.hull.thrusters[:] = self.sent(state, command.thrusters)
+
+    def sent(self, state: FaultDetectionState, thrusters: Array) -> Array:
+        """Commands (m,) to the thrusters, `thrusters` (m,) of the controller with the doublet of a probe."""
+        return thrusters if state.probe is None else self._probe.sent(state.probe, thrusters)
+
+    def _go_on_probing(self, state: FaultDetectionState, probe: ProbeState, time: float, dt: float) -> None:
+        """Take the balance into the probe, and register its thruster as lost if it does not answer."""
+        i, hull, scale = probe.thruster, state.hull, self._hull.scale
+        _explain(self._hull, hull, self.limits.thruster_leftover)  # predicts the thrusts
+        column = scale * self._hull.B[:, i]
+        missing = float(column @ (scale * (hull.missing - hull.missing_usual)) / (column @ column))
+        thrust = float(hull.thrust[i])
+        share = self._probe.step(probe, time, dt, float(state.asked[i]), thrust, missing)
+        if share is None:
+            return
+        state.probe = None
+        hull.lost_for[:] = 0.0
+        if is_lost(share):
+            figures = f"{share:.0%} of a test thrust were missing"
+            self._add(state, FaultKind.THRUSTER, self._vehicle.thruster_names[i], i, time, figures)
+        elif share == share:  # not NaN
+            state.cleared[i] = time
 
     def judge_joints(self, state: FaultDetectionState, time: float) -> None:
         """Register the joints' sensors with residuals beyond their bounds as faulty.
@@ -251,7 +285,10 @@ class FaultDetection:
         hull.lost_for[:] = 0.0
         if lost_for > 0.0:
             hull.lost_for[best] = lost_for
-            if lost_for > self._confirm[best]:
+            if lost_for > self._confirm[best] and not self._telling[best]:
+                if time - state.cleared[best] > limits.probe_again:
+                    state.probe = self._probe.begin(best, time, hull.passed, hull.speed)
+            elif lost_for > self._confirm[best]:
                 asked_of_it = abs(float(hull.thrust[best]))
                 figures = f"gave {(1.0 - share) * asked_of_it:.0f} N where {asked_of_it:.0f} N were asked for"
                 self._add(state, FaultKind.THRUSTER, self._vehicle.thruster_names[best], best, time, figures)

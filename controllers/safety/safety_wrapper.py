@@ -145,6 +145,8 @@ class SafetyWrapper:
         Returns:
             The command with the faults; drives with a faulty encoder only bear the arm's weight.
         """
+        if state.health is not None and state.health.probe is not None:
+            command = replace(command, thrusters=self.health.sent(state.health, command.thrusters))
         state.sound, state.command, state.blind_for = estimate, command, 0.0 if fresh else state.blind_for + self.period
         if not faults:
             return command

@@ -163,12 +163,16 @@ def test_a_lost_thruster_is_found_and_named_later_where_it_does_not_turn_the_hul
     alone = np.where(np.arange(M) == thruster, COMMAND, 0.3 * COMMAND)
     (fault,) = Rig(velocity=accelerated(-thrust * column), command=alone).run(12.0)
     assert (fault.kind, fault.index) == (FaultKind.THRUSTER, thruster)
+    limits, turns = FaultLimits(), np.linalg.norm(column[3:]) > 0.1 * np.linalg.norm(column[:3])
+    if not turns:  # it is probed
+        (missing,) = (float(word) for word in re.findall(r"([-\d]+)%", fault.figures))
+        assert missing == pytest.approx(100.0, abs=15.0)
+        assert 2.0 * limits.probe_time < fault.time - 10.0 - limits.current_confirm < 2.0 * limits.probe_time + 0.65
+        return
     gave, asked = (float(word) for word in re.findall(r"([-\d]+) N", fault.figures))
     assert asked == pytest.approx(abs(thrust), abs=1.0)
     assert abs(gave) < 0.5 * asked  # what is left, as it was judged then
-    limits, turns = FaultLimits(), np.linalg.norm(column[3:]) > 0.1 * np.linalg.norm(column[:3])
-    confirmed = limits.thruster_confirm if turns else limits.current_confirm
-    assert confirmed < fault.time - 10.0 < confirmed + 0.65
+    assert limits.thruster_confirm < fault.time - 10.0 < limits.thruster_confirm + 0.65
 
 
 def test_a_push_that_is_learnt_for_a_current_is_no_lost_thruster():

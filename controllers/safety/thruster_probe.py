@@ -1,0 +1,119 @@
+"""Probe of a thruster: a small doublet that tells its loss from a disturbance that looks like it.
+
+A wave along a single sway thruster, and that thruster's loss, leave the same wrench unexplained: the wave moves the
+hull as the thrust that is missing would have. What tells them apart is how the hull answers to thrust that is added on
+purpose. If the thruster turns, the answer is in its predicted thrust and nothing more is missing. If it is lost, just
+the added thrust is missing.
+
+The missing thrust is fitted by a polynomial of time, for the disturbance, and by the added thrust after the lags of
+propeller and filter. The factor of the latter is the share that is lost.
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from controllers.tuning import FaultLimits
+from models.water.thruster_curves import command_for, thrust_at
+from sim.interfaces.spatial import Array
+
+_DEGREE = 1.5  # of the polynomial, for each doublet's time: a disturbance of up to 0.3 Hz
+_LOST = 0.5  # [-] share of the added thrust that is missing, above which the thruster is lost
+_SURE = 2.5  # [sigma] by which the share must differ from _LOST
+_DOUBLETS = (2, 6)  # after which a verdict is possible, and after which the probe ends without one
+
+
+@dataclass(slots=True, eq=False)
+class ProbeState:
+    """A probe that goes on."""
+
+    thruster: int
+    began: float  # [s]
+    added: float = 0.0  # [N] now asked for on top
+    passed: float = 0.0  # [-] command that the propeller would have without it, after the slew limit
+    speed: float = 0.0  # [-] speed of the propeller without it
+    answer: float = 0.0  # [N] thrust that was added, filtered as the missing thrust is
+    rows: list[tuple[float, float, float]] = field(default_factory=list)  # time [s], missing and added thrust [N]
+
+
+class ThrusterProbe:
+    """Probes of the thrusters of one vehicle."""
+
+    def __init__(self, curves: Array, lags: Array, limits: FaultLimits) -> None:
+        """Take the believed thrusters.
+
+        Args:
+            curves: static curves of the m thrusters, one a row.
+            lags: (m, 2) time constant [s] and slew rate [1/s].
+            limits: size and time of the doublet.
+        """
+        self._curves, self._lags, self._limits = curves, lags, limits
+        self._least, self._most = (np.array([thrust_at(curve, end) for curve in curves]) for end in (-1.0, 1.0))
+
+    def begin(self, thruster: int, time: float, passed: Array, speed: Array) -> ProbeState:
+        """Probe of one `thruster` from `time` [s] on; its propellers as predicted, (m,) each."""
+        return ProbeState(thruster, time, passed=float(passed[thruster]), speed=float(speed[thruster]))
+
+    def sent(self, state: ProbeState, thrusters: Array) -> Array:
+        """Commands (m,) with the doublet, for `thrusters` (m,) of the controller."""
+        i, sent = state.thruster, np.array(thrusters)
+        curve = self._curves[i]
+        sent[i] = np.clip(command_for(curve, thrust_at(curve, sent[i]) + state.added), -1.0, 1.0)
+        return sent
+
+    def step(
+        self, state: ProbeState, time: float, dt: float, wanted: float, thrust: float, missing: float
+    ) -> float | None:
+        """Take one balance of the hull's momentum, and choose what is added next.
+
+        Args:
+            state: of the probe; changed in place.
+            time: [s] of the balance.
+            dt: [s] since the last one.
+            wanted: [-] command of the controller since then, without the doublet.
+            thrust: [N] predicted, with the doublet.
+            missing: [N] unexplained force along the thruster.
+
+        Returns:
+            The share of the added thrust that is missing, once it is known well enough; NaN where it is not to be
+            known, None to go on.
+        """
+        limits, i = self._limits, state.thruster
+        lag, slew = self._lags[i]
+        most = slew * dt if slew > 0.0 else np.inf
+        state.passed += min(max(wanted - state.passed, -most), most)
+        state.speed = state.passed + (state.speed - state.passed) * (np.exp(-dt / lag) if lag > 0.0 else 0.0)
+        added = thrust - thrust_at(self._curves[i], state.speed)
+        state.answer += min(1.0, dt / limits.hull_time) * (added - state.answer)
+        state.rows.append((time, missing, state.answer))
+        doublets = (time - state.began) / limits.probe_time
+        larger = 1.0 if doublets < _DOUBLETS[0] else 2.0
+        size = larger * limits.probe_share * self._most[i]
+        # Where full thrust is asked for already, the doublet lies on one side.
+        base = thrust_at(self._curves[i], wanted)
+        ahead = min(size, max(0.0, self._most[i] - base))
+        ahead = max(ahead, size - (base - self._least[i]))
+        state.added = ahead if doublets % 1.0 < 0.5 else ahead - 2.0 * size
+        if doublets < _DOUBLETS[0]:
+            return None
+        share, sigma = self._share(np.array(state.rows), dt)
+        if abs(share - _LOST) > _SURE * sigma:
+            return share
+        return np.nan if doublets > _DOUBLETS[1] else None
+
+    def _share(self, rows: Array, dt: float) -> tuple[float, float]:
+        """Share of the added thrust that is missing, and its standard deviation."""
+        degree = round(_DEGREE * (rows[-1, 0] - rows[0, 0]) / self._limits.probe_time)
+        smooth = np.polynomial.legendre.legvander(np.linspace(-1.0, 1.0, len(rows)), degree)
+        A = np.column_stack([smooth, -rows[:, 2]])
+        found, *_ = np.linalg.lstsq(A, rows[:, 1], rcond=None)
+        left = rows[:, 1] - A @ found
+        alike = 2.0 * self._limits.hull_time / dt  # samples that the filter makes one reading
+        variance = float(left @ left) / max(1.0, len(rows) / alike - A.shape[1]) / alike
+        across = A[:, -1] - A[:, :-1] @ np.linalg.lstsq(A[:, :-1], A[:, -1], rcond=None)[0]
+        return float(found[-1]), float(np.sqrt(variance * alike / max(float(across @ across), 1e-12)))
+
+
+def is_lost(share: float) -> bool:
+    """Verdict on the share of the added thrust that is missing."""
+    return share > _LOST

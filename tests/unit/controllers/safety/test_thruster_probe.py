@@ -1,0 +1,59 @@
+"""The probe of a thruster: a wave along it is told from its loss, and from a part of it, also where it is saturated."""
+
+import numpy as np
+import pytest
+
+import models
+from controllers.safety.thruster_probe import ThrusterProbe, is_lost
+from controllers.tuning import FaultLimits
+from models.vehicle import Vehicle
+from models.water.thruster_curves import thrust_at
+from models.water.thrusters import SLEW_RATE, TIME_CONSTANT, curves
+
+LIMITS = FaultLimits()
+TABLE = Vehicle.of(models.load("uuv_puma").compile()).thruster_table
+SWAY, DT = 2, 0.02  # index, [s]
+
+
+def probed(lost: float, wave: float, frequency: float, wanted: float) -> tuple[float, float]:
+    """Share that a probe states, and how long it took [s].
+
+    Args:
+        lost: share of the thrust that is missing.
+        wave: [N] amplitude of a disturbance along the thruster.
+        frequency: [Hz] of it.
+        wanted: [-] command of the controller.
+    """
+    curve, lag = curves(TABLE), TABLE[:, [TIME_CONSTANT, SLEW_RATE]]
+    probe = ThrusterProbe(curve, lag, LIMITS)
+    still = np.full(len(TABLE), wanted)
+    state, speed, sent, filtered = probe.begin(SWAY, 0.0, still, still), wanted, wanted, 0.0
+    rng = np.random.default_rng(4)
+    filtered = -lost * thrust_at(curve[SWAY], wanted)
+    for step in range(1, 1000):
+        time = DT * step
+        speed = sent + (speed - sent) * np.exp(-DT / lag[SWAY, 0])
+        thrust = thrust_at(curve[SWAY], speed)
+        filtered += DT / LIMITS.hull_time * (-lost * thrust - filtered)
+        missing = filtered + wave * np.sin(2.0 * np.pi * frequency * time) + rng.normal(0.0, 1.0)
+        share = probe.step(state, time, DT, wanted, thrust, missing)
+        if share is not None:
+            return share, time
+        sent = float(probe.sent(state, still)[SWAY])
+    raise AssertionError("the probe never ends")
+
+
+@pytest.mark.parametrize("wanted", [0.0, 0.3, 1.0, -1.0])
+@pytest.mark.parametrize(("wave", "frequency"), [(0.0, 0.1), (60.0, 0.15), (200.0, 0.3)])
+def test_a_loss_is_told_from_a_wave(wave: float, frequency: float, wanted: float, within):
+    for lost in (0.0, 1.0):
+        share, time = probed(lost, wave, frequency, wanted)
+        within("share", share - lost, 0.25)  # measured 0.21 in the largest wave
+        assert is_lost(share) == bool(lost)
+        assert time < 4.0
+
+
+def test_what_cannot_be_known_is_not_said():
+    """A disturbance at the doublet's own frequency, far larger than it."""
+    share, _ = probed(0.0, 2000.0, 1.0 / LIMITS.probe_time, 0.2)
+    assert np.isnan(share)

@@ -121,7 +121,7 @@ class DriveSpan:
         if state.stopped is not None or state.blind_for or self._health.faults:
             return 0
         x, y, z = inner.tool.compliance.offset_W.tolist()
-        if reference.scan or reference.compliant or x or y or z:
+        if reference.scan or reference.compliant or reference.abort is not None or x or y or z:
             return 0
         if reference.force_control and not inner.tool.servo_compliance:
             return 0

@@ -272,6 +272,7 @@ class SafetyTuning:
     old_imu: float = tuned(0.1, "[s] age of the newest IMU data from which on an estimate is rejected")
     braking_speed: float = tuned(0.4, "[rad/s] joint speed from which on the full braking torque acts")
     braking_share: float = tuned(0.5, "[-] braking torque as a share of the drive's torque limit")
+    gentle_force: float = tuned(50.0, "[N] at the tip, above which the arm gives way once the work is broken off")
 
 
 # Softer servo than for work on a stiff surface; filters, noise and friction as there (same sensors and gears).

@@ -23,7 +23,7 @@ import numpy as np
 from controllers.arm.inverse_dynamics import ArmDynamics
 from controllers.arm.wrench_terms import WrenchTerms
 from controllers.estimation.tip_force_estimator import ContactState
-from controllers.hull.allocation import PRIORITIES_AFTER_LOSS, Allocation
+from controllers.hull.allocation import PRIORITIES, PRIORITIES_AFTER_LOSS, Allocation
 from controllers.hull.station_keeping import StationKeeping, StationKeepingState
 from controllers.tuning import HULL
 from models.vehicle import Vehicle
@@ -34,6 +34,7 @@ from sim.interfaces.kernels import keyed_by_imports
 from sim.interfaces.messages import Reference, StateEstimate
 from sim.interfaces.spatial import Array, fitting, number
 
+_PUSHES = 0.3  # [-] share of full thrust, above which a thruster that is stuck may turn the vehicle over
 _PARTS = 4  # number of instants in a period over which the thrust is averaged
 
 Term = Literal["hydrodynamic", "dynamic", "contact"]
@@ -184,19 +185,28 @@ class HullControl:
         vehicle = Vehicle.of(model)
         self.station = StationKeeping(model, arm, water_error=water_error)
         self._period, self._thrusters = period, len(vehicle.thruster_names)
+        self._columns = np.array(vehicle.thruster_wrench)
+        self._full = np.array([thrust_at(curve, 1.0) for curve in curves(vehicle.thruster_table)])
         self._lead = lead or ThrusterLead(vehicle)
-        self._allocations: dict[tuple[int, ...], Allocation] = {(): allocation or Allocation(vehicle)}  # by those lost
+        self._sound = allocation or Allocation(vehicle)
+        self._allocations: dict[tuple[tuple[int, ...], bool], Allocation] = {}  # by those lost, and whether they push
 
     def init(self) -> HullControlState:
         """Initial state: thrusters off, no current known."""
         off = np.zeros(self._thrusters)
         return HullControlState(self.station.init(), self._lead.init(), np.zeros(6), np.zeros(3), off)
 
-    def allocation(self, lost: tuple[int, ...]) -> Allocation:
-        """Allocation to the thrusters that are left without those `lost`, by index."""
-        if lost not in self._allocations:
-            self._allocations[lost] = self._allocations[()].without(*lost, priorities=PRIORITIES_AFTER_LOSS)
-        return self._allocations[lost]
+    def allocation(self, lost: tuple[int, ...], *, pushing: bool = False) -> Allocation:
+        """Allocation to the thrusters that are left without those `lost`, by index.
+
+        Where a lost one is still `pushing`, roll and pitch come first as for a sound vehicle: the push may turn it over.
+        """
+        if not lost:
+            return self._sound
+        if (lost, pushing) not in self._allocations:
+            levels = PRIORITIES if pushing else PRIORITIES_AFTER_LOSS
+            self._allocations[lost, pushing] = self._sound.without(*lost, priorities=levels)
+        return self._allocations[lost, pushing]
 
     def step(
         self, state: HullControlState, estimate: StateEstimate, reference: Reference, arm_wrench_B: Array
@@ -215,11 +225,13 @@ class HullControl:
         r, dt = reference, self._period
         state.wanted_B = self.station.step(state.station, estimate, r.X_WB, r.v_WB_W, arm_wrench_B, dt, r.w_WB_W)
         state.current_W = self.station.current(state.station)
-        allocation = self.allocation(r.lost_thrusters)
-        command = allocation.command(allocation.thrust(state.wanted_B))
+        pushing = bool(np.any(np.abs(r.lost_thrust) > _PUSHES * self._full[list(r.lost_thrusters)]))
+        allocation = self.allocation(r.lost_thrusters, pushing=pushing)
+        stuck_B = self._columns[:, list(r.lost_thrusters)] @ r.lost_thrust if r.lost_thrust else np.zeros(6)
+        command = allocation.command(allocation.thrust(state.wanted_B - stuck_B))
         through_water = self.station.through_water(state.station, estimate)
         state.thrusters = self._lead.step(state.propellers, command, through_water, dt)
-        state.station.given_B = state.propellers.given_B
+        state.station.given_B = state.propellers.given_B + stuck_B
         return state.thrusters
 
 

@@ -38,6 +38,10 @@ from sim.interfaces.messages import Command, Fault, FaultKind, HullLoad, StateEs
 from sim.interfaces.spatial import Array
 
 
+_SLACK = 1.2  # [-] by which a thruster that is stuck may seem to give more than it can
+_DEAD = 0.2  # [-] share of the thrust asked for, below which a failed thruster counts as giving none
+
+
 class HullResiduals(NamedTuple):
     """Momentum balance of the hull, and the propellers as predicted; arrays, changed in place."""
 
@@ -61,6 +65,7 @@ class _HullModel(NamedTuple):
     curves: Array  # of the thrusters
     lags: Array  # (m, 2) time constant [s], slew rate [1/s]
     B: Array  # (6, m) wrench of unit thrusts
+    ends: Array  # (m, 2) [N] full thrust astern and ahead
     scale: Array  # (6,) that converts moments to forces
 
 
@@ -116,6 +121,7 @@ class FaultDetection:
             curves=curves(table),
             lags=np.array(table[:, [TIME_CONSTANT, SLEW_RATE]]),
             B=np.array(vehicle.thruster_wrench),
+            ends=np.array([[thrust_at(curve, end) for end in (-1.0, 1.0)] for curve in curves(table)]),
             scale=np.array([1.0, 1.0, 1.0, *(1.0 / limits.lever,) * 3]),
         )
         force, moment = (np.linalg.norm(part, axis=0) for part in np.vsplit(hull.scale[:, None] * hull.B, 2))
@@ -219,7 +225,7 @@ class FaultDetection:
         hull.lost_for[:] = 0.0
         if is_lost(share):
             figures = f"{share:.0%} of a test thrust were missing"
-            self._add(state, FaultKind.THRUSTER, self._vehicle.thruster_names[i], i, time, figures)
+            self._fail(state, i, time, figures, thrust, -missing)
         elif share == share:  # not NaN
             state.cleared[i] = time
 
@@ -265,17 +271,37 @@ class FaultDetection:
 
     @staticmethod
     def _add(
-        state: FaultDetectionState, kind: FaultKind, part: str, index: int, time: float, figures: str = ""
+        state: FaultDetectionState,
+        kind: FaultKind,
+        part: str,
+        index: int,
+        time: float,
+        figures: str = "",
+        *,
+        thrust: float = 0.0,
     ) -> None:
         if not state.has(kind, index):
-            state.faults.append(Fault(kind=kind, part=part, index=index, time=time, figures=figures))
+            fault = Fault(kind=kind, part=part, index=index, time=time, figures=figures, thrust=thrust)
+            state.faults.append(fault)
+
+    def _fail(
+        self, state: FaultDetectionState, thruster: int, time: float, figures: str, thrust: float, missed: float
+    ) -> None:
+        """Register a thruster that was to give `thrust` [N] and of which `missed` [N] are missing."""
+        gives = thrust - missed
+        gives = 0.0 if abs(gives) < _DEAD * abs(thrust) else float(np.clip(gives, *self._hull.ends[thruster]))
+        self._add(
+            state, FaultKind.THRUSTER, self._vehicle.thruster_names[thruster], thruster, time, figures, thrust=gives
+        )
 
     def _learn_or_suspect(self, state: FaultDetectionState, time: float, dt: float, speed: float, warm: bool) -> None:
         limits, hull = self.limits, state.hull
-        size, asked, changed, best, share = _explain(self._hull, hull, limits.thruster_leftover)
+        size, asked, changed, best, missed = _explain(self._hull, hull, limits.thruster_leftover)
         bound = limits.hull_force + limits.hull_share * asked + limits.hull_change * changed + limits.hull_speed * speed
         low, high = limits.thruster_loss
-        suspect = best >= 0 and low < share < high
+        thrust = float(hull.thrust[best])
+        # Lost, or stuck at another thrust than is asked for.
+        suspect = best >= 0 and (low * abs(thrust) < missed * np.sign(thrust) < high * abs(thrust) or size > bound)
         # A residual that no thruster loss explains, however large, is model drift and enters the average.
         if not warm or size < 0.7 * bound or not suspect:
             learn = min(1.0, dt / min(limits.hull_learning_time, max(time - state.began, dt)))
@@ -289,9 +315,8 @@ class FaultDetection:
                 if time - state.cleared[best] > limits.probe_again:
                     state.probe = self._probe.begin(best, time, hull.passed, hull.speed)
             elif lost_for > self._confirm[best]:
-                asked_of_it = abs(float(hull.thrust[best]))
-                figures = f"gave {(1.0 - share) * asked_of_it:.0f} N where {asked_of_it:.0f} N were asked for"
-                self._add(state, FaultKind.THRUSTER, self._vehicle.thruster_names[best], best, time, figures)
+                figures = f"gave {thrust - missed:.0f} N where {thrust:.0f} N were asked for"
+                self._fail(state, best, time, figures, thrust, missed)
 
 
 @numba.njit(cache=True)
@@ -374,11 +399,11 @@ def _explain(model, residuals, leftover):
 
     Writes the predicted thrusts to `residuals.thrust`. Returns the size [N] of the unusual part, moments scaled; the
     sum of all thrusts [N], and how much of it differs from the usual [N]; then the thruster, -1 if each leaves more
-    than the share `leftover`, and the missing share of its thrust.
+    than the share `leftover` or would have to give more than it can, and the missing part of its thrust [N].
     """
     scale, B, missing, usual = model.scale, model.B, residuals.missing, residuals.missing_usual
     thrust = residuals.thrust
-    best, share = -1, 0.0
+    best, missed = -1, 0.0
     square, asked, changed = 0.0, 0.0, 0.0
     for k in range(6):
         square += (scale[k] * (missing[k] - usual[k])) ** 2
@@ -397,6 +422,7 @@ def _explain(model, residuals, leftover):
         for k in range(6):
             left += (scale[k] * (missing[k] - usual[k]) + lost * scale[k] * B[k, t]) ** 2
         left = np.sqrt(left)
-        if left < least and lost * thrust[t] > 0.0:
-            best, share, least = t, lost / thrust[t], left
-    return size, asked, changed, best, share
+        gives = thrust[t] - lost
+        if left < least and _SLACK * model.ends[t, 0] <= gives <= _SLACK * model.ends[t, 1]:
+            best, missed, least = t, lost, left
+    return size, asked, changed, best, missed

@@ -5,6 +5,7 @@ Wraps any `sim.interfaces.protocols.Controller`:
 - Fault detection (`controllers.safety.fault_detection`) runs every step; its faults are sent with the command.
 - A torque sensor that is faulty or not finite is replaced by its motor: commanded torque less rotor inertia and
   friction, plus the sensor's offset while it was sound.
+- Once the work is broken off the arm gives way: beyond its weight it bears only a small force at its tip.
 - A drive with a faulty encoder cannot be servoed. It only bears the arm's weight: it yields to contact, and the
   friction of its gear holds it.
 - An estimate with numbers that are not finite, or with IMU data that are too old, never reaches the controller. One
@@ -29,6 +30,7 @@ from sim.interfaces.messages import Command, ContactEstimate, Fault, FaultKind, 
 from sim.interfaces.protocols import Controller
 from sim.interfaces.spatial import Array
 
+_LEAST_LEVER = 0.1  # [m] of a joint about which the tip does not move: the wrist's torque turns the tool
 _LEFT_OUT = 1e3  # [N m] sigma of a replaced torque sensor: excludes its joint from the force estimate
 
 
@@ -121,6 +123,8 @@ class SafetyWrapper:
         state.inner, command = self.controller.step(state.inner, estimate, reference)
         if not (_numbers(command.joint_torque) and _numbers(command.thrusters)):
             return state, self.without(state, estimate, FaultKind.CONTROLLER)
+        if reference.abort is not None:
+            command = replace(command, joint_torque=self._gentle(command.joint_torque, estimate))
         faults = self.health.step(state.health, estimate, command) if fresh else tuple(state.health.faults)
         return state, self.passed(state, estimate, command, faults, fresh=fresh)
 
@@ -182,6 +186,18 @@ class SafetyWrapper:
         torque = np.array(torque)
         torque[wrong] = self._borne(estimate.q, estimate.X_WB[:3, :3])[wrong]
         return torque
+
+    def _gentle(self, torque: Array, estimate: StateEstimate) -> Array:
+        """`torque` (n,) [N m], with no more on top of the arm's weight than SAFETY.gentle_force at the tip needs.
+
+        A hull that is out of control then pushes the arm aside, and not the arm into the object.
+        """
+        if self._arm is None:
+            return torque
+        borne = self._borne(estimate.q, estimate.X_WB[:3, :3])
+        lever = np.linalg.norm(self._arm.tip(estimate.q)[1][:3], axis=0)
+        most = SAFETY.gentle_force * np.maximum(lever, _LEAST_LEVER)
+        return borne + np.clip(torque - borne, -most, most)
 
     def without(self, state: SafetyWrapperState, estimate: StateEstimate, kind: FaultKind) -> Command:
         """Command without a controller: the last one repeated, after `patience` brakes only.

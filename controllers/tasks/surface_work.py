@@ -149,7 +149,7 @@ class SurfaceWork(TaskPlanner):
 
 BREAK_OFF = {
     Reaction.RETREAT: "retreat",
-    Reaction.RISE: "retreat",
+    Reaction.RISE: "rise",
     Reaction.WITHDRAW: "pull back",
     Reaction.STOP: "halt",
 }

@@ -10,7 +10,7 @@ import numpy as np
 from controllers.tasks.monitors import Monitor, Reaction, watch
 from controllers.tasks.phase import NO_ESTIMATE, Abort, Context, Held, Phase, PhaseEvent
 from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.messages import Command, FaultKind, Reference, StateEstimate, Target, WorkState
+from sim.interfaces.messages import Command, Fault, FaultKind, Reference, StateEstimate, Target, WorkState
 from sim.interfaces.spatial import Array
 
 
@@ -45,7 +45,7 @@ class TaskState:
     false_at: list[float]  # [s] for each monitor, the time at which its condition was last false
     abort: Abort | None = None  # why the work was broken off
     adrift: bool = False  # the hull cannot keep station
-    lost_thrusters: tuple[int, ...] = ()  # indices
+    lost_thrusters: tuple[Fault, ...] = ()
 
 
 class TaskPlanner:
@@ -107,7 +107,7 @@ class TaskPlanner:
         time = estimate.time if math.isfinite(estimate.time) else state.since
         now = Context(time, self.period, estimate, target, last)
         faults = last.faults if last is not None else ()
-        state.lost_thrusters = tuple(fault.index for fault in faults if fault.kind is FaultKind.THRUSTER)
+        state.lost_thrusters = tuple(fault for fault in faults if fault.kind is FaultKind.THRUSTER)
         while isinstance(self._advance(state, now), AtOnce):
             pass
         return state, self._reference(state, now)
@@ -168,6 +168,7 @@ class TaskPlanner:
             path_s=self.path_s(held),
             abort=None if abort is None else abort.code,
             note=held.note if abort is None else abort.reason,
-            lost_thrusters=state.lost_thrusters,
+            lost_thrusters=tuple(fault.index for fault in state.lost_thrusters),
+            lost_thrust=tuple(fault.thrust for fault in state.lost_thrusters),
             target=held.target,
         )

@@ -318,7 +318,7 @@ class FaultKind(StrEnum):
     VISION = "vision"  # too old to follow a path by
     TORQUE_SENSOR = "torque sensor"  # of one joint
     ENCODER = "encoder"  # of one joint
-    THRUSTER = "thruster"  # one gives less thrust than commanded
+    THRUSTER = "thruster"  # one gives another thrust than commanded
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -330,6 +330,7 @@ class Fault:
     index: int  # of the part; -1 if there is only one
     time: float  # [s] of detection
     figures: str = ""  # evidence in words: "gave 3 N where 11 N were asked for"
+    thrust: float = 0.0  # [N] that a failed thruster gives whatever is commanded
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -355,6 +356,7 @@ class Reference:
     touch: int | None = None  # index of the touch whose reading is taken now
     compliant: bool = False  # yield to forces across the tool axis
     lost_thrusters: tuple[int, ...] = ()  # failed, not to be used
+    lost_thrust: tuple[float, ...] = ()  # [N] that each of those gives whatever is commanded; empty: none
     w_WB_W: Array = field(default_factory=lambda: _STILL)  # (3,) [rad/s] angular velocity of the hull pose to hold
     target: Target | None = None  # that the work goes by: the mean of several finds; None: none yet
 

@@ -228,12 +228,13 @@ class FaultySensor:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ThrusterFault:
-    """Thruster that gives `share` of the commanded thrust (0: none), or, if `stuck`, keeps its last command."""
+    """Thruster that gives `share` of the commanded thrust (0: none), or, if `stuck`, keeps one command."""
 
     thruster: int
     onset: Onset
     share: float = 0.0
     stuck: bool = False
+    command: float | None = None  # [-] that it keeps, in [-1, 1]; None: the last one
 
 
 class FaultyPlant:
@@ -243,7 +244,7 @@ class FaultyPlant:
         """Wrap `plant`.
 
         Raises:
-            ConfigurationError: A thruster does not exist, or a share is outside [0, 1].
+            ConfigurationError: A thruster does not exist, or a share or command is out of its range.
         """
         self.plant, self.faults = plant, tuple(faults)
         self.timestep = plant.timestep
@@ -255,6 +256,8 @@ class FaultyPlant:
                 )
             if not 0.0 <= fault.share <= 1.0:
                 raise ConfigurationError(f"fault: share of a thruster's thrust must be in [0, 1], got {fault.share}")
+            if fault.command is not None and not -1.0 <= fault.command <= 1.0:
+                raise ConfigurationError(f"fault: command of a stuck thruster must be in [-1, 1], got {fault.command}")
         self._curves = curves(plant.vehicle.thruster_table)
         self._last = np.zeros(len(names))
 
@@ -274,7 +277,7 @@ class FaultyPlant:
             if not fault.onset.active(time):
                 continue
             if fault.stuck:
-                thrusters[i] = self._last[i]
+                thrusters[i] = self._last[i] if fault.command is None else fault.command
             elif fault.share < 1.0:
                 wanted = float(np.clip(thrusters[i], -1.0, 1.0))
                 thrusters[i] = command_for(self._curves[i], fault.share * thrust_at(self._curves[i], wanted))

@@ -210,9 +210,14 @@ class ForkingObserver:
 def thruster_cases(names: tuple[str, ...]) -> dict[str, dict[str, Any]]:
     """Arguments of `ThrusterFault` by case."""
     dead = {f"thruster {name} dead": {"thruster": i} for i, name in enumerate(names)}
+    stuck = {
+        f"thruster {name} stuck {how}": {"thruster": i, "stuck": True, "command": command}
+        for i, name in enumerate(names)
+        for how, command in (("as it was", None), ("ahead", 1.0), ("astern", -1.0))
+    }
     return {
         **dead,
-        f"thruster {names[0]} stuck": {"thruster": 0, "stuck": True},
+        **stuck,
         f"thruster {names[0]} at 60 %": {"thruster": 0, "share": 0.6},
     }
 

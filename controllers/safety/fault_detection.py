@@ -37,7 +37,6 @@ from sim.interfaces.kernels import keyed_by_imports
 from sim.interfaces.messages import Command, Fault, FaultKind, HullLoad, StateEstimate
 from sim.interfaces.spatial import Array
 
-
 _SLACK = 1.2  # [-] by which a thruster that is stuck may seem to give more than it can
 _DEAD = 0.2  # [-] share of the thrust asked for, below which a failed thruster counts as giving none
 

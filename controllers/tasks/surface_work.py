@@ -147,12 +147,7 @@ class SurfaceWork(TaskPlanner):
         )
 
 
-BREAK_OFF = {
-    Reaction.RETREAT: "retreat",
-    Reaction.RISE: "rise",
-    Reaction.WITHDRAW: "pull back",
-    Reaction.STOP: "halt",
-}
+BREAK_OFF = {Reaction.RETREAT: "retreat", Reaction.RISE: "rise", Reaction.WITHDRAW: "pull back", Reaction.STOP: "halt"}
 
 
 def surface_rows(site: WorkSite, job: SurfaceTaskConfig) -> Iterable[tuple[str, TaskRow]]:

@@ -215,11 +215,7 @@ def thruster_cases(names: tuple[str, ...]) -> dict[str, dict[str, Any]]:
         for i, name in enumerate(names)
         for how, command in (("as it was", None), ("ahead", 1.0), ("astern", -1.0))
     }
-    return {
-        **dead,
-        **stuck,
-        f"thruster {names[0]} at 60 %": {"thruster": 0, "share": 0.6},
-    }
+    return {**dead, **stuck, f"thruster {names[0]} at 60 %": {"thruster": 0, "share": 0.6}}
 
 
 def chosen_cases(thruster_names: tuple[str, ...], only: tuple[str, ...]) -> list[str]:

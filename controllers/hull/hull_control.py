@@ -199,7 +199,7 @@ class HullControl:
     def allocation(self, lost: tuple[int, ...], *, pushing: bool = False) -> Allocation:
         """Allocation to the thrusters that are left without those `lost`, by index.
 
-        Where a lost one is still `pushing`, roll and pitch come first as for a sound vehicle: the push may turn it over.
+        Where a lost one is still `pushing`, roll and pitch come first as for a sound vehicle: it may turn over.
         """
         if not lost:
             return self._sound

@@ -5,7 +5,7 @@
 | vision too old | the path waits at half the force until vision is back; after `blind_time` retreat |
 | one torque sensor wrong | the work goes on with the motor's torque in its place (`safety_wrapper`); two: retreat |
 | an encoder wrong | the arm holds its joint angles, the hull withdraws the tool along its axis |
-| a thruster lost | no more push, retreat along the tool axis, then ascent off the object on the other thrusters |
+| a thruster lost or stuck | no more push, ascent off the object at once on the other thrusters; the arm gives way |
 | hull off its place | the same, with all thrusters |
 | force above its limit, long above the set one, or not felt; contact lost | retreat along the tool axis |
 | estimate or command not finite | arm braked, thrusters off (`safety_wrapper`), abort |
@@ -29,7 +29,7 @@ class Reaction(StrEnum):
     GO_ON = "go on"
     PAUSE = "pause"  # the path waits at a reduced force
     RETREAT = "retreat"  # the arm withdraws the tool along its axis
-    RISE = "retreat and rise"  # then the hull ascends off the object
+    RISE = "rise"  # the hull ascends off the object at once, the arm gives way
     WITHDRAW = "withdraw"  # the hull withdraws the tool, the arm holds its joint angles
     STOP = "stop"  # no control is possible
 

@@ -22,7 +22,7 @@ from sim.loop.recording import Recording
 PathName = Literal["longitudinal", "transverse"]
 PATHS: tuple[PathName, ...] = get_args(PathName)
 TICK = 0.002  # [s] loop step; periods and delays are whole multiples of it
-DAMAGE = 2.0  # times the set force: damage from there on
+DAMAGE = 1.5  # times the set force: damage from there on
 
 KEPT, MISSED, BROKEN, DAMAGED, REFUSED, DIVERGED, CRASHED = (
     "kept",

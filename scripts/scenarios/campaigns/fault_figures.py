@@ -7,6 +7,7 @@ from typing import Literal
 import numpy as np
 
 from scenarios import assemble, barrel
+from scenarios.campaigns.contact_study import DAMAGE
 from scenarios.campaigns.fault_cases import PUSH, Trace, run_branched
 from scenarios.campaigns.fault_picture import draw
 from scenarios.study import Row, Summary, Table
@@ -76,7 +77,7 @@ def figures(trace: Trace, path: str, seed: int) -> FaultFigures:
         lost_s=float(np.count_nonzero(least[working] < 1.0) * step) if states[0] is WorkState.WORK else 0.0,
         final=str(states[-1]),
         note=trace.blew_up or trace.states[-1][2],
-        damage=bool(peak > 2.0 * (trace.set_force or 60.0) or trace.rows[:, 8].any() or trace.blew_up),
+        damage=bool(peak > DAMAGE * (trace.set_force or 60.0) or trace.rows[:, 8].any() or trace.blew_up),
     )
 
 

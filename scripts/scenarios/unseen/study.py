@@ -168,7 +168,8 @@ def summarise(rows: list[Row], title: str) -> Summary:
             metrics[name] = {label: figures_of(some) for label, some in _parts(part, name == "present")}
             tables.append(_recall_table(metrics[name], f"{name.capitalize()}: {title}"))
     metrics["confusion"] = confusion(depth)
-    tables.append(_confusion_table(metrics["confusion"], "Verdicts"))
+    if depth:
+        tables.append(_confusion_table(metrics["confusion"], "Verdicts"))
     if sonar:
         metrics["confusion_sonar"] = confusion(sonar)
         tables.append(_confusion_table(metrics["confusion_sonar"], "Verdicts, sonar"))
@@ -177,13 +178,16 @@ def summarise(rows: list[Row], title: str) -> Summary:
     metrics["false_accepts"] = len(false)
     metrics["false_accept_percent"] = 100.0 * len(false) / max(1, len(depth))
     metrics["scene_s"] = float(np.mean([row["scene_s"] for row in rows]))
-    said = [
-        f"false accepts: {len(false)} of {len(depth)} verdicts ({metrics['false_accept_percent']:.1f} %); sonar apart",
-        f"processor time of a scene {metrics['scene_s']:.2f} s (mean)",
-        f"covariance of {doubts['poses']} poses found: squared error {doubts['nees_mean']:.2f} of what it says (mean),"
-        f" {doubts['nees_median']:.2f} (median); {doubts['covered_percent']:.0f} % within the 95 % ellipsoid",
-        *(f"false accept: {line(row)}" for row in false),
-    ]
+    said = [f"processor time of a scene {metrics['scene_s']:.2f} s (mean)"]
+    if depth:
+        share = metrics["false_accept_percent"]
+        said.append(f"false accepts: {len(false)} of {len(depth)} verdicts ({share:.1f} %); sonar apart")
+    if doubts["poses"]:
+        said.append(
+            f"covariance of {doubts['poses']} poses found: squared error {doubts['nees_mean']:.2f} of what it says "
+            f"(mean), {doubts['nees_median']:.2f} (median); {doubts['covered_percent']:.0f} % within the 95 % ellipsoid"
+        )
+    said += [f"false accept: {line(row)}" for row in false]
     return Summary(metrics=metrics, tables=tables, lines=said, pictures=_pictures(there) if there else ())
 
 

@@ -7,10 +7,12 @@ import pytest
 
 import models
 from controllers.hull.allocation import Allocation
-from controllers.hull.hull_control import ThrusterLead
+from controllers.hull.hull_control import HullControl, ThrusterLead
 from models.vehicle import Vehicle
-from models.water.thrusters import SLEW_RATE, TIME_CONSTANT
+from models.water.thruster_curves import thrust_at
+from models.water.thrusters import SLEW_RATE, TIME_CONSTANT, curves
 from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.messages import Reference, StateEstimate, WorkState
 from sim.interfaces.spatial import Array
 from sim.plant.thrusters import Thrusters
 
@@ -140,3 +142,41 @@ def test_commands_that_cannot_be(vehicle):
         lead.step(lead.init(), np.zeros(5), STILL, DT)
     with pytest.raises(ConfigurationError, match="motion through the water"):
         lead.step(lead.init(), np.zeros(6), np.full(6, np.nan), DT)
+
+
+def test_a_stuck_thruster_is_borne_by_the_others(within):
+    """A heave thruster that gives 15 N whatever is commanded: with what the others are told the hull feels nothing."""
+    model = models.load("uuv_puma").compile()
+    vehicle = Vehicle.of(model)
+    control, stuck, thrust = HullControl(model), vehicle.thruster_names.index("heave_left"), 15.0
+    n, six = len(vehicle.joints), np.zeros(3)
+    rest = StateEstimate(
+        time=0.0, X_WB=np.eye(4), v_WB_B=six, w_WB_B=six, a_WB_B=six, q=np.zeros(n), qd=np.zeros(n), tau=np.zeros(n)
+    )
+    hold = Reference(
+        time=0.0,
+        state=WorkState.DONE,
+        X_WB=np.eye(4),
+        v_WB_W=six,
+        X_WG=None,
+        v_WG_W=six,
+        w_WG_W=six,
+        q=np.zeros(n),
+        qd=np.zeros(n),
+        force=0.0,
+        force_control=False,
+        tare=False,
+        scan=False,
+        path_s=0.0,
+        lost_thrusters=(stuck,),
+        lost_thrust=(thrust,),
+    )
+    state, B = control.init(), vehicle.thruster_wrench
+    for step in range(200):
+        command = control.step(state, replace(rest, time=0.02 * step), hold, np.zeros(6))
+    given = np.array([thrust_at(curve, u) for curve, u in zip(curves(vehicle.thruster_table), command, strict=True)])
+    assert given[stuck] == 0.0
+    left = (B @ given + thrust * B[:, stuck])[[2, 3, 4]]  # what comes first after a loss
+    within("heave, roll, pitch [N, N m]", float(np.abs(left - state.wanted_B[[2, 3, 4]]).max()), 8.0)
+    alone = B @ given - state.wanted_B
+    assert np.abs(alone[[2, 3, 4]]).max() > 10.0  # without the stuck one they would be out of balance

@@ -175,6 +175,19 @@ def test_a_lost_thruster_is_found_and_named_later_where_it_does_not_turn_the_hul
     assert limits.thruster_confirm < fault.time - 10.0 < limits.thruster_confirm + 0.65
 
 
+@pytest.mark.parametrize("end", [-1.0, 1.0])
+@pytest.mark.parametrize("name", ["surge_left", "heave_front", "heave_right"])
+def test_a_thruster_stuck_at_full_thrust_is_found_with_what_it_gives(name: str, end: float, within):
+    thruster = VEHICLE.thruster_names.index(name)
+    curve = curves(VEHICLE.thruster_table)[thruster]
+    gives, asked = thrust_at(curve, end), thrust_at(curve, 0.3 * COMMAND[thruster])
+    pushed = accelerated((gives - asked) * VEHICLE.thruster_wrench[:, thruster])
+    (fault,) = Rig(velocity=pushed, command=0.3 * COMMAND).run(12.0)
+    assert (fault.kind, fault.index) == (FaultKind.THRUSTER, thruster)
+    within("time to find it [s]", fault.time - 10.0, 1.0)
+    within("share of its thrust", fault.thrust / gives - 1.0, 0.35)  # as it has grown through the filter till then
+
+
 def test_a_push_that_is_learnt_for_a_current_is_no_lost_thruster():
     """As large as the sway thruster's own, and gone after 0.3 s."""
     sway = VEHICLE.thruster_names.index("sway")

@@ -9,9 +9,18 @@ import pytest
 import models
 from controllers.arm.inverse_dynamics import ArmDynamics
 from controllers.safety.safety_wrapper import SafetyWrapper
-from controllers.tuning import FaultLimits
+from controllers.tuning import SAFETY, FaultLimits
 from models.vehicle import Vehicle
-from sim.interfaces.messages import Command, ContactEstimate, Fault, FaultKind, Reference, StateEstimate, WorkState
+from sim.interfaces.messages import (
+    AbortCode,
+    Command,
+    ContactEstimate,
+    Fault,
+    FaultKind,
+    Reference,
+    StateEstimate,
+    WorkState,
+)
 
 DT = 0.002
 MODEL = models.load("uuv_puma").compile()
@@ -218,3 +227,29 @@ def test_a_torque_sensor_found_wrong_is_replaced_by_its_motor():
     taken = VEHICLE.armature[1] / FaultLimits().torque_time + VEHICLE.joint_damping[1]
     guarded.step(state, estimate(2601, tau=wrong, qd=faster), REFERENCE)
     assert steady - inner.seen.tau[1] == pytest.approx(0.2 * taken, abs=0.05 * taken)
+
+
+def test_the_arm_gives_way_once_the_work_is_broken_off(within):
+    """Beyond the arm's weight each drive bears what 50 N at the tip need of it, whatever the controller asks for."""
+    most, arm = SAFETY.gentle_force, ArmDynamics(MODEL)
+    one = estimate(0, qd=np.zeros(N))
+
+    class Strong(Inner):
+        def step(self, state: int, estimate: StateEstimate, reference: Reference) -> tuple[int, Command]:
+            command = Command(time=estimate.time, joint_torque=1e4 * np.ones(N), thrusters=np.zeros(M), scan=False)
+            return state, command
+
+    guarded = SafetyWrapper(Strong(), MODEL)
+    torque = {
+        abort: guarded.step(guarded.init(one), one, replace(REFERENCE, abort=abort))[1].joint_torque
+        for abort in (None, AbortCode.THRUSTER)
+    }
+    assert np.all(torque[None] == 1e4)
+    J = arm.tip(one.q)[1][:3]
+    rest, none = np.zeros(N), np.zeros(6)
+    borne = arm.inverse(
+        one.q, rest, rest, R_WB=np.eye(3), nu_B=none, a_B=none, v_current_W=none[:3], wrench_tip_G=none
+    )[0]
+    excess = torque[AbortCode.THRUSTER] - borne
+    lever = np.maximum(np.linalg.norm(J, axis=0), 0.1)
+    within("torque over what the force needs", float(np.abs(excess / (most * lever) - 1.0).max()), 1e-9)

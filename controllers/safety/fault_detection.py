@@ -18,7 +18,7 @@ Each residual is compared with its own average (`learning_time`), so that consta
 Thresholds are in `FaultLimits`; the tests measure the distance of sound runs from them.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import mujoco
@@ -38,6 +38,7 @@ from sim.interfaces.messages import Command, Fault, FaultKind, HullLoad, StateEs
 from sim.interfaces.spatial import Array
 
 _SLACK = 1.2  # [-] by which a thruster that is stuck may seem to give more than it can
+_FOLLOWED = 1.0  # [s] after a stuck thruster was found, for which what it gives is followed
 _DEAD = 0.2  # [-] share of the thrust asked for, below which a failed thruster counts as giving none
 
 
@@ -203,6 +204,7 @@ class FaultDetection:
             self._learn_or_suspect(state, estimate.time, dt, float(np.linalg.norm(estimate.v_WB_B)), warm)
         else:
             self._go_on_probing(state, state.probe, estimate.time, dt)
+        self._refine(state, estimate.time)
         state.asked[:] = command.thrusters
         state.hull.thrusters[:] = self.sent(state, command.thrusters)
 
@@ -210,12 +212,25 @@ class FaultDetection:
         """Commands (m,) to the thrusters, `thrusters` (m,) of the controller with the doublet of a probe."""
         return thrusters if state.probe is None else self._probe.sent(state.probe, thrusters)
 
+    def _refine(self, state: FaultDetectionState, time: float) -> None:
+        """Follow what a stuck thruster gives for some time: when it is found, lags still hide half of it."""
+        hull = state.hull
+        for k, fault in enumerate(state.faults):
+            if fault.kind is FaultKind.THRUSTER and fault.thrust != 0.0 and time - fault.time < _FOLLOWED:
+                gives = float(hull.thrust[fault.index]) + self._along(hull, fault.index)
+                ends = self._hull.ends[fault.index]
+                state.faults[k] = replace(fault, thrust=float(np.clip(gives, *ends)))
+
+    def _along(self, hull: HullResiduals, thruster: int) -> float:
+        """Unusual part of the missing wrench along the column of a thruster [N]."""
+        column, scale = self._hull.scale * self._hull.B[:, thruster], self._hull.scale
+        return float(column @ (scale * (hull.missing - hull.missing_usual)) / (column @ column))
+
     def _go_on_probing(self, state: FaultDetectionState, probe: ProbeState, time: float, dt: float) -> None:
         """Take the balance into the probe, and register its thruster as lost if it does not answer."""
-        i, hull, scale = probe.thruster, state.hull, self._hull.scale
+        i, hull = probe.thruster, state.hull
         _explain(self._hull, hull, self.limits.thruster_leftover)  # predicts the thrusts
-        column = scale * self._hull.B[:, i]
-        missing = float(column @ (scale * (hull.missing - hull.missing_usual)) / (column @ column))
+        missing = self._along(hull, i)
         thrust = float(hull.thrust[i])
         share = self._probe.step(probe, time, dt, float(state.asked[i]), thrust, missing)
         if share is None:

@@ -1,6 +1,6 @@
 """Study: behaviour of contact work under sensor and thruster faults, for every fault on both paths of the barrel.
 
-Each run presses with 90 N when the fault begins. A case does damage if the true force on the object exceeds 1.5 times
+Each run presses with 90 N when the fault begins, or it begins in another phase (--phases). A case does damage if the true force on the object exceeds 1.5 times
 the set force, during the retreat too, or anything but the tool touches the object.
 """
 
@@ -8,6 +8,7 @@ from scenarios.start import parse, run_scenario  # isort: skip
 
 from dataclasses import dataclass
 from functools import partial
+from typing import Literal
 
 import models
 from models.vehicle import Vehicle
@@ -32,6 +33,8 @@ class Options(StudyOptions):
     """Paths of clean_barrel."""
     only: tuple[str, ...] = ()
     """Run only cases whose names contain one of these words."""
+    phases: tuple[Literal["scan", "close-in", "approach", "press", "work", "retreat"], ...] = ("work",)
+    """Phases in which the faults begin: at work at full push, else shortly after the phase has begun."""
     picture: str = "dead"
     """Draw cases whose names contain this."""
 
@@ -41,7 +44,11 @@ def main() -> int:
     options = parse(Options)
     vehicle = Vehicle.of(models.load(BarrelOptions().vehicle).compile())
     chosen_cases(vehicle.thruster_names, options.only)  # refuses words that match no case
-    cases = [BranchedCase(path, options.seed + k, options.only) for path in options.paths for k in range(options.runs)]
+    cases = [
+        BranchedCase(path, options.seed + k, options.only, options.phases)
+        for path in options.paths
+        for k in range(options.runs)
+    ]
     hydrodynamics.install()  # compiled once here, else by every worker
     one = partial(run, folder=options.out or RUNS / NAME, picture=options.picture)
     study = Study(cases=cases, run_one=one, summarise=summarise, line=lines)

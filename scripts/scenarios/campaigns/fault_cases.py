@@ -1,6 +1,7 @@
 """Fault cases of a contact job, branched by fork from one run where the faults begin.
 
-The run is not repeated: the process forks at the onset, and each child continues with one fault.
+The run is not repeated: the process forks at the onsets, and each child continues with one fault. At work the faults
+begin at full push, in other phases shortly after their begin.
 """
 
 import os
@@ -27,8 +28,10 @@ NAN = float("nan")
 PUSH = 90.0  # [N] set force at which the faults begin
 _FULL = 0.999  # share of the set force from which the push counts as full
 _HELD = 0.5  # [s] of full push before the faults begin
+_BEGUN = 0.2  # [s] of another phase before they do
 LINGER = 6.0  # [s] that a run continues after its work, to see where the vehicle ends up
-LONGEST = 20.0  # [s] after the fault, limit of a case
+LONGEST = 20.0  # [s] after the fault, limit of a case at work
+_LONGER = 120.0  # [s] after a fault before the contact: the job is to come there
 
 # Sensor faults: kind of sensor, fault, duration [s].
 SENSORS: Mapping[str, tuple[type, Any, float]] = {
@@ -69,6 +72,7 @@ class Trace:
     """Time series of a run from its fault on, at the loop's rate; times [s] are relative to the fault."""
 
     case: str
+    phase: WorkState  # in which the fault began
     began: float  # [s] onset, from the start of the run
     set_force: float  # [N] at the onset
     thruster_names: tuple[str, ...]
@@ -85,6 +89,9 @@ class TraceRecorder:
 
     def __init__(self, case: str, first: Moment) -> None:
         self._case, self._began = case, float(first.truth.time)
+        self._phase = first.reference.state
+        at_work = self._phase in (WorkState.WORK, WorkState.RETREAT)
+        self._longest = LONGEST if at_work and case not in AT_START else _LONGER
         self._set = first.reference.force
         self._p_WB = np.array(first.truth.p_WB)
         self._up = np.array(first.truth.R_WB[2])
@@ -124,13 +131,14 @@ class TraceRecorder:
                 *truth.thrust,
             )
         )
-        if time > self._over + LINGER or (time > LONGEST and self._case not in AT_START):
+        if time > self._over + LINGER or time > self._longest:
             raise CaseDoneError
 
     def trace(self, blew_up: str = "") -> Trace:
         """The trace up to now; `blew_up` is the message of an error that ended the run."""
         return Trace(
             case=self._case,
+            phase=self._phase,
             began=self._began,
             set_force=self._set,
             thruster_names=self._names,
@@ -146,19 +154,25 @@ class ForkingObserver:
 
     Args:
         onsets: Onset of each case.
+        phases: In which all cases begin, but those that begin before the scan.
         force: [N] set force of the job.
         timestep: [s] of the loop.
         said: Called with the trace of each case.
     """
 
     def __init__(
-        self, onsets: Mapping[str, Onset], force: float, timestep: float, said: Callable[[Trace], None]
+        self,
+        onsets: Mapping[str, Onset],
+        phases: tuple[WorkState, ...],
+        force: float,
+        timestep: float,
+        said: Callable[[Trace], None],
     ) -> None:
-        self._onsets, self._said = onsets, said
+        self._onsets, self._said, self._left = onsets, said, set(phases)
         self._full, self._timestep = _FULL * force, timestep
         self._child: TraceRecorder | None = None
         self._pipe = -1
-        self._ready = 0.0
+        self._ready, self._now = 0.0, WorkState.SETTLE
 
     def observe(self, moment: Moment) -> None:
         """Forks at the onsets; in a child, records.
@@ -172,11 +186,14 @@ class ForkingObserver:
         if moment.tick == 0:
             self._fork(moment, [case for case in self._onsets if case in AT_START])
         reference = moment.reference
-        full = reference.state is WorkState.WORK and reference.force >= self._full
-        self._ready = self._ready + 1.0 if full else 0.0
-        if self._ready * self._timestep > _HELD and self._child is None:
+        phase, at_work = reference.state, reference.state is WorkState.WORK
+        begun = phase in self._left and (not at_work or reference.force >= self._full)
+        self._ready = self._ready + 1.0 if begun and phase is self._now else 0.0
+        self._now = phase
+        if self._ready * self._timestep > (_HELD if at_work else _BEGUN) and self._child is None:
+            self._left.remove(phase)
             self._fork(moment, [case for case in self._onsets if case not in AT_START])
-            if self._child is None:
+            if self._child is None and not self._left:
                 raise CaseDoneError
 
     def _fork(self, moment: Moment, cases: list[str]) -> None:
@@ -233,13 +250,19 @@ def chosen_cases(thruster_names: tuple[str, ...], only: tuple[str, ...]) -> list
     return chosen
 
 
-def run_branched(built: Assembly, only: tuple[str, ...], said: Callable[[Trace], None]) -> None:
+def run_branched(
+    built: Assembly,
+    only: tuple[str, ...],
+    said: Callable[[Trace], None],
+    phases: tuple[WorkState, ...] = (WorkState.WORK,),
+) -> None:
     """Runs the job up to the onsets, and from there once for each case.
 
     Args:
         built: The assembled job.
         only: Parts of names of the cases to run; empty: all.
         said: Called with the trace of each case.
+        phases: In which the faults begin.
 
     Raises:
         ConfigurationError: No case matches, the system cannot fork, or a case left no trace.
@@ -265,7 +288,8 @@ def run_branched(built: Assembly, only: tuple[str, ...], said: Callable[[Trace],
         built.plant,
         [faults.ThrusterFault(onset=onsets[name], **how) for name, how in thrusters.items() if name in onsets],
     )
-    branch, blew_up = ForkingObserver(onsets, first_force(built.scenario), built.plant.timestep, said), ""
+    force, blew_up = first_force(built.scenario), ""
+    branch = ForkingObserver(onsets, phases, force, built.plant.timestep, said)
     try:
         rollout(plant, parts, duration=200.0, rng=built.noise, observers=[branch], until=never)
     except CaseDoneError:

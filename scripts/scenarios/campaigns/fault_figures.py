@@ -13,7 +13,7 @@ from scenarios.campaigns.fault_picture import draw
 from scenarios.study import Row, Summary, Table
 from sim.interfaces.messages import WorkState
 
-_COLUMNS = ("fault", "path", "found", "after s", "reaction", "peak N", "hull mm", "tilt deg", "damage")
+_COLUMNS = ("fault", "in", "path", "found", "after s", "reaction", "peak N", "hull mm", "tilt deg", "damage")
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,6 +23,7 @@ class BranchedCase:
     path: Literal["longitudinal", "transverse"]
     seed: int
     only: tuple[str, ...]  # parts of the names of the fault cases; empty: all
+    phases: tuple[str, ...]  # states of the work in which they begin
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,6 +31,7 @@ class FaultFigures:
     """Figures of one case on one path with one seed."""
 
     case: str
+    phase: str  # in which it began
     path: str
     seed: int
     found: str  # first fault found by the vehicle
@@ -65,6 +67,7 @@ def figures(trace: Trace, path: str, seed: int) -> FaultFigures:
         reaction = "work, at less force for a while"
     return FaultFigures(
         case=trace.case,
+        phase=str(trace.phase),
         path=path,
         seed=seed,
         found=" ".join(trace.found[0][1:]) if trace.found else "",
@@ -77,7 +80,7 @@ def figures(trace: Trace, path: str, seed: int) -> FaultFigures:
         lost_s=float(np.count_nonzero(least[working] < 1.0) * step) if states[0] is WorkState.WORK else 0.0,
         final=str(states[-1]),
         note=trace.blew_up or trace.states[-1][2],
-        damage=bool(peak > DAMAGE * (trace.set_force or 60.0) or trace.rows[:, 8].any() or trace.blew_up),
+        damage=bool(peak > DAMAGE * PUSH or trace.rows[:, 8].any() or trace.blew_up),
     )
 
 
@@ -94,12 +97,13 @@ def run(case: BranchedCase, folder: Path, picture: str) -> Row:
 
     def keep(trace: Trace) -> None:
         found.append(figures(trace, case.path, case.seed))
-        file = folder / f"{case.path}_{case.seed}_{trace.case.replace(' ', '_').replace('/', '_')}.npz"
+        name = f"{case.path}_{case.seed}_{trace.phase}_{trace.case}".replace(" ", "_").replace("/", "_")
+        file = folder / f"{name}.npz"
         np.savez_compressed(file, rows=trace.rows)
         if picture in trace.case:
             draw(trace, f"{trace.case}, {case.path} path, seed {case.seed}", file.with_suffix(".png"))
 
-    run_branched(assemble(asked), case.only, keep)
+    run_branched(assemble(asked), case.only, keep, tuple(map(WorkState, case.phases)))
     return {"path": case.path, "seed": case.seed, "cases": [asdict(one) for one in found]}
 
 
@@ -114,6 +118,7 @@ def summarise(rows: list[Row]) -> Summary:
     cells = [
         (
             one.case,
+            one.phase,
             one.path[:5],
             one.found,
             "" if one.detection_s is None else f"{one.detection_s:.2f}",
@@ -127,15 +132,16 @@ def summarise(rows: list[Row]) -> Summary:
     ]
     return Summary(
         metrics={"cases": [asdict(one) for one in found]},
-        tables=[Table(title=f"Faults at a push of {PUSH:g} N", columns=_COLUMNS, rows=cells, labels=3)],
-        failed=[f"damage: {one.case}, {one.path} path, seed {one.seed}" for one in found if one.damage],
+        tables=[Table(title=f"Faults at a push of {PUSH:g} N", columns=_COLUMNS, rows=cells, labels=4)],
+        failed=[f"damage: {one.case} in {one.phase}, {one.path} path, seed {one.seed}" for one in found if one.damage],
     )
 
 
 def _line(one: FaultFigures) -> str:
     after = "-" if one.detection_s is None else f"{one.detection_s:.2f} s"
     return (
-        f"{one.path[:4]} {one.seed}  {one.case:30} found {one.found or '-':28} {after:>7}  peak {one.peak_n:4.0f} N  "
+        f"{one.path[:4]} {one.seed}  {one.case:30} in {one.phase:8} "
+        f"found {one.found or '-':28} {after:>7}  peak {one.peak_n:4.0f} N  "
         f"hull {1e3 * one.excursion_m:4.0f} mm {one.tilt_deg:4.1f} deg  {one.reaction}  {one.note}"
         f"{'  DAMAGE' if one.damage else ''}"
     )

@@ -1,7 +1,8 @@
 """Study: behaviour of contact work under sensor and thruster faults, for every fault on both paths of the barrel.
 
-Each run presses with 90 N when the fault begins, or it begins in another phase (--phases). A case does damage if the true force on the object exceeds 1.5 times
-the set force, during the retreat too, or anything but the tool touches the object.
+Each run presses with 90 N when the fault begins, or it begins in another phase (--phases). A case does damage if the
+true force on the object exceeds 1.5 times the set force, during the retreat too, or anything but the tool touches the
+object.
 """
 
 from scenarios.start import parse, run_scenario  # isort: skip

@@ -113,3 +113,17 @@ def test_bad_input_is_one_line_and_code_2(script, tmp_path, options, vehicle, sa
     assert done.stderr.count("\n") == 1
     assert said in done.stderr
     assert "Traceback" not in done.stdout + done.stderr
+
+
+@pytest.mark.parametrize(
+    "options",
+    [("--forces", "20"), ("--speed", "0.05"), ("--wave", "0", "0.1", "0", "--wave-frequency", "0.15")],
+    ids=["small force", "fast", "wave across"],
+)
+def test_the_tool_stays_in_contact(request: pytest.FixtureRequest, tmp_path: Path, options: tuple[str, ...], within):
+    """A small force, a fast tool, and a wave along the lone sway thruster, which is not taken for its loss."""
+    done = clean_barrel(request.config.rootpath, tmp_path / "out", *options)
+    assert done.returncode == 0, done.stdout + done.stderr
+    contact = json.loads((tmp_path / "out" / "metrics.json").read_text())["contact"]
+    assert contact["lost_s"] == 0.0
+    within("peak force error [N]", contact["force_error_max_n"], 6.0)  # measured 2.2, 1.9, 4.9

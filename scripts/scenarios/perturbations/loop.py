@@ -6,7 +6,7 @@ from typing import Any, Literal
 import mujoco
 import numpy as np
 
-from scenarios.perturbations.pad import TARGET_BODY
+from models.site.sliding_contact import TARGET_BODY
 from scenarios.perturbations.perturbation import Loop, Perturbation
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import Measurement, StateEstimate, Target, WorkState

@@ -12,12 +12,9 @@ from scenarios.perturbations.perturbation import Perturbation
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array, finite_number
 
-TARGET_BODY = "target"
 STEPS_PER_SOLREF = 3.0  # physics steps per time constant of the contact; MuJoCo needs at least two
 RESTLESS = 0.2  # squared phase of the pad's spring in one step; from 0.26 on the pad may bounce without end
 WORKING_FORCE = 60.0  # [N] at which the stiffness of pad and surface holds; a contact hardens with depth
-FRICTION_TIME = 0.045  # [s] time constant of friction on a pad of set stiffness
-FRICTION_STIFFNESS = 100.0  # MuJoCo's impratio: the pad creeps less than 2 mm/s under 0.8 of the friction limit
 SOFTEST_CONTACT = 1.6  # least stiffness of the contact alone, times the stiffness asked for
 
 
@@ -73,28 +70,6 @@ class Pad(Perturbation):
         ratio = np.sqrt(spring / old_spring) if old_spring > 0.0 else 1.0
         damping = ratio * old_damping
         joint.stiffness, joint.damping = _first(joint.stiffness, spring), _first(joint.damping, damping)
-
-    def on_scene(self, scene: mujoco.MjSpec) -> None:
-        """Makes a pad of set stiffness slide on the target without lifting, however stiff it is.
-
-        MuJoCo's friction is convex: sliding at v [m/s] with the coefficient mu causes a separating acceleration
-        mu (b v + r). Here b is the rate of the friction constraint and r its regularisation. A stiff contact is
-        pressed in by no more than that, and loses contact every few steps. Friction therefore gets a slow rate of its
-        own, and little regularisation. Parts of a mesh (`TargetModel.add_to`) have contacts of their own, and keep
-        them.
-        """
-        if self.stiffness is None:
-            return
-        pad, target = scene.geom(TOOL_GEOM), scene.body(TARGET_BODY)
-        scene.option.impratio = FRICTION_STIFFNESS
-        for geom in target.geoms:
-            if not (geom.contype or geom.conaffinity) or geom.priority > pad.priority or not geom.name:
-                continue
-            pair = scene.add_pair(geomname1=TOOL_GEOM, geomname2=geom.name)
-            sliding, spinning, rolling = np.array(pad.friction)
-            pair.friction = [sliding, sliding, spinning, rolling, rolling]
-            pair.condim, pair.solref, pair.solimp = pad.condim, pad.solref, pad.solimp
-            pair.solreffriction = [FRICTION_TIME, 1.0]
 
 
 def _contact_stiffness(model: mujoco.MjModel, geom: mujoco.MjsGeom, solref: float) -> float:

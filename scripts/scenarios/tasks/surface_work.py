@@ -11,6 +11,7 @@ from controllers.tasks import surface_work
 from controllers.tasks.contact_phases import ApproachLimits
 from models.objects.targets import TargetModel
 from models.site import scenes
+from models.site.sliding_contact import let_tool_slide
 from perception.clouds.scan import SensorModel
 from perception.object_tracker import FoundObjectFollower
 from perception.target_finder import FinderState, KnownObjectFinder, PublishedFinder
@@ -92,8 +93,10 @@ class PlacedSurfaceWork(PlacedTask):
         return scan_pose(self.own.X_BC, self.approach_W, self.task.range)
 
     def scene(self, vehicle: mujoco.MjSpec) -> mujoco.MjSpec:
-        """Adds the true object and flat seabed."""
-        return scenes.work_site(vehicle, self.truth.model, self.truth.X_WT)
+        """Adds the true object, on which the tool slides, and flat seabed."""
+        scene = scenes.work_site(vehicle, self.truth.model, self.truth.X_WT)
+        let_tool_slide(scene)
+        return scene
 
     def sensors(self, model: mujoco.MjModel) -> tuple[list[Sensor], SensorModel | None]:
         """The camera, sonar or registered sensor."""

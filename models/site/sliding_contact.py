@@ -1,0 +1,34 @@
+"""Contact of a tool that slides on the target without lifting, however stiff both are."""
+
+import mujoco
+import numpy as np
+
+from models.naming import TOOL_GEOM
+
+TARGET_BODY = "target"
+FRICTION_TIME = 0.045  # [s] time constant of friction
+FRICTION_STIFFNESS = 100.0  # MuJoCo's impratio: the pad creeps less than 2 mm/s under 0.8 of the friction limit
+
+
+def let_tool_slide(scene: mujoco.MjSpec) -> None:
+    """Give tool and target of a scene a contact of their own.
+
+    MuJoCo's friction is convex: sliding at v [m/s] with the coefficient mu causes a separating acceleration
+    mu (b v + r). Here b is the rate of the friction constraint and r its regularisation. A contact that is pressed in
+    by no more than that is lost every few steps: under a small force, at speed, or on a stiff surface. Friction
+    therefore gets a slow rate of its own, and little regularisation. Parts of a mesh (`TargetModel.add_to`) have
+    contacts of their own, and keep them.
+
+    Args:
+        scene: with a geom TOOL_GEOM and a body TARGET_BODY; changed.
+    """
+    pad, target = scene.geom(TOOL_GEOM), scene.body(TARGET_BODY)
+    scene.option.impratio = FRICTION_STIFFNESS
+    for geom in target.geoms:
+        if not (geom.contype or geom.conaffinity) or geom.priority > pad.priority or not geom.name:
+            continue
+        pair = scene.add_pair(geomname1=TOOL_GEOM, geomname2=geom.name)
+        sliding, spinning, rolling = np.array(pad.friction)
+        pair.friction = [sliding, sliding, spinning, rolling, rolling]
+        pair.condim, pair.solref, pair.solimp = pad.condim, pad.solref, pad.solimp
+        pair.solreffriction = [FRICTION_TIME, 1.0]

@@ -225,9 +225,10 @@ class HullControl:
         r, dt = reference, self._period
         state.wanted_B = self.station.step(state.station, estimate, r.X_WB, r.v_WB_W, arm_wrench_B, dt, r.w_WB_W)
         state.current_W = self.station.current(state.station)
-        pushing = bool(np.any(np.abs(r.lost_thrust) > _PUSHES * self._full[list(r.lost_thrusters)]))
-        allocation = self.allocation(r.lost_thrusters, pushing=pushing)
         stuck_B = self._columns[:, list(r.lost_thrusters)] @ r.lost_thrust if r.lost_thrust else np.zeros(6)
+        pushing = bool(np.any(np.abs(r.lost_thrust) > _PUSHES * self._full[list(r.lost_thrusters)]))
+        pushing = pushing and stuck_B[2] > -1.0  # level, one that pushes down would press it onto what is below
+        allocation = self.allocation(r.lost_thrusters, pushing=pushing)
         command = allocation.command(allocation.thrust(state.wanted_B - stuck_B))
         through_water = self.station.through_water(state.station, estimate)
         state.thrusters = self._lead.step(state.propellers, command, through_water, dt)

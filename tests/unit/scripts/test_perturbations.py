@@ -6,6 +6,7 @@ import pytest
 
 import models
 from models import hydrodynamics
+from models.site.sliding_contact import let_tool_slide
 from models.vehicle import Vehicle
 from models.water import thrusters
 from scenarios.perturbations import pad
@@ -216,7 +217,7 @@ def test_what_slides_stays_in_contact_with_the_friction_it_has(stiffness, seed, 
     stiffness, mu = stiffness or float(np.exp(rng.uniform(*np.log([1e4, 1e6])))), float(rng.uniform(0.1, 0.6))
     spec = mujoco.MjSpec.from_string(_SLIDING.format(mass=rng.uniform(2.0, 8.0), friction=mu))
     perturb(spec, [Pad(stiffness=stiffness)])
-    Pad(stiffness=stiffness).on_scene(spec)
+    let_tool_slide(spec)
     model = spec.compile()
     data, one = mujoco.MjData(model), np.zeros(6)
 

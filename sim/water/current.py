@@ -44,8 +44,9 @@ class Wave:
         if not 0.0 < frequency < np.inf:
             raise ConfigurationError(f"frequency of the wave: must be finite and > 0 Hz, got {frequency}")
 
-    def velocity(self, time: Array) -> Array:
+    def velocity(self, time: ArrayLike) -> Array:
         """Velocity (N, 3) [m/s] of the water at `time` (N,) [s]."""
+        time = np.asarray(time, dtype=np.float64)
         return np.outer(np.sin(2.0 * np.pi * self.frequency * time + self.phase), self.amplitude_W)
 
 
@@ -144,7 +145,7 @@ class Current:
             for state in self._filters:
                 _filter(self._gain, self._pole, varying, state)
         if self._wave is not None:
-            varying += self._wave.velocity((self._generated + np.arange(_BLOCK)) * self._dt)
+            varying += self._wave.velocity(np.arange(self._generated, self._generated + _BLOCK) * self._dt)
         self.velocity[:] = self._mean + varying
         self.acceleration[:] = np.diff(varying, axis=0, prepend=self._before[None]) / self._dt
         self._before, self._generated, self.row[0] = varying[-1], self._generated + _BLOCK, 0

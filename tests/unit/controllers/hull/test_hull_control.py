@@ -172,6 +172,7 @@ def test_a_stuck_thruster_is_borne_by_the_others(within):
         lost_thrust=(thrust,),
     )
     state, B = control.init(), vehicle.thruster_wrench
+    command = np.zeros(len(vehicle.thruster_names))
     for step in range(200):
         command = control.step(state, replace(rest, time=0.02 * step), hold, np.zeros(6))
     given = np.array([thrust_at(curve, u) for curve, u in zip(curves(vehicle.thruster_table), command, strict=True)])

@@ -109,7 +109,7 @@ def fpfh(case: SceneInput) -> Array:
     """Open3D's RANSAC on FPFH features, refined by point-to-plane ICP; X_ST (4, 4)."""
     o3d = open3d_loader.load()
     registration = o3d.pipelines.registration
-    o3d.utility.random.seed(case.scene.seed)
+    o3d.utility.random.seed(case.scene.seed % 2**31)
     voxel = 2.0 * case.surface.spacing
     thin = [cloud.voxel_down_sample(voxel) for cloud in _clouds(case)]
     for cloud in thin:

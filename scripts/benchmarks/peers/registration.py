@@ -176,7 +176,7 @@ def _ransac(task: RegistrationTask, prepared: tuple[Any, Any, Any]) -> Array:
     o3d, registration = open3d_loader.load(), _open3d()
     model, *of_model = prepared
     of_scan = _features(_cloud(task.points, task.normals), task.model.radius)
-    o3d.utility.random.seed(task.seed)
+    o3d.utility.random.seed(task.seed % 2**31)
     near = 1.5 * FEATURE_VOXEL * task.model.radius  # [m] as in Open3D's tutorial
     found = registration.registration_ransac_based_on_feature_matching(
         of_scan[0],

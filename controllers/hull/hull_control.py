@@ -227,7 +227,8 @@ class HullControl:
         state.current_W = self.station.current(state.station)
         stuck_B = self._columns[:, list(r.lost_thrusters)] @ r.lost_thrust if r.lost_thrust else np.zeros(6)
         pushing = bool(np.any(np.abs(r.lost_thrust) > _PUSHES * self._full[list(r.lost_thrusters)]))
-        pushing = pushing and stuck_B[2] > -1.0  # level, one that pushes down would press it onto what is below
+        # Kept level under a thruster that pushes down, the hull sinks onto the object: there depth comes first.
+        pushing = pushing and stuck_B[2] > -1.0
         allocation = self.allocation(r.lost_thrusters, pushing=pushing)
         command = allocation.command(allocation.thrust(state.wanted_B - stuck_B))
         through_water = self.station.through_water(state.station, estimate)

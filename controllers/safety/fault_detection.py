@@ -9,10 +9,10 @@ The plant is not used. A fault is a disagreement of two sources that should agre
 - Hull momentum, the residual of [DeLuca 2003] for the hull as one body. It is what the hull gains beyond the commanded
   thrust, the arm's wrench, weight and drag.
 
-A missing wrench along the column of one thruster, in proportion to that thruster's demand, is attributed to that
-thruster. Any other is a gust or a snag, and counts only by its effect on station keeping. Where the column is almost a
-pure force (one sway thruster amidships) a wave, or a current that has just risen, looks like the thruster's loss. Such
-a thruster is probed by a small doublet (`controllers.safety.thruster_probe`).
+A missing wrench that persists along the column of one thruster is attributed to that thruster, if it could give the
+thrust that is left: it is lost, or stuck. Any other is a gust or a snag, and counts only by its effect on station
+keeping. Where the column is almost a pure force (one sway thruster amidships) a wave, or a current that has just risen,
+looks like the thruster's loss. Such a thruster is probed by a small doublet (`controllers.safety.thruster_probe`).
 
 Each residual is compared with its own average (`learning_time`), so that constant biases and model errors are no fault.
 Thresholds are in `FaultLimits`; the tests measure the distance of sound runs from them.
@@ -200,10 +200,10 @@ class FaultDetection:
         seen = (estimate.X_WB[:3, :3], estimate.v_WB_B, estimate.w_WB_B, load.current_W, load.arm_wrench_B)
         _hull(self._hull, seen, dt, self.limits.hull_time, state.hull)
         warm = estimate.time - state.began > self.limits.warm_up
-        if state.probe is None:
-            self._learn_or_suspect(state, estimate.time, dt, float(np.linalg.norm(estimate.v_WB_B)), warm)
-        else:
-            self._go_on_probing(state, state.probe, estimate.time, dt)
+        probe = state.probe
+        self._learn_or_suspect(state, estimate.time, dt, float(np.linalg.norm(estimate.v_WB_B)), warm)
+        if probe is not None:
+            self._go_on_probing(state, probe, estimate.time, dt)
         self._refine(state, estimate.time)
         state.asked[:] = command.thrusters
         state.hull.thrusters[:] = self.sent(state, command.thrusters)
@@ -229,7 +229,6 @@ class FaultDetection:
     def _go_on_probing(self, state: FaultDetectionState, probe: ProbeState, time: float, dt: float) -> None:
         """Take the balance into the probe, and register its thruster as lost if it does not answer."""
         i, hull = probe.thruster, state.hull
-        _explain(self._hull, hull, self.limits.thruster_leftover)  # predicts the thrusts
         missing = self._along(hull, i)
         thrust = float(hull.thrust[i])
         share = self._probe.step(probe, time, dt, float(state.asked[i]), thrust, missing)
@@ -240,7 +239,7 @@ class FaultDetection:
         if is_lost(share):
             figures = f"{share:.0%} of a test thrust were missing"
             self._fail(state, i, time, figures, thrust, -missing)
-        elif share == share:  # not NaN
+        elif np.isfinite(share):
             state.cleared[i] = time
 
     def judge_joints(self, state: FaultDetectionState, time: float) -> None:
@@ -325,10 +324,12 @@ class FaultDetection:
         hull.lost_for[:] = 0.0
         if lost_for > 0.0:
             hull.lost_for[best] = lost_for
-            if lost_for > self._confirm[best] and not self._telling[best]:
-                if time - state.cleared[best] > limits.probe_again:
+            if lost_for < self._confirm[best] or state.has(FaultKind.THRUSTER, best):
+                return
+            if not self._telling[best]:
+                if state.probe is None and time - state.cleared[best] > limits.probe_again:
                     state.probe = self._probe.begin(best, time, hull.passed, hull.speed)
-            elif lost_for > self._confirm[best]:
+            else:
                 figures = f"gave {thrust - missed:.0f} N where {thrust:.0f} N were asked for"
                 self._fail(state, best, time, figures, thrust, missed)
 

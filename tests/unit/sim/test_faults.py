@@ -175,6 +175,8 @@ def test_refusals():
         faults.FaultyPlant(plant, [faults.ThrusterFault(8, faults.Onset(at=0.0))])
     with pytest.raises(ConfigurationError, match="share"):
         faults.FaultyPlant(plant, [faults.ThrusterFault(0, faults.Onset(at=0.0), share=1.5)])
+    with pytest.raises(ConfigurationError, match=r"must be in \[-1, 1\], got 2"):
+        faults.FaultyPlant(plant, [faults.ThrusterFault(0, faults.Onset(at=0.0), stuck=True, command=2.0)])
     with pytest.raises(ConfigurationError, match="no field 'torque'; it has time, tau"):
         read(faults.Fixed("torque"), faults.Onset(at=0.0))
     with pytest.raises(ConfigurationError, match="no element 3"):

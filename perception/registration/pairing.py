@@ -18,7 +18,7 @@ from sim.interfaces.spatial import Array, inverse, transform_points
 
 SHARP_EDGE = np.cos(np.deg2rad(70.0))  # where a surface turns away more slowly the sensor fails, it has no edge
 _WINDOW_PIXELS = 80_000  # pixels above which depth edges are taken from a thinned grid
-_RASTER = 32  # [px] to whose multiples the window of depth edges is extended, so that it seldom changes
+_RASTER = 32  # [px] to whose multiples, about, windows of depth edges are extended
 _BESIDE = (1.5, 3.0, 4.5)  # [px] beyond an edge, where the background is looked at
 _SHOWN = 0.1  # [-] share of the sharp edges that can show, below which they are too few to judge all by
 _BESIDE_OCCLUDER = 2  # [px] beside an occluder's picture that its mixed pixels reach
@@ -331,21 +331,12 @@ def _edges(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> DepthEdges
     """Depth edges of scan and model around the model at `X_ST`; None if either has too few."""
     scan = evidence.scan
     rows, columns = scan.window(transform_points(X_ST, surface.hull), 0.1, _WINDOW_PIXELS)
-    if rows.stop <= rows.start or columns.stop <= columns.start:
+    if rows.stop <= rows.start or columns.stop <= columns.start or not evidence.mask.any():
         return None
-    # The window lies on a fixed raster, so that the next round finds the scan's edges in the cache though the model has
-    # moved a little. The raster counts from the optical axis, which mostly lies midway between two pixels. The pixels
-    # are therefore the same however much the picture is cropped.
-    rows, columns = (
-        _rastered(window, round(float(tangents[0]) / pitch + 0.25))
-        for window, tangents, pitch in zip(
-            (rows, columns), (scan.tangent_y, scan.tangent_x), scan.pitches[::-1], strict=True
-        )
-    )
-    part = scan.part((rows, columns))
+    part = scan.part(_rastered(scan, rows, columns))
     if min(part.depth.shape) < 8:
         return None
-    ends, behind = _scan_edges(evidence, rows.start, rows.stop, columns.start, columns.stop, rows.step)
+    ends, behind = _scan_edges(evidence, rows.step or 1)
     model, cosine = surface.seen(X_ST, part)
     covered = np.isfinite(model.depth)
     of_model = contour(model, covered, model.depth, seams=False)
@@ -454,11 +445,23 @@ def _to_nearest(mask: np.ndarray) -> tuple[Array, tuple[np.ndarray, np.ndarray]]
     return distance, (index[0], index[1])
 
 
-def _rastered(window: slice, first: int) -> slice:
-    """Extend `window` of rows or columns to a raster on which the first of the picture has the number `first`."""
-    start = window.start - (window.start + first) % _RASTER
-    stop = window.stop + -(window.stop + first) % _RASTER
-    return slice(start if start >= 0 else start % window.step, stop, window.step)
+def _rastered(scan: Scan, rows: slice, columns: slice) -> tuple[slice, slice]:
+    """Extend a window to a raster that is the same for all windows of a step, so that their pixels are the same too.
+
+    The raster counts from the optical axis, which mostly lies midway between two pixels. The pixels are therefore the
+    same however much the picture is cropped.
+    """
+    found = []
+    for window, tangents, pitch in zip(
+        (rows, columns), (scan.tangent_y, scan.tangent_x), scan.pitches[::-1], strict=True
+    ):
+        first = round(float(tangents[0]) / pitch + 0.25)  # number of the picture's first pixel on the raster
+        step = window.step or 1
+        raster = step * (_RASTER // step)
+        start = window.start - (window.start + first) % raster
+        stop = window.stop + -(window.stop + first) % raster
+        found.append(slice(start if start >= 0 else start % step, stop, step))
+    return found[0], found[1]
 
 
 def _refined(surface: ModelSurface, X_ST: Array, part: Scan, found: Contour) -> Array:
@@ -474,11 +477,14 @@ def _refined(surface: ModelSurface, X_ST: Array, part: Scan, found: Contour) -> 
 
 
 @lru_cache(maxsize=32)
-def _scan_edges(
-    evidence: Evidence, top: int, bottom: int, left: int, right: int, step: int
-) -> tuple[_Outline, _Outline]:
-    """Depth edges of the scan in a window of pixels: where the surface ends, and where the depth behind it begins."""
-    window = slice(top, bottom, step), slice(left, right, step)
+def _scan_edges(evidence: Evidence, step: int) -> tuple[_Outline, _Outline]:
+    """Depth edges of the scan on a grid of pixels: where the surface ends, and where the depth behind it begins."""
+    around = round(_BAND) + 2 * step
+    rows, columns = (
+        slice(max(0, int(lines[0]) - around), int(lines[-1]) + 1 + around, step)
+        for lines in (np.nonzero(evidence.mask.any(axis=1))[0], np.nonzero(evidence.mask.any(axis=0))[0])
+    )
+    window = _rastered(evidence.scan, rows, columns)
     part, mask = evidence.scan.part(window), evidence.mask[window]
     found = contour(part, mask, part.depth)
     ends = _Outline(found, outward(mask, part.depth, found.rows, found.columns), np.zeros(len(found.rows)))

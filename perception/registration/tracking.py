@@ -13,6 +13,7 @@ from sim.interfaces.spatial import Array, transform_points
 
 _PIXELS = 10_000  # of the window around the object, about
 _POINTS = 1500  # of these that ICP compares, about
+_MODEL = 8000  # points of the model that it compares them with, about
 _AROUND = 1.1  # [radii] around its centre, within which scan points take part
 
 
@@ -40,6 +41,7 @@ def follow(scan: Scan, surface: ModelSurface, X_ST: Array, sensor: SensorModel) 
     Returns:
         The fit; None if fewer than MIN_POINTS of the frame lie where the object is expected.
     """
+    surface = surface.thinned(_MODEL)
     window = scan.window(transform_points(X_ST, surface.hull), 0.1, _PIXELS)
     part = scan.part(window)
     if min(part.depth.shape) < 3:

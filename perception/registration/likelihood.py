@@ -29,9 +29,9 @@ def log_likelihood(evidence: Evidence, surface: ModelSurface, X_ST: Array, pixel
     room for growth and dents. A share of points within a tolerance cannot tell a plate from the same plate turned
     round, because every single difference drowns in noise; a sum of squares over hundreds of pixels can.
 
-    Pixels without depth, and background pixels that the model does not cover, contribute nothing. Pixels that stand out
-    cost the same wherever the model does not cover them, so that only those that it covers are looked at: a small
-    object in a heap is seen as finely as one alone.
+    Pixels without depth contribute nothing. Those that stand out, and those of the background, cost the same wherever
+    the model does not cover them, so that only those that it covers are looked at: a small object in a heap is seen as
+    finely as one alone.
 
     Args:
         evidence: Scan and mask of the object.

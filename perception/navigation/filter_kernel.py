@@ -2,10 +2,15 @@
 
 States x, in this order: position p (3) [m] and velocity v (3) [m/s] in W, accelerometer bias b (3) [m/s^2] in hull
 axes. Where the sensors state that they have one, the DVL's bias c (3) [m/s] in hull axes and the wander w (3) [m] of
-vision in W follow. With specific force f of the IMU and known attitude R,
+vision in W follow, and with a camera on the arm the offset o (3) [m] in W of its track from the world. With specific
+force f of the IMU and known attitude R,
 
-    p' = v,   v' = R (f - b) - g,   b' = walk,   c' = 0,   w' = -w / T + noise;
-    vision = p + w + noise,   DVL = R^T v + c + noise.
+    p' = v,   v' = R (f - b) - g,   b' = walk,   c' = 0,   w' = -w / T + noise,   o' = 0;
+    vision = p + w + noise,   DVL = R^T v + c + noise,   track = p + o + noise.
+
+A track begins where the filter believes the hull to be, at z. Its offset is then o = z - p, minus the error of the
+position at that moment, which the filter keeps as a state (stochastic cloning [Roumeliotis 2002]). A track that goes on
+from a new key picture, with the noise of the reading z at that key, is the same operation.
 
 All that the filter remembers is one record of the type FILTER. Kernels that are called from Python take it as the array
 (1,) `memory`, the others its element `f`. Records of `sim.interfaces.records` may be given as plain tuples, which are
@@ -19,7 +24,7 @@ from sim.interfaces.kernels import keyed_by_imports
 from sim.interfaces.records import EstimateRecord, ImuRecord, JointRecord
 from sim.interfaces.spatial import GRAVITY
 
-MOST_STATES = 15  # size of x with both optional states
+MOST_STATES = 18  # size of x with all optional states
 VISION, DVL = 0, 1  # kinds of fix: position, velocity
 
 # Columns of `past_input`, one row per stored step
@@ -32,8 +37,12 @@ INPUT = 17  # columns of `past_input`
 HAS, VALUE, VARIANCE, SHIFT = 0, 1, 4, 5  # flag, (3,) in W, its variance, time after the step [s]
 FIX = 6  # columns of `past_fix`
 
+# Columns of `past_track`, one row per stored step
+READ, PLACE, INFORMATION, BEGUN, ORIGIN = 0, 1, 4, 13, 14  # flag, (3,) [m] in W, (3, 3) [1/m^2], flag, (3,) [m] in W
+TRACK = 17  # columns of `past_track`
+
 # Entries of `layout`
-STATES, AT_DVL_BIAS, AT_WANDER = 0, 1, 2  # number of states, first index of each optional triple (-1: none)
+STATES, AT_DVL_BIAS, AT_WANDER, AT_TRACK = 0, 1, 2, 3  # number of states, first index of each triple (-1: none)
 
 HISTORY = 512  # IMU samples stored: largest delay of vision
 TILT_CLIP = 5e-3  # [rad] error of one attitude reading is clipped to this, so that an outlier turns R by little
@@ -46,7 +55,7 @@ FILTER = np.dtype(
         np.record,
         [
             # Constants of a run
-            ("layout", np.int64, 3),
+            ("layout", np.int64, 4),
             ("walks", np.float64, 3),  # variance of the bias in one second, of the settled wander, its time [s]
             ("acceleration", np.float64),  # [m/s^2] white noise of the accelerometer
             ("rate", np.float64),  # [rad^2/s^2] variance of the gyro
@@ -55,6 +64,7 @@ FILTER = np.dtype(
             ("tilt", np.float64),  # [m^2/s^4] variance of the horizontal acceleration by tilt noise
             ("release", np.float64, 4),  # spring of the held corrections, see `put_out`
             ("smooth", np.float64),  # [s] time constant of the output acceleration
+            ("by_track", np.float64),  # 1: the output is the place relative to the tracked object, p + o; 0: p
             # Times [s]
             ("time", np.float64),  # of the filter: the newest IMU sample
             ("clock", np.float64),  # newest time of any measurement
@@ -84,6 +94,7 @@ FILTER = np.dtype(
             ("past_x", np.float64, (HISTORY, MOST_STATES)),  # before the fixes of the step
             ("past_P", np.float64, (HISTORY, MOST_STATES, MOST_STATES)),
             ("past_fix", np.float64, (HISTORY, 2, FIX)),
+            ("past_track", np.float64, (HISTORY, TRACK)),
         ],
     ),
     align=True,
@@ -204,12 +215,12 @@ def compare(kind, fix, row, layout, x, P):
         kind: VISION or DVL.
         fix: (FIX,) the fix.
         row: (INPUT,) stored step of the fix.
-        layout: (3,) state layout.
-        x: (15,) mean.
-        P: (15, 15) covariance.
+        layout: (4,) state layout.
+        x: (18,) mean.
+        P: (18, 18) covariance.
 
     Returns:
-        Innovation (3,), cross covariance (15, 3) and covariance of the innovation (3, 3).
+        Innovation (3,), cross covariance (18, 3) and covariance of the innovation (3, 3).
     """
     innovation, cross, S = np.empty(3), np.zeros((MOST_STATES, 3)), np.empty((3, 3))
     n, dvl_bias, wander = layout[STATES], layout[AT_DVL_BIAS], layout[AT_WANDER]
@@ -292,6 +303,68 @@ def absorb(f, kind, fix, row):
 
 @numba.njit(cache=True)
 @keyed_by_imports
+def compare_track(row, first, x, P):
+    """Innovation of a reading of the track, cross covariance with the states, and weight of the innovation.
+
+    The weight is the inverse of the innovation's covariance S0 + L^-1, in the form L (1 + S0 L)^-1. That holds for an
+    information L without full rank too: directions that were not observed have no weight.
+
+    Args:
+        row: (TRACK,) the reading.
+        first: Index of the track's offset in the states.
+        x: (18,) mean.
+        P: (18, 18) covariance.
+
+    Returns:
+        Innovation (3,), cross covariance (18, 3) and weight (3, 3).
+    """
+    innovation, cross, A = np.empty(3), np.zeros((MOST_STATES, 3)), np.empty((3, 3))
+    L = row[INFORMATION : INFORMATION + 9].reshape((3, 3))
+    for i in range(3):
+        innovation[i] = row[PLACE + i] - x[i] - x[first + i]
+        for j in range(MOST_STATES):
+            cross[j, i] = P[j, i] + P[j, first + i]
+    for i in range(3):
+        for k in range(3):
+            A[i, k] = 1.0 if i == k else 0.0
+            for j in range(3):
+                A[i, k] += (cross[i, j] + cross[first + i, j]) * L[j, k]
+    weight = np.linalg.solve(A.T, np.ascontiguousarray(L.T)).T
+    return innovation, cross, 0.5 * (weight + weight.T)
+
+
+@numba.njit(cache=True)
+@keyed_by_imports
+def absorb_track(f, row):
+    """Kalman update of `f` by a reading of the track, and the begin of a track, in place.
+
+    Args:
+        f: Record of FILTER.
+        row: (TRACK,) what was stored for the step.
+    """
+    x, P, n, first = f.x, f.P, f.layout[STATES], f.layout[AT_TRACK]
+    if row[READ]:
+        innovation, cross, weight = compare_track(row, first, x, P)
+        gain = np.empty(3)
+        for i in range(n):
+            for k in range(3):
+                gain[k] = cross[i, 0] * weight[0, k] + cross[i, 1] * weight[1, k] + cross[i, 2] * weight[2, k]
+            x[i] += gain[0] * innovation[0] + gain[1] * innovation[1] + gain[2] * innovation[2]
+            for j in range(i + 1):
+                P[i, j] -= gain[0] * cross[j, 0] + gain[1] * cross[j, 1] + gain[2] * cross[j, 2]
+                P[j, i] = P[i, j]
+    if row[BEGUN]:  # offset = origin - position
+        for i in range(3):
+            x[first + i] = row[ORIGIN + i] - x[i]
+            for j in range(n):
+                P[first + i, j] = -P[i, j]
+        for i in range(3):
+            for j in range(n):
+                P[j, first + i] = P[first + i, j] if j < first or j >= first + 3 else P[i, j - first]
+
+
+@numba.njit(cache=True)
+@keyed_by_imports
 def advance(f, dt, specific_force_B, w_B, R_meas, unknown):
     """Process one IMU sample: attitude, mean, covariance, and a new row of the stored past.
 
@@ -331,6 +404,7 @@ def advance(f, dt, specific_force_B, w_B, R_meas, unknown):
     propagate(f, row)
     _store(f, head)
     f.past_fix[head, VISION, HAS] = f.past_fix[head, DVL, HAS] = 0.0
+    f.past_track[head, READ] = f.past_track[head, BEGUN] = 0.0
     for i in range(3):
         f.force[i], f.w_B[i] = specific_force_B[i], w_B[i]
     f.head = head
@@ -413,6 +487,7 @@ def put_out(memory, joints, out):
     f, joints, out = memory[0], JointRecord(*joints), EstimateRecord(*out)
     dt, lag = f.clock - f.given, f.clock - f.time
     R, x, P, held, a_B, release = f.R_WB, f.x, f.P, f.held, f.a_B, f.release
+    track = f.layout[AT_TRACK] if f.by_track else -1
     across = P[0, 3] + P[1, 4] + P[2, 5]
     spread = P[0, 0] + P[1, 1] + P[2, 2]
     frequency = min(max(release[0] * across / spread, release[1]), release[2])
@@ -429,7 +504,8 @@ def put_out(memory, joints, out):
         fresh = f.force[i] - x[6 + i] - R[2, i] * GRAVITY
         a_B[i] += share * (fresh - a_B[i])
         out.a_WB_B[i] = a_B[i]
-        out.X_WB[i, 3] = x[i] - held[0, i] + lag * (x[3 + i] - held[1, i])
+        place = x[i] + x[track + i] if track >= 0 else x[i]
+        out.X_WB[i, 3] = place - held[0, i] + lag * (x[3 + i] - held[1, i])
         out.position_sigma[i] = np.sqrt(P[i, i] + held[0, i] ** 2)
         v = 0.0
         for j in range(3):
@@ -519,7 +595,8 @@ def replay(memory, at):
     """
     f = memory[0]
     n, x, P, held = f.layout[STATES], f.x, f.P, f.held
-    before = x[:6].copy()
+    track, by_track = f.layout[AT_TRACK], f.by_track
+    before = x.copy()
     x[:] = f.past_x[at]
     for i in range(n):
         for j in range(n):
@@ -528,6 +605,8 @@ def replay(memory, at):
         for kind in range(2):
             if f.past_fix[at, kind, HAS]:
                 absorb(f, kind, f.past_fix[at, kind], f.past_input[at])
+        if track >= 0:
+            absorb_track(f, f.past_track[at])
         if at == f.head:
             break
         at = (at + 1) % HISTORY
@@ -536,3 +615,5 @@ def replay(memory, at):
     for i in range(3):
         held[0, i] += x[i] - before[i]
         held[1, i] += x[3 + i] - before[3 + i]
+        if track >= 0 and by_track:
+            held[0, i] += x[track + i] - before[track + i]

@@ -21,6 +21,12 @@ object and hull alike, and the tool stays in place on the object. The wander sin
 object. With 5 mm and a time constant of 20 s it is 4.5 mm since the scan where the wander is stated, 5.8 mm where it is
 not. `StateEstimate.position_sigma` refers to the place in the world and contains both parts.
 
+**Camera on the arm.** It measures how tool and hull move over the object (`surface_track`), at 10 to 20 Hz and to a
+tenth of a millimetre. The place where its track began is as uncertain as the filter was then. Where vision states no
+wander, the estimate stays the place in the world, which vision's mean makes better while the track holds it still.
+Where vision wanders, the place in the world is of no use to the tool: the estimate is then the place relative to the
+object as seen when the first track began. An object that moves is taken for a motion of the hull, up to the gate.
+
 **Smooth output.** A tool in contact needs a smooth estimate: on a surface of 3e4 N/m a jump of 0.2 mm is 6 N.
 Corrections are therefore withheld and released gradually, by d'' = -sqrt(2) f d' - f^2 d. This is the linear-quadratic
 optimum between the remaining error and the acceleration added to the motion. The output position and velocity have no
@@ -35,6 +41,7 @@ import numpy as np
 
 from perception.navigation.filter_kernel import (
     AT_DVL_BIAS,
+    AT_TRACK,
     AT_WANDER,
     ATTITUDE,
     DVL,
@@ -47,6 +54,7 @@ from perception.navigation.filter_kernel import (
     take_sample,
 )
 from perception.navigation.fixes import Fixes, FixMonitor
+from perception.navigation.surface_track import CameraMount, SurfaceTrack
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import (
     DvlMeasurement,
@@ -56,6 +64,7 @@ from sim.interfaces.messages import (
     ImuNoise,
     Measurement,
     StateEstimate,
+    SurfaceMotionMeasurement,
     TorqueMeasurement,
     VisionMeasurement,
     VisionNoise,
@@ -81,6 +90,7 @@ class NavigationState:
     joints: JointRecord  # newest readings of encoders and torque sensors, finite or not
     estimate: EstimateRecord  # the last one
     fixes: Fixes
+    track: SurfaceTrack | None = None  # of a camera on the arm
     packed: tuple[tuple[Array, ...], ...] = ()  # the three records as plain tuples, faster to pass to a kernel
 
     def __post_init__(self) -> None:
@@ -88,12 +98,12 @@ class NavigationState:
 
     @property
     def x(self) -> Array:
-        """Mean (15,) of the states; a view."""
+        """Mean (18,) of the states; a view."""
         return self.memory["x"][0]
 
     @property
     def P(self) -> Array:
-        """Covariance (15, 15) of the states; a view."""
+        """Covariance (18, 18) of the states; a view."""
         return self.memory["P"][0]
 
 
@@ -121,6 +131,7 @@ class Navigation:
     release: tuple[float, float, float, float] = (16.0, 2.0, 12.0, 5e-3)
     """Of held corrections: pace over the filter's own, slowest and fastest [rad/s], largest distance that pulls [m]."""
     acceleration_time: float = 0.02  # [s] time constant of the output acceleration
+    arm_camera: CameraMount | None = None  # camera on the arm; None: there is none
 
     def init(self, first: Sequence[Measurement]) -> NavigationState:
         """Initial state from the first measurements of every sensor; velocity zero without a DVL.
@@ -162,6 +173,7 @@ class Navigation:
             joints=joint_record(n),
             estimate=estimate_record(n),
             fixes=Fixes(memory, self.gate, self.adapt, (FixMonitor(vision.p_WB, vision.time), last_dvl)),
+            track=SurfaceTrack(memory, self.gate, self.arm_camera) if self.arm_camera else None,
         )
         for record in (state.joints, state.estimate):
             record.q[:], record.qd[:], record.tau[:] = encoders.q, encoders.qd, torque.tau
@@ -175,6 +187,9 @@ class Navigation:
             f.layout[AT_DVL_BIAS], n = n, n + 3
         if vision.wander > 0.0:
             f.layout[AT_WANDER], n = n, n + 3
+        if self.arm_camera is not None:
+            f.layout[AT_TRACK], n = n, n + 3
+            f.by_track = vision.wander > 0.0
         f.layout[STATES] = n
         f.walks[:] = self.bias_walk**2, vision.wander**2, vision.wander_time
         f.acceleration, f.rate, f.attitude = imu.acceleration, imu.rate**2, imu.attitude**2
@@ -195,7 +210,7 @@ class Navigation:
         """
         memory, sample, joints = state.memory, state.sample, state.joints
         packed_sample, packed_joints, packed_estimate = state.packed
-        fixes: list[VisionMeasurement | DvlMeasurement] = []
+        fixes: list[VisionMeasurement | DvlMeasurement | SurfaceMotionMeasurement] = []
         newest, sampled = -math.inf, False
         for m in measurements:  # the frequent types first
             if isinstance(m, EncoderMeasurement):
@@ -207,7 +222,7 @@ class Navigation:
                     take_imu(memory, packed_sample)
                 sample.time[0], sampled = m.time, True
                 sample.specific_force_B[:], sample.w_WB_B[:], sample.R_WB[:] = m.specific_force_B, m.w_WB_B, m.R_WB
-            elif isinstance(m, (VisionMeasurement, DvlMeasurement)):
+            elif isinstance(m, (VisionMeasurement, DvlMeasurement, SurfaceMotionMeasurement)):
                 fixes.append(m)
                 continue  # fixes do not set the clock: a wrong time stamp on a picture must not
             if m.time > newest:
@@ -221,6 +236,9 @@ class Navigation:
         for m in fixes:  # after the IMU, so that their step exists
             if isinstance(m, VisionMeasurement):
                 state.fixes.take(VISION, m.time, m.p_WB, (m.noise or self.vision).white)
+            elif isinstance(m, SurfaceMotionMeasurement):
+                if state.track is not None:
+                    state.track.take(m)
             else:
                 state.fixes.take(DVL, m.time, m.v_WB_B, (m.noise or self.dvl).white)
         put_out(memory, packed_joints, packed_estimate)
@@ -247,7 +265,7 @@ def _set_states(
     up = R[2]  # the tilt error of the attitude reference couples gravity in, across `up`
     P[6:9, 6:9] = of_imu.acceleration_bias**2 * np.eye(3)
     P[6:9, 6:9] += (GRAVITY * of_imu.attitude_bias) ** 2 * (np.eye(3) - np.outer(up, up))
-    _, dvl_bias, wander = (slice(at, at + 3) for at in f.layout)
+    _, dvl_bias, wander, _ = (slice(at, at + 3) for at in f.layout)
     if of_dvl.bias > 0.0:
         P[dvl_bias, dvl_bias] = of_dvl.bias**2 * np.eye(3)
     if speed:

@@ -7,6 +7,7 @@ import numpy as np
 
 from perception.navigation.raw_navigation import RawNavigation
 from perception.navigation.strapdown_filter import Navigation
+from scenarios.arm_camera import arm_camera, believed_mount
 from scenarios.contact_parts import believed_and_built, controller
 from scenarios.own_vehicle import OwnVehicle
 from scenarios.perturbations.perturbation import Loop, perturb
@@ -89,9 +90,13 @@ def assemble(scenario: Scenario, *, full: bool = False) -> Assembly:
     )
     seeing, sensor_model = placed.sensors(model)
     without = frozenset(scenario.control.without)
+    on_arm = scenario.sensing.arm_camera
+    if on_arm is not None:  # last, so that the other sensors draw as without it
+        seeing = [*seeing, arm_camera(on_arm, model)]
+    fused = Navigation(arm_camera=None if on_arm is None else believed_mount(own))
     parts = Parts(
         sensors=[*scenario.sensing.proprioception(), *seeing],
-        estimator=placed.estimator(RawNavigation() if "fusion" in without else Navigation()),
+        estimator=placed.estimator(RawNavigation() if "fusion" in without else fused),
         finder=placed.finder(sensor_model, int(sampling.integers(2**31))),
         planner=placed.planner(),
         controller=placed.controller()

@@ -8,6 +8,7 @@ import numpy as np
 
 from controllers.ik.method import Method as IkMethod
 from models.site.seabed import Kind
+from scenarios.arm_camera import ArmCameraSetup
 from scenarios.arm_identification.friction_run import GearIdentificationTask
 from scenarios.perturbations.vehicle import Gears
 from scenarios.scenario import AblatedMethod, Belief, Control, Method, PublishedMethod, Scenario, Sensing, VehicleSetup
@@ -69,6 +70,8 @@ class ContactOptions(VehicleOptions):
     """Sensor for identification: camera, sonar, or one that an installed package registers."""
     follow: bool = False
     """Follow the object by further depth frames while the vehicle scans it, and say if it moves."""
+    arm_camera: bool = False
+    """A small stereo camera beside the tool, which tells navigation how the tool moves over the surface."""
     without: tuple[AblatedMethod, ...] = ()
     """Controller methods to leave out (ablation)."""
     published: tuple[PublishedMethod, ...] = ()
@@ -113,7 +116,12 @@ class ContactOptions(VehicleOptions):
             ),
             vehicle=VehicleSetup(vehicle=self.vehicle, arm_errors=self.arm_errors),
             belief=Belief(calibrated=self.calibrated, arm=None if self.arm is None else str(self.arm)),
-            sensing=Sensing(sensor=self.sensor, looks=self.looks, follow=self.follow),
+            sensing=Sensing(
+                sensor=self.sensor,
+                looks=self.looks,
+                follow=self.follow,
+                arm_camera=ArmCameraSetup() if self.arm_camera else None,
+            ),
             control=Control(controller=self.controller, without=self.without, published=self.published, ik=self.ik),
         )
 

@@ -4,6 +4,7 @@ from dataclasses import dataclass, field
 from typing import Literal, TypeVar
 
 from controllers.ik.method import Method as IkMethod
+from scenarios.arm_camera import ArmCameraSetup
 from scenarios.perturbations.perturbation import Perturbation
 from scenarios.site import Site
 from scenarios.tasks.task import Task
@@ -62,6 +63,7 @@ class Sensing:
     vision_noise: float = 2e-3  # [m]
     torque_noise: float = 0.01  # share of the reading
     torque_bias: float = 0.5  # [N m] uniform in +-
+    arm_camera: ArmCameraSetup | None = None  # camera beside the tool; None: there is none
 
     def __post_init__(self) -> None:
         whole_number(self.looks, "--looks", least=1, most=_MOST_LOOKS)

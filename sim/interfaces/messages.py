@@ -183,6 +183,22 @@ class SonarScan:
     X_BS: Array  # (4, 4) sensor in hull; OpenCV axes: x right, y down, z ahead
 
 
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SurfaceMotionMeasurement:
+    """Motion of a camera on the arm's last link over the object before it, since a key picture.
+
+    The first message about a key that was not itself measured against an earlier one begins a track: the motion before
+    it is not known. A key whose time is that of the preceding message continues the track.
+    """
+
+    time: float  # [s] of exposure
+    key_time: float  # [s] of exposure of the key picture K
+    p_KC: Array  # (3,) [m] position of the camera in key axes
+    R_KC: Array  # (3, 3) its rotation, from attitude reference and encoders
+    information_K: Array  # (3, 3) [1/m^2] inverse covariance of `p_KC`; zero in directions that were not observed
+    q: Array  # (n,) [rad] joint angles at exposure
+
+
 Look = DepthImage | SonarScan  # input of target identification
 
 Measurement = (
@@ -193,6 +209,7 @@ Measurement = (
     | DvlRangesMeasurement
     | PressureMeasurement
     | VisionMeasurement
+    | SurfaceMotionMeasurement
     | DepthImage
     | SonarScan
 )

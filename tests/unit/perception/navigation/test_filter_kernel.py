@@ -9,13 +9,13 @@ from uncompiled import uncompiled
 
 (kernel,) = uncompiled("perception.navigation.filter_kernel")
 WALKS = np.array([0.02, 0.3, 5.0])
-LAYOUTS = [(9, -1, -1), (12, 9, -1), (12, -1, 9), (15, 9, 12)]
+LAYOUTS = [(9, -1, -1, -1), (12, 9, -1, -1), (12, -1, 9, -1), (15, 9, 12, -1), (18, 9, 12, 15)]
 
 
 class Case:
     """A layout with a mean, a covariance and one stored step, drawn at random."""
 
-    def __init__(self, layout: tuple[int, int, int], rng: np.random.Generator) -> None:
+    def __init__(self, layout: tuple[int, int, int, int], rng: np.random.Generator) -> None:
         self.memory = np.zeros(1, kernel.FILTER)
         self.f = self.memory[0]
         self.layout, self.n, self.x, self.P = self.f.layout, layout[0], self.f.x, self.f.P
@@ -35,7 +35,7 @@ class Case:
     def measured(self, kind: int) -> Array:
         """H (3, n) of a fix."""
         H = np.zeros((3, self.n))
-        _, bias, wander = self.layout
+        _, bias, wander, _ = self.layout
         if kind == kernel.VISION:
             H[:, :3], H[:, 3:6] = np.eye(3), self.fix[kernel.SHIFT] * np.eye(3)
             if wander >= 0:

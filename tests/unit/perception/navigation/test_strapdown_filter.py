@@ -435,7 +435,7 @@ def test_a_steady_push_is_integrated_exactly_in_a_turned_hull_with_a_known_bias(
     """p = v t + a t^2 / 2 over a hundred steps, to rounding."""
     R, a, bias, v = exp_so3(rng.uniform(-1.0, 1.0, 3)), rng.normal(size=3), rng.normal(size=3), rng.normal(size=3)
     row, f = np.zeros(kernel.INPUT), np.zeros(1, kernel.FILTER)[0]
-    f.layout[:] = 9, -1, -1
+    f.layout[:] = 9, -1, -1, -1
     row[kernel.DT], row[kernel.ATTITUDE : kernel.ATTITUDE + 9] = 0.05, R.ravel()
     row[kernel.FORCE : kernel.FORCE + 3] = R.T @ (a + np.array([0.0, 0.0, GRAVITY])) + bias
     f.x[3:6], f.x[6:9] = v, bias

@@ -1,0 +1,291 @@
+"""Motion between two pictures of a small stereo camera: direct alignment of intensity and depth.
+
+The key picture's pixels are carried into the present one by depth and a trial motion. Two residuals are made small by
+Gauss-Newton with Huber weights: intensity, which sees motion across a textured surface [Lucas 1981], and the distance
+from the present surface along its normal, which sees its shape [Chen 1992]. Together they are those of [Kerl 2013]. The
+rotation between the pictures is known from attitude reference and encoders, and enters as a prior. Intensity is taken
+relative to its local mean, so lamp and veil of the water do not count. Only gradients well above the camera's noise
+are used: on a plain surface noise must not look like texture.
+
+The normal equations say which translations the view observes. Along a plain generator of a barrel there is none; the
+information there is zero.
+"""
+
+from dataclasses import dataclass
+
+import numba
+import numpy as np
+from scipy import ndimage
+
+from sim.interfaces.kernels import keyed_by_imports
+from sim.interfaces.spatial import Array, exp_so3, skew
+
+LEVELS = (2.5, 0.8)  # [px] blur of the intensity, coarse to fine
+ITERATIONS = (8, 12)  # most, for each level
+HUBER = 1.345  # [-] standard deviations beyond which a residual counts less
+LEAST_GRADIENT = 4.0  # [-] times that by noise: of a pixel whose intensity is used
+DEPTH_BLUR = 2.0  # [px] of the inverse depth
+NORMAL_BLUR = 10.0  # [px] of the inverse depth for normals: noise in them would look like shape
+MEAN_BLUR = 8.0  # [px] of the local mean
+LEAST_PIXELS = 300  # with depth, in both pictures; fewer give no result
+MOST_REJECTED = 0.5  # share of the residuals beyond three standard deviations of the noise
+SETTLED = 2e-6  # [m] step at which the iteration ends
+WEAKEST = 2e-3  # [m] standard deviation of a direction from which on it counts as not observed
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PictureNoise:
+    """What is known of the camera's errors."""
+
+    intensity: float  # of full scale, white, per pixel
+    inverse_depth: float  # [1/m] standard deviation, per pixel
+    correlation: float  # [px] of the errors of the depth
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PreparedPicture:
+    """A picture with all that an alignment needs of it."""
+
+    levels: tuple[np.ndarray, ...]  # each (3, h, w): contrast, its gradients along x and y [1/px]
+    noise: tuple[tuple[float, float], ...]  # per level: standard deviation of contrast and of its gradient
+    inverse_depth: np.ndarray  # (h, w) [1/m], smoothed; NaN where not known
+    normals: np.ndarray  # (h, w, 3) unit, towards the camera
+    K: tuple[float, float, float]  # [px] focal, principal point
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Alignment:
+    """Motion of the camera between two pictures."""
+
+    p_KC: Array  # (3,) [m] position of the present camera in the key camera's axes
+    R_KC: Array  # (3, 3)
+    information_K: Array  # (3, 3) [1/m^2] of the position, key axes, by the residuals' own scatter; 0 if not observed
+    pixels: int  # with depth in both pictures
+    settled: bool  # the iteration converged and the residuals are those of noise
+
+
+def prepare(
+    intensity: np.ndarray, depth: np.ndarray, hidden: np.ndarray, focal: float, noise: PictureNoise
+) -> PreparedPicture:
+    """Blur, differentiate and mask a picture.
+
+    Args:
+        intensity: (h, w), full scale 1.
+        depth: (h, w) [m], NaN without a measurement.
+        hidden: (h, w) bool: pixels that the vehicle's own tool hides, never used.
+        focal: [px]; the principal point is the middle.
+        noise: Of the camera.
+    """
+    height, width = depth.shape
+    known = np.isfinite(depth) & ~hidden
+    image = intensity.astype(np.float64)
+    share = ndimage.gaussian_filter((~hidden).astype(np.float64), MEAN_BLUR)
+    mean = ndimage.gaussian_filter(np.where(hidden, 0.0, image), MEAN_BLUR) / np.maximum(share, 1e-3)
+    mean = np.maximum(mean, 3.0 * noise.intensity)
+    contrast = np.where(hidden, 0.0, image / mean - 1.0)
+    brightness = float(np.median(mean[~hidden])) if (~hidden).any() else 1.0
+    levels, noises = [], []
+    for blur in LEVELS:
+        smooth = ndimage.gaussian_filter(contrast, blur)
+        gy, gx = np.gradient(smooth)
+        levels.append(np.stack([smooth, gx, gy]))
+        # White noise through a Gaussian of width s: 1 / (2 s sqrt(pi)), its derivative 1 / (2 s^2 sqrt(2 pi)).
+        white = noise.intensity / brightness
+        noises.append((white / (2.0 * blur * np.sqrt(np.pi)), white / (2.0 * blur**2 * np.sqrt(2.0 * np.pi))))
+    measured = np.where(known, 1.0 / np.where(known, depth, 1.0), 0.0)
+    inverse = _smooth(measured, known, DEPTH_BLUR)
+    wv, wu = np.gradient(_smooth(measured, known, NORMAL_BLUR))
+    v, u = np.indices(depth.shape)
+    cx, cy = 0.5 * (width - 1), 0.5 * (height - 1)
+    # A plane is linear in the inverse depth w(u, v): its normal is (f w_u, f w_v, w - (u - cx) w_u - (v - cy) w_v).
+    normals = -np.stack([focal * wu, focal * wv, inverse - (u - cx) * wu - (v - cy) * wv], axis=-1)
+    normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
+    return PreparedPicture(tuple(levels), tuple(noises), inverse, normals, (focal, cx, cy))
+
+
+def align(
+    key: PreparedPicture, now: PreparedPicture, X_KC: Array, rotation_sigma: float, noise: PictureNoise
+) -> Alignment | None:
+    """Align two pictures.
+
+    Args:
+        key: The earlier picture.
+        now: The present one.
+        X_KC: (4, 4) predicted pose of the present camera in the key camera's axes.
+        rotation_sigma: [rad] standard deviation of its rotation, per axis.
+        noise: Of the camera.
+
+    Returns:
+        The motion; None with too few pixels in common.
+    """
+    R = np.array(X_KC[:3, :3].T)  # R_CK
+    t = -R @ X_KC[:3, 3]
+    predicted, start = R.copy(), t.copy()
+    normal_matrix, pixels, settled, bad = np.zeros((6, 6)), 0, False, 1.0
+    cells = 1.0 + noise.correlation**2 + 2.0 * np.pi * DEPTH_BLUR**2  # pixels that share one error of the depth
+    for level, most in enumerate(ITERATIONS):
+        sigma_i = max(np.hypot(now.noise[level][0], key.noise[level][0]), 1e-6)
+        least = (LEAST_GRADIENT * max(now.noise[level][1], key.noise[level][1])) ** 2
+        scale_i, scale_d = 3.0 * sigma_i, 3.0 * noise.inverse_depth
+        settled = False
+        for _ in range(most):
+            H, g, count, residuals_i, residuals_d = normal_equations(
+                key.levels[level],
+                key.inverse_depth,
+                key.normals,
+                now.levels[level],
+                now.inverse_depth,
+                np.array(now.K),
+                R,
+                t,
+                np.array([scale_i, scale_d, HUBER, least]),
+            )
+            pixels = int(count)
+            if pixels < LEAST_PIXELS:
+                return None
+            scale_i = max(1.4826 * float(np.median(np.abs(residuals_i))), sigma_i) if len(residuals_i) else sigma_i
+            scale_d = max(1.4826 * float(np.median(np.abs(residuals_d))), 0.2 * noise.inverse_depth)
+            bad = float(np.mean(np.abs(residuals_d) > 3.0 * noise.inverse_depth))
+            # The errors of neighbouring pixels are one: each counts for its share.
+            H, g = H / cells, g / cells
+            turn = _rotation_vector(R @ predicted.T)
+            prior = 1.0 / rotation_sigma**2
+            A, b = H.copy(), g.copy()
+            A[3:, 3:] += prior * np.eye(3)
+            b[3:] += prior * turn
+            A[:3, :3] += np.eye(3) / WEAKEST**2  # a direction that is not observed keeps the prediction
+            b[:3] += (t - start) / WEAKEST**2
+            step = -np.linalg.solve(A, b)
+            turned = exp_so3(step[3:])
+            R, t = turned @ R, turned @ t + step[:3]
+            normal_matrix = H
+            if np.abs(step[:3]).max() < SETTLED:
+                settled = True
+                break
+    A = normal_matrix.copy()
+    A[3:, 3:] += np.eye(3) / rotation_sigma**2
+    information = A[:3, :3] - A[:3, 3:] @ np.linalg.solve(A[3:, 3:], A[3:, :3])
+    values, axes = np.linalg.eigh(information)
+    values[values < WEAKEST**-2] = 0.0
+    information_C = (axes * values) @ axes.T
+    R_KC = R.T
+    return Alignment(
+        p_KC=-R_KC @ t,
+        R_KC=R_KC,
+        information_K=R_KC @ information_C @ R_KC.T,
+        pixels=pixels,
+        settled=settled and bad <= MOST_REJECTED,
+    )
+
+
+def _smooth(values: np.ndarray, known: np.ndarray, blur: float) -> np.ndarray:
+    """Gaussian mean (h, w) of the known values; NaN where they are few."""
+    weight = ndimage.gaussian_filter(known.astype(np.float64), blur)
+    smooth = ndimage.gaussian_filter(values, blur) / np.maximum(weight, 1e-6)
+    return np.where(known & (weight >= 0.3), smooth, np.nan)
+
+
+def _rotation_vector(R: Array) -> Array:
+    """Rotation vector (3,) [rad] of a small rotation."""
+    antisymmetric = 0.5 * (R - R.T)
+    return np.array([antisymmetric[2, 1], antisymmetric[0, 2], antisymmetric[1, 0]])
+
+
+def observed(information: Array) -> Array:
+    """Projector (3, 3) on the directions in which `information` (3, 3) is not zero."""
+    values, axes = np.linalg.eigh(information)
+    kept = values > 1e-9 * max(float(values.max()), 1e-300)
+    return (axes * kept) @ axes.T
+
+
+@numba.njit(cache=True)
+@keyed_by_imports
+def normal_equations(key, key_inverse, normals, now, now_inverse, K, R, t, scales):
+    """Gauss-Newton normal equations of intensity and depth residuals for a small motion (v, w) of the points in C.
+
+    Args:
+        key: (3, h, w) contrast of the key picture and its gradients.
+        key_inverse: (h, w) [1/m] its inverse depth.
+        normals: (h, w, 3) its normals.
+        now: (3, h, w) of the present picture.
+        now_inverse: (h, w) [1/m] its inverse depth.
+        K: (3,) [px] focal, principal point.
+        R: (3, 3) R_CK.
+        t: (3,) [m] key camera in C.
+        scales: (4,) standard deviation of contrast, of inverse depth [1/m], Huber's bound, least squared gradient.
+
+    Returns:
+        H (6, 6), g (6,), pixels with depth in both, residuals of contrast, residuals of inverse depth.
+    """
+    height, width = key_inverse.shape
+    f, cx, cy = K
+    H, g, J = np.zeros((6, 6)), np.zeros(6), np.empty(6)
+    found_i, found_d = np.empty(height * width), np.empty(height * width)
+    ni, nd = 0, 0
+    for v in range(height):
+        for u in range(width):
+            w = key_inverse[v, u]
+            if not w > 0.0:
+                continue
+            px, py, pz = (u - cx) / (f * w), (v - cy) / (f * w), 1.0 / w
+            x = R[0, 0] * px + R[0, 1] * py + R[0, 2] * pz + t[0]
+            y = R[1, 0] * px + R[1, 1] * py + R[1, 2] * pz + t[1]
+            z = R[2, 0] * px + R[2, 1] * py + R[2, 2] * pz + t[2]
+            if z <= 1e-3:
+                continue
+            a, b = f * x / z + cx, f * y / z + cy
+            i, j = int(np.floor(a)), int(np.floor(b))
+            if i < 0 or j < 0 or i + 1 >= width or j + 1 >= height:
+                continue
+            s, q = a - i, b - j
+            c00, c01, c10, c11 = (1.0 - s) * (1.0 - q), s * (1.0 - q), (1.0 - s) * q, s * q
+            seen = (
+                c00 * now_inverse[j, i]
+                + c01 * now_inverse[j, i + 1]
+                + c10 * now_inverse[j + 1, i]
+                + c11 * now_inverse[j + 1, i + 1]
+            )
+            if not seen > 0.0:
+                continue
+            # Depth: distance from the present surface along the normal, in units of the inverse depth's error there.
+            n0 = R[0, 0] * normals[v, u, 0] + R[0, 1] * normals[v, u, 1] + R[0, 2] * normals[v, u, 2]
+            n1 = R[1, 0] * normals[v, u, 0] + R[1, 1] * normals[v, u, 1] + R[1, 2] * normals[v, u, 2]
+            n2 = R[2, 0] * normals[v, u, 0] + R[2, 1] * normals[v, u, 1] + R[2, 2] * normals[v, u, 2]
+            if n0 == n0:
+                # Along the ray the surface is at 1 / seen; the distance along the normal is n . ray (z - 1 / seen).
+                ray = (n0 * x + n1 * y + n2 * z) / z
+                if abs(ray) > 0.2:
+                    unit = 1.0 / (ray * z * z)  # [1/m^2] inverse depth per distance along the normal
+                    error = (z - 1.0 / seen) * ray * unit
+                    J[0], J[1], J[2] = n0 * unit, n1 * unit, n2 * unit
+                    J[3], J[4], J[5] = y * J[2] - z * J[1], z * J[0] - x * J[2], x * J[1] - y * J[0]
+                    found_d[nd] = error
+                    nd += 1
+                    _add(H, g, J, error, scales[1], scales[2])
+            gx = c00 * now[1, j, i] + c01 * now[1, j, i + 1] + c10 * now[1, j + 1, i] + c11 * now[1, j + 1, i + 1]
+            gy = c00 * now[2, j, i] + c01 * now[2, j, i + 1] + c10 * now[2, j + 1, i] + c11 * now[2, j + 1, i + 1]
+            if gx * gx + gy * gy < scales[3] or key[1, v, u] ** 2 + key[2, v, u] ** 2 < scales[3]:
+                continue
+            # Mean of both gradients: second order in the motion [Malis 2004].
+            gx, gy = 0.5 * (gx + key[1, v, u]), 0.5 * (gy + key[2, v, u])
+            there = c00 * now[0, j, i] + c01 * now[0, j, i + 1] + c10 * now[0, j + 1, i] + c11 * now[0, j + 1, i + 1]
+            error = there - key[0, v, u]
+            J[0], J[1] = gx * f / z, gy * f / z
+            J[2] = -(J[0] * x + J[1] * y) / z
+            J[3], J[4], J[5] = y * J[2] - z * J[1], z * J[0] - x * J[2], x * J[1] - y * J[0]
+            found_i[ni] = error
+            ni += 1
+            _add(H, g, J, error, scales[0], scales[2])
+    return H, g, nd, found_i[:ni], found_d[:nd]
+
+
+@numba.njit(cache=True)
+@keyed_by_imports
+def _add(H, g, J, error, sigma, huber):
+    """Add one residual with its Huber weight."""
+    away = abs(error) / sigma
+    weight = (1.0 if away <= huber else huber / away) / sigma**2
+    for i in range(6):
+        g[i] += weight * J[i] * error
+        for k in range(6):
+            H[i, k] += weight * J[i] * J[k]

@@ -1,0 +1,146 @@
+"""Track of a camera on the arm over the object: its readings become fixes of the hull's position.
+
+Each message gives the camera's motion since a key picture. Keys chained without a gap form a track, with an origin in
+W: where the filter believed the camera to be when the track began. The filter keeps the error of that belief as the
+track's offset, so a track says how the hull has moved since, and nothing of where it is.
+
+A direction that a picture does not observe has zero information. Where the track goes on from such a picture, the
+filter's own position takes the place of the reading in that direction.
+"""
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from models.arms.serial_arm import SerialArm
+from perception.navigation.filter_kernel import (
+    AT_TRACK,
+    ATTITUDE,
+    BEGUN,
+    INFORMATION,
+    ORIGIN,
+    PLACE,
+    READ,
+    TRACK,
+    compare_track,
+    replay,
+    row_at,
+)
+from sim.interfaces.messages import SurfaceMotionMeasurement
+from sim.interfaces.spatial import Array
+
+_MOST_REFUSED = 5  # refused readings in a row, after which a new track begins
+_SHARE = 1e-9  # of the largest information: a direction with less was not observed
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class CameraMount:
+    """The camera on the arm as the vehicle believes it to be mounted."""
+
+    arm: SerialArm  # from its base to the tool frame G
+    X_BA: Array  # (4, 4) base of the arm on the hull
+    X_GC: Array  # (4, 4) camera in tool axes
+
+    def pose(self, q: Array) -> Array:
+        """Pose X_BC (4, 4) of the camera in the hull at joint angles q (n,)."""
+        return self.X_BA @ self.arm.flange(q[None])[0] @ self.X_GC
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Reading:
+    """A message with the pose of the camera by the track."""
+
+    message: SurfaceMotionMeasurement
+    R_WC: Array  # (3, 3)
+    lever_W: Array  # (3,) [m] from the hull's origin to the camera
+    place_W: Array  # (3,) [m] hull's origin by the track
+
+
+@dataclass(slots=True, eq=False)
+class SurfaceTrack:
+    """The present track, and how its readings are judged."""
+
+    memory: np.ndarray  # (1,) of `filter_kernel.FILTER`, changed in place
+    gate: float  # [-] chi-square with 3 degrees of freedom beyond which a reading is refused
+    mount: CameraMount
+    key_time: float = math.nan  # [s] of the present key K
+    R_WK: Array = field(default_factory=lambda: np.eye(3))
+    p_WK: Array = field(default_factory=lambda: np.zeros(3))  # (3,) [m] by the track
+    last: _Reading | None = None  # newest that was used
+    refused_in_row: int = 0
+    refused: int = 0  # readings not used since the start, for the log
+    begun: int = 0  # tracks begun since the start, for the log
+
+    def take(self, m: SurfaceMotionMeasurement) -> None:
+        """Update the filter by a message at its step, and withhold the correction; an unsound one is ignored."""
+        parts = (m.time, m.p_KC, m.R_KC, m.information_K, m.q)
+        sound = all(np.isfinite(part).all() for part in parts) and m.key_time <= m.time
+        at = row_at(self.memory, m.time)[0] if sound else -1
+        if at < 0 or (self.last is not None and m.time <= self.last.message.time):
+            self.refused += 1
+            return
+        if m.key_time != self.key_time and not self._goes_on(m.key_time):
+            self._begin(m, at)
+        elif self._used(m, at):
+            self.refused_in_row = 0
+        else:
+            self.refused += 1
+            self.refused_in_row += 1
+            if self.refused_in_row >= _MOST_REFUSED:
+                self._begin(m, at)
+
+    def _goes_on(self, key_time: float) -> bool:
+        """Take the last reading for the key if it is of that time; False if the track breaks off."""
+        last = self.last
+        at = row_at(self.memory, key_time)[0] if last is not None and last.message.time == key_time else -1
+        if last is None or at < 0:
+            return False
+        self.key_time, self.R_WK, self.p_WK = key_time, last.R_WC, last.place_W + last.lever_W
+        self._replay(at, origin=last.place_W)
+        return True
+
+    def _used(self, m: SurfaceMotionMeasurement, at: int) -> bool:
+        """Update the filter by a reading of the present key; False if the gate refuses it."""
+        R_WC, lever = self._camera(m, at)
+        place = self.p_WK + self.R_WK @ m.p_KC - lever
+        information = self.R_WK @ m.information_K @ self.R_WK.T
+        row, f = np.zeros(TRACK), self.memory[0]
+        row[READ], row[PLACE : PLACE + 3], row[INFORMATION : INFORMATION + 9] = 1.0, place, information.ravel()
+        innovation, _, weight = compare_track(row, int(f["layout"][AT_TRACK]), f["past_x"][at], f["past_P"][at])
+        if float(innovation @ weight @ innovation) > self.gate:
+            return False
+        self.last = _Reading(message=m, R_WC=R_WC, lever_W=lever, place_W=place - _unobserved(information) @ innovation)
+        f["past_track"][at, :BEGUN] = row[:BEGUN]
+        self._replay(at)
+        return True
+
+    def _begin(self, m: SurfaceMotionMeasurement, at: int) -> None:
+        """Begin a track where the filter believes the hull to be."""
+        x, first = self.memory[0]["past_x"][at], int(self.memory[0]["layout"][AT_TRACK])
+        R_WC, lever = self._camera(m, at)
+        place = x[:3] + x[first : first + 3]
+        self.key_time, self.R_WK = m.key_time, R_WC @ m.R_KC.T
+        self.p_WK = place + lever - self.R_WK @ m.p_KC
+        self.last = _Reading(message=m, R_WC=R_WC, lever_W=lever, place_W=place)
+        self.refused_in_row, self.begun = 0, self.begun + 1
+        self._replay(at, origin=place)
+
+    def _camera(self, m: SurfaceMotionMeasurement, at: int) -> tuple[Array, Array]:
+        """Rotation R_WC (3, 3) of the camera and lever (3,) [m] to it from the hull's origin in W, at a step."""
+        R_WB = self.memory[0]["past_input"][at, ATTITUDE : ATTITUDE + 9].reshape(3, 3)
+        X_BC = self.mount.pose(m.q)
+        return R_WB @ X_BC[:3, :3], R_WB @ X_BC[:3, 3]
+
+    def _replay(self, at: int, origin: Array | None = None) -> None:
+        """Run the filter from a step of the past; with `origin` (3,) [m] the hull was there by the track."""
+        if origin is not None:
+            row = self.memory[0]["past_track"][at]
+            row[BEGUN], row[ORIGIN : ORIGIN + 3] = 1.0, origin
+        replay(self.memory, at)
+
+
+def _unobserved(information: Array) -> Array:
+    """Projector (3, 3) on the directions in which `information` (3, 3) is zero."""
+    values, axes = np.linalg.eigh(information)
+    return (axes * (values <= _SHARE * max(float(values[-1]), 1.0))) @ axes.T

@@ -1,0 +1,36 @@
+"""Camera on the arm: how a scenario asks for it, its simulated sensor, and the mount that navigation believes in."""
+
+from dataclasses import dataclass
+
+import mujoco
+
+from models.arms import dh_geometry
+from models.naming import ARM_BASE_BODY, TIP_SITE
+from perception.navigation.surface_track import CameraMount
+from scenarios.own_vehicle import OwnVehicle
+from scenarios.perturbations.pad import TARGET_BODY
+from sim.interfaces.protocols import Sensor
+from sim.sensors.arm_camera import ArmCamera, ViewConditions, beside_tool
+
+
+@dataclass(frozen=True, kw_only=True)
+class ArmCameraSetup(ViewConditions):
+    """A stereo camera on the arm's last link, beside the tool, and what it sees."""
+
+    rendered: bool = False  # render and align every picture (slow); False: the error model fitted to such pictures
+
+
+def arm_camera(setup: ArmCameraSetup, model: mujoco.MjModel) -> Sensor:
+    """The simulated sensor; it tracks the object of the site, which may move, or else the world."""
+    surface = TARGET_BODY if mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, TARGET_BODY) >= 0 else "world"
+    if setup.rendered:
+        from scenarios.perception_studies.rendered_arm_camera import RenderedArmCamera  # kernels compile on import
+
+        return RenderedArmCamera(model, TIP_SITE, surface, conditions=setup)
+    return ArmCamera(model, TIP_SITE, surface, conditions=setup)
+
+
+def believed_mount(own: OwnVehicle) -> CameraMount:
+    """Where the vehicle believes the camera to be."""
+    arm = dh_geometry.read(own.model, ARM_BASE_BODY, TIP_SITE, exclude=own.passive_joints)
+    return CameraMount(arm=arm, X_BA=own.vehicle.X_BA, X_GC=beside_tool())

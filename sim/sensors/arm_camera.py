@@ -1,0 +1,384 @@
+"""Small stereo camera on the arm's last link, which tracks the surface beside the contact.
+
+It reports how it has moved over the object since a key picture. Every picture casts a coarse grid of rays on the world.
+What they hit predicts the normal equations that a direct alignment of intensity and depth would have
+(`perception.navigation.surface_alignment`): texture gives motion across the view, shape along the surface's normals.
+Their inverse, with the factors of an error model fitted to rendered pairs (`ErrorModel`), is the covariance of the
+error that is drawn, and of the message. A direction that the view does not observe has no information: along the
+generator of a plain barrel.
+"""
+
+import tomllib
+from dataclasses import dataclass, field, fields
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.messages import SurfaceMotionMeasurement
+from sim.interfaces.spatial import Array, finite_number, inverse, pose, rotation_from_z
+from sim.sensors.textured_view import ALBEDO, BACKSCATTER, BLUR, LAMP_RANGE, SmallStereo, Texture, Water
+from sim.sensors.visible_world import Rays, VisibleWorld, body_id, site_on_body
+
+TABLE = Path(__file__).with_suffix(".toml")
+GRID = 10  # [px] between the rays of the prediction
+ROTATION = 1e-4  # [rad] standard deviation of the rotation between two pictures, by attitude reference and encoders
+FINE_BLUR = 0.8  # [px] of the intensity in the tracker
+LEAST_GRADIENT = 4.0  # [-] times that by noise, of a pixel that the tracker uses
+CELL = 35.0  # [px] pixels whose errors count as one in the prediction; the fitted factors refer to it
+WEAKEST = 2e-3  # [m] standard deviation of a direction from which on it counts as not observed
+OBSERVED = 1.0  # [1/m^2] information beyond that of rounding
+KEY_SHIFT = 0.25  # share of the view's width, or of the range along the view, from which on a new key is taken
+KEY_TURN = 0.2  # [rad] the same of its rotation
+MOST_LOST = 5  # pictures lost in a row that end a track
+LEAST_SEEN = 0.25  # share of the view with a surface that a track needs
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ErrorModel:
+    """Errors of the tracker in units of the prediction, fitted to rendered pairs (`scripts/studies/arm_camera.py`).
+
+    The variance of texture is exp(texture . x) times the predicted one, that of shape exp(shape . x). The condition x
+    is: 1, shift since the key over the width of the view, share of the view hidden by silt, logarithm of the ratio of
+    gradient to noise. A picture is lost with probability 1 / (1 + exp(-lost . x)).
+    """
+
+    texture: tuple[float, float, float, float]
+    shape: tuple[float, float, float, float]
+    lost: tuple[float, float, float, float]
+    common: float  # share of the variance that all pictures of a key have in common
+    outliers: float  # share of pictures with an error beyond the gate of the fit
+    outlier_factor: float  # by which their errors are larger
+    bias: tuple[float, float, float]  # [m] mean error, camera axes
+    pairs: int  # rendered pairs of the fit
+
+    @classmethod
+    def read(cls, file: Path = TABLE) -> "ErrorModel":
+        """The model in a TOML file."""
+        with file.open("rb") as stream:
+            table = tomllib.load(stream)
+        return cls(**{f.name: _tupled(table[f.name]) for f in fields(cls)})
+
+
+def _tupled(value: Any) -> Any:
+    return tuple(value) if isinstance(value, list) else value
+
+
+@cache
+def fitted() -> ErrorModel:
+    """The model of the package."""
+    return ErrorModel.read()
+
+
+def beside_tool() -> Array:
+    """Default pose X_GC (4, 4) of the camera in tool axes: 11 cm beside the tool axis, 17 cm behind the face.
+
+    It looks at the surface 5 cm beside the contact, 0.33 rad from the tool axis.
+    """
+    p = np.array([0.11, 0.0, -0.17])
+    return pose(rotation_from_z(np.array([0.05, 0.0, 0.0]) - p, [0.0, 1.0, 0.0]), p)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Prediction:
+    """Normal equations that an alignment would have, by source, and the condition of the view."""
+
+    texture: Array  # (6, 6) of motion and rotation of the camera, camera axes
+    shape: Array  # (6, 6)
+    condition: Array  # (4,) x of `ErrorModel`
+    seen: float  # share of the view with a surface
+    range: float  # [m] median depth; NaN without a surface
+
+    def information(self, texture: float, shape: float) -> Array:
+        """Information (3, 3) [1/m^2] of the position, camera axes, with these factors on the variances."""
+        A = self.texture / texture + self.shape / shape
+        A[3:, 3:] += np.eye(3) / ROTATION**2
+        marginal = A[:3, :3] - A[:3, 3:] @ np.linalg.solve(A[3:, 3:], A[3:, :3])
+        values, axes = np.linalg.eigh(0.5 * (marginal + marginal.T))
+        values[values < WEAKEST**-2] = 0.0
+        return (axes * values) @ axes.T
+
+    def factors(self, errors: ErrorModel) -> tuple[float, float]:
+        """Factors on the variances of texture and shape in this condition."""
+        return float(np.exp(np.dot(errors.texture, self.condition))), float(
+            np.exp(np.dot(errors.shape, self.condition))
+        )
+
+    def chance_lost(self, errors: ErrorModel) -> float:
+        """Probability that the picture is lost."""
+        return float(1.0 / (1.0 + np.exp(-np.dot(errors.lost, self.condition)))) if self.seen >= LEAST_SEEN else 1.0
+
+
+def predict(
+    camera: SmallStereo, depth: Array, hidden: np.ndarray, texture: Texture, water: Water, shift: float
+) -> Prediction:
+    """Predict the normal equations of an alignment from what a coarse grid of rays hits.
+
+    Args:
+        camera: The camera.
+        depth: (h, w) [m] along the optical axis at every GRID-th pixel, inf without a surface.
+        hidden: (h, w) bool, by the vehicle itself.
+        texture: Of the surface.
+        water: Optical conditions.
+        shift: [m] across the view since the key picture.
+    """
+    rays = camera.rays(GRID)
+    good = np.isfinite(depth) & ~hidden & (depth >= camera.near) & (depth <= camera.far)
+    seen = float(good.mean())
+    if good.sum() < 4:
+        nothing = np.zeros((6, 6))
+        return Prediction(texture=nothing, shape=nothing.copy(), condition=np.zeros(4), seen=0.0, range=float("nan"))
+    inverse_depth = np.where(good, 1.0 / np.where(good, depth, 1.0), np.nan)
+    wv, wu = np.gradient(inverse_depth, GRID)
+    f, z = camera.focal, depth
+    u, v = f * rays[..., 0], f * rays[..., 1]
+    normals = -np.stack([f * wu, f * wv, inverse_depth - u * wu - v * wv], axis=-1)
+    normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
+    shaped = good & np.isfinite(normals).all(axis=-1)
+    points = rays * np.where(good, z, 0.0)[..., None]
+    share = (1.0 - water.cloud) * GRID**2 / CELL
+    # Texture: gradient of the intensity relative to its mean, against noise.
+    p, n, zg = points[good], -rays[good], z[good]
+    cosine = np.clip(np.abs(np.sum(np.where(shaped[..., None], normals, 0.0)[good] * n, axis=1)), 0.3, 1.0)
+    light = ALBEDO * (LAMP_RANGE / zg) ** 2 * cosine * np.exp(-2.0 * water.attenuation * zg)
+    veil = BACKSCATTER * -np.expm1(-2.0 * water.attenuation * zg)
+    white = camera.intensity_noise / (light + veil)
+    square = gradient_square(texture, zg / f) * (light / (light + veil)) ** 2
+    slope = white / (2.0 * FINE_BLUR**2 * np.sqrt(2.0 * np.pi))
+    used = np.exp(-((LEAST_GRADIENT * slope) ** 2) / (square + slope**2))  # in both pictures
+    value = white / (2.0 * FINE_BLUR * np.sqrt(np.pi)) * np.sqrt(2.0)
+    weight = share * used * square / value**2
+    H_texture = np.zeros((6, 6))
+    for row in (_image_rows(p, zg, f, 0), _image_rows(p, zg, f, 1)):
+        H_texture += np.einsum("n,ni,nj->ij", weight, row, row)
+    # Shape: distance along the normal, in inverse depth.
+    p, n, zs = points[shaped], normals[shaped], z[shaped]
+    dimmed = camera.stereo.disparity_sigma / (f * camera.stereo.baseline) * np.exp(water.attenuation * zs)
+    along = np.sum(n * p, axis=1) / zs
+    unit = 1.0 / (np.where(np.abs(along) > 0.2, along, np.inf) * zs**2)
+    row = np.concatenate([n * unit[:, None], np.cross(p, n) * unit[:, None]], axis=1)
+    H_shape = np.einsum("n,ni,nj->ij", share / dimmed**2, row, row)
+    range_m = float(np.median(zg))
+    ratio = float(np.log(np.sqrt(np.maximum(np.mean(square), 1e-12)) / np.mean(slope)))
+    condition = np.array([1.0, shift * f / (range_m * camera.width), water.cloud, np.clip(ratio, -2.0, 4.0)])
+    return Prediction(texture=H_texture, shape=H_shape, condition=condition, seen=seen, range=range_m)
+
+
+def gradient_square(texture: Texture, pixel: Array) -> Array:
+    """Mean square (n,) of the gradient of a texture along one image axis [1/px^2], by footprint (n,) [m] of a pixel."""
+    square = np.sum(texture.waves[:, :3] ** 2, axis=1) / 3.0  # of the wave number along one axis, mean over directions
+    phase = square[:, None] * pixel**2
+    return texture.contrast**2 * np.mean(phase * np.exp(-2.0 * phase * (BLUR**2 + FINE_BLUR**2)), axis=0)
+
+
+def _image_rows(p: Array, z: Array, focal: float, axis: int) -> Array:
+    """Derivative (n, 6) [px] of an image coordinate by motion and rotation of the points (n, 3)."""
+    J = np.zeros((len(p), 6))
+    J[:, axis] = focal / z
+    J[:, 2] = -focal * p[:, axis] / z**2
+    J[:, 3:] = np.cross(p, J[:, :3])
+    return J
+
+
+@dataclass(slots=True, eq=False)
+class ArmCameraState:
+    """State of the camera's tracker."""
+
+    rng: np.random.Generator
+    scale: float  # error of the scale in this run
+    key_time: float = -np.inf  # [s]
+    X_OK: Array = field(default_factory=lambda: np.eye(4))  # true pose of the key camera in the object
+    key_error: Array = field(default_factory=lambda: np.zeros(3))  # (3,) standard normal, common to the key's pictures
+    tracking: bool = False
+    lost: int = 0  # pictures in a row
+    cloud: float = 0.0  # share of the view hidden now
+    cloud_until: float = -np.inf  # [s]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ViewConditions:
+    """What the camera sees beside the object's shape."""
+
+    texture: float = 0.2  # standard deviation of the surface's reflectance, share of its mean; 0: plain
+    attenuation: float = 0.4  # [1/m] of a beam of light
+    cloud_rate: float = 0.05  # [1/s] of clouds of silt; each hides a share drawn between 0 and 1
+    cloud_time: float = 1.0  # [s] mean time that one lasts
+    scale: float = 1e-3  # standard deviation of the error of the stereo calibration's scale, constant over a run
+
+    def __post_init__(self) -> None:
+        for name in ("texture", "attenuation", "cloud_rate", "cloud_time", "scale"):
+            finite_number(getattr(self, name), f"arm camera {name}", least=0.0)
+        finite_number(self.cloud_time, "arm camera cloud_time [s]", above=0.0)
+
+
+class ArmCamera:
+    """Stereo camera on the arm's last link (`Sensor`); gives motion over the surface since a key picture."""
+
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        tip: str,
+        surface: str,
+        *,
+        X_GC: Array | None = None,
+        conditions: ViewConditions | None = None,
+        camera: SmallStereo | None = None,
+        errors: ErrorModel | None = None,
+        period: float = 0.06,
+        delay: float = 0.06,
+    ) -> None:
+        """Mount the camera.
+
+        Args:
+            model: Compiled world.
+            tip: Name of the tool's site.
+            surface: Name of the body that the camera tracks; what else it sees counts as the same body.
+            X_GC: (4, 4) camera in tool axes; default `beside_tool`.
+            conditions: Of the view.
+            camera: Image and lens.
+            errors: Error model; default: the fitted one of the package.
+            period: [s]
+            delay: [s] from exposure to message.
+
+        Raises:
+            ConfigurationError: A name is unknown.
+            MissingLibraryError: There is no ray caster.
+        """
+        if not (period > 0.0 and delay >= 0.0):
+            raise ConfigurationError(f"arm camera: period must be > 0 and delay >= 0, got {period} and {delay}")
+        self.period, self.delay = period, delay
+        self.camera, self.conditions = camera or SmallStereo(), conditions or ViewConditions()
+        self._errors = errors or fitted()
+        link, X_LG = site_on_body(model, tip, "arm camera")
+        self._link, self._surface = body_id(model, link, "arm camera"), body_id(model, surface, "arm camera")
+        self.X_LC = X_LG @ (beside_tool() if X_GC is None else X_GC)
+        self._texture = Texture.of(0, self.conditions.texture)
+        rays = self.camera.rays(GRID)
+        self._rays = Rays.of(rays, self.camera.near)
+        vehicle = [b for b in range(model.nbody) if model.body_rootid[b] == model.body_rootid[self._link]]
+        self._world = VisibleWorld(model, exclude=set(vehicle))
+        self._hidden = np.isfinite(tool_in_view(model, self._link, self.X_LC, self._rays))
+
+    def init(self, rng: np.random.Generator) -> ArmCameraState:
+        """Draw the error of the scale."""
+        return ArmCameraState(rng=rng, scale=self.conditions.scale * float(rng.standard_normal()))
+
+    def camera_pose(self, truth: Any) -> tuple[Array, Array]:
+        """True poses X_WC and X_OC (4, 4) of the camera in the world and in the tracked body."""
+        X_WC = pose(truth.xmat[self._link].reshape(3, 3), truth.xpos[self._link]) @ self.X_LC
+        X_WO = pose(truth.xmat[self._surface].reshape(3, 3), truth.xpos[self._surface])
+        return X_WC, inverse(X_WO) @ X_WC
+
+    def step(self, state: ArmCameraState, truth: Any) -> tuple[ArmCameraState, SurfaceMotionMeasurement | None]:
+        """One picture; None while no surface is in range, or the picture is lost."""
+        X_WC, X_OC = self.camera_pose(truth)
+        time, rng = float(truth.time), state.rng
+        water = Water(attenuation=self.conditions.attenuation, cloud=silt(state, self.conditions, time, self.period))
+        depth, _ = self._world.cast(X_WC, self._rays, truth.xpos, np.asarray(truth.xmat).reshape(-1, 3, 3))
+        X_KC = inverse(state.X_OK) @ X_OC
+        view = predict(
+            self.camera,
+            depth.astype(np.float64),
+            self._hidden,
+            self._texture,
+            water,
+            float(np.hypot(X_KC[0, 3], X_KC[1, 3])) if state.tracking else 0.0,
+        )
+        chance = view.chance_lost(self._errors)
+        drawn = rng.standard_normal(3), rng.uniform(size=2)
+        if drawn[1][0] < chance:
+            state.lost += 1
+            state.tracking &= state.lost < MOST_LOST
+            return state, None
+        state.lost = 0
+        if not state.tracking:
+            self._new_key(state, time, X_OC)
+            return state, _message(truth, time, np.eye(4), np.zeros((3, 3)))
+        information_C = view.information(*view.factors(self._errors))
+        error = self._error(state, information_C, drawn)
+        information_C = with_scale(information_C, X_KC, self.conditions.scale)
+        R = X_KC[:3, :3]
+        read = X_KC.copy()
+        read[:3, 3] = (1.0 + state.scale) * X_KC[:3, 3] + R @ error
+        message = _message(truth, time, read, R @ information_C @ R.T, key_time=state.key_time)
+        if leaves_key(self.camera, X_KC, view.range):
+            self._new_key(state, time, X_OC)
+        return state, message
+
+    def _error(self, state: ArmCameraState, information_C: Array, drawn: tuple[Array, Array]) -> Array:
+        """Error (3,) [m] of the position, camera axes: part of it common to all pictures of the key."""
+        values, axes = np.linalg.eigh(information_C)
+        spread = np.where(values > OBSERVED, 1.0 / np.sqrt(np.maximum(values, OBSERVED)), 0.0)
+        common = self._errors.common
+        normal = np.sqrt(common) * state.key_error + np.sqrt(1.0 - common) * drawn[0]
+        if drawn[1][1] < self._errors.outliers:
+            normal = normal * self._errors.outlier_factor
+        return axes @ (spread * (axes.T @ normal)) + np.where(values.max() > OBSERVED, self._errors.bias, 0.0)
+
+    @staticmethod
+    def _new_key(state: ArmCameraState, time: float, X_OC: Array) -> None:
+        """The present picture becomes the key."""
+        state.key_time, state.X_OK, state.tracking = time, X_OC, True
+        state.key_error = state.rng.standard_normal(3)
+
+
+def _message(
+    truth: Any, time: float, X_KC: Array, information_K: Array, key_time: float | None = None
+) -> SurfaceMotionMeasurement:
+    return SurfaceMotionMeasurement(
+        time=time,
+        key_time=time if key_time is None else key_time,
+        p_KC=X_KC[:3, 3],
+        R_KC=X_KC[:3, :3],
+        information_K=information_K,
+        q=np.array(truth.q),
+    )
+
+
+def with_scale(information: Array, X_KC: Array, scale: float) -> Array:
+    """Information (3, 3), camera axes, less what an unknown scale takes of it: variance (scale x motion)^2 along it."""
+    d = scale * (X_KC[:3, :3].T @ X_KC[:3, 3])
+    taken = information @ d
+    return information - np.outer(taken, taken) / (1.0 + d @ taken)
+
+
+def leaves_key(camera: SmallStereo, X_KC: Array, range_m: float) -> bool:
+    """True if the view has moved so far from its key picture that the present one shall be the key."""
+    across = float(np.hypot(X_KC[0, 3], X_KC[1, 3])) * camera.focal / (range_m * camera.width)
+    along = abs(float(X_KC[2, 3])) / range_m
+    turn = float(np.arccos(np.clip(0.5 * (np.trace(X_KC[:3, :3]) - 1.0), -1.0, 1.0)))
+    return across > KEY_SHIFT or along > KEY_SHIFT or turn > KEY_TURN
+
+
+def silt(state: Any, conditions: ViewConditions, time: float, period: float) -> float:
+    """Share of the view that silt hides now; clouds come as a Poisson process and last for an exponential time.
+
+    Args:
+        state: With `rng`, `cloud` and `cloud_until`, changed in place.
+        conditions: Rate and duration.
+        time: [s]
+        period: [s] between two pictures.
+    """
+    comes, share, lasts = state.rng.uniform(), state.rng.uniform(), state.rng.exponential()
+    if comes < conditions.cloud_rate * period:
+        state.cloud, state.cloud_until = share, time + conditions.cloud_time * lasts
+    return state.cloud if time < state.cloud_until else 0.0
+
+
+def tool_in_view(model: mujoco.MjModel, link: int, X_LC: Array, rays: Rays) -> Array:
+    """Depth (h, w) [m] of the last link and the tool that it carries in the camera's view; inf where they are not."""
+    data = mujoco.MjData(model)
+    data.qpos[:] = model.qpos0
+    mujoco.mj_kinematics(model, data)
+    carried = {link}
+    for body in range(link + 1, model.nbody):
+        if int(model.body_parentid[body]) in carried:
+            carried.add(body)
+    own = VisibleWorld(model, exclude=set(range(model.nbody)) - carried)
+    R_W = data.xmat.reshape(-1, 3, 3)
+    X_WC = pose(R_W[link], data.xpos[link]) @ X_LC
+    depth, _ = own.cast(X_WC, rays, data.xpos, R_W)
+    return depth.astype(np.float64)

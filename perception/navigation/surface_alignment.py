@@ -18,7 +18,7 @@ import numpy as np
 from scipy import ndimage
 
 from sim.interfaces.kernels import keyed_by_imports
-from sim.interfaces.spatial import Array, exp_so3, skew
+from sim.interfaces.spatial import Array, exp_so3
 
 LEVELS = (2.5, 0.8)  # [px] blur of the intensity, coarse to fine
 ITERATIONS = (8, 12)  # most, for each level

@@ -11,13 +11,13 @@ import numpy as np
 from scipy import optimize, stats
 
 from models.meshes.ray_casting import RayScene
+from models.naming import TIP_SITE
 from models.objects import targets
 from models.objects.target_model import TargetModel
 from models.vehicles import uuv_puma
-from models.naming import TIP_SITE
 from perception.navigation.surface_alignment import Alignment, PictureNoise, align, prepare
 from scenarios.study import Row, Summary, Table
-from sim.interfaces.spatial import Array, exp_so3, inverse, pose, rotation_from_z
+from sim.interfaces.spatial import Array, exp_so3, pose, rotation_from_z
 from sim.sensors.arm_camera import (
     GRID,
     KEY_SHIFT,
@@ -286,7 +286,7 @@ def _whitened(pair: Pair, parameters: Array) -> Array:
 
 
 def _deviance(parameters: Array, pairs: list[Pair]) -> float:
-    """Twice the negative logarithm of the likelihood, over the observed directions, with a weak prior on the factors."""
+    """Twice the negative logarithm of the likelihood, over the observed directions, with a weak prior."""
     total = float(np.sum(parameters**2)) / 4.0
     for pair in pairs:
         values, axes = np.linalg.eigh(_information(pair, parameters))

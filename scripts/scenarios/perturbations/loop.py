@@ -82,6 +82,26 @@ class ShiftedFinder:
 
 
 @dataclass(frozen=True, kw_only=True)
+class WanderingVision(Perturbation):
+    """The position from vision has a slow error beside its white noise (first-order Gauss-Markov)."""
+
+    sigma: float = 3e-3  # [m] standard deviation per axis
+    time: float = 60.0  # [s] correlation time
+
+    def __post_init__(self) -> None:
+        finite_number(self.sigma, "WanderingVision sigma [m]", least=0.0)
+        finite_number(self.time, "WanderingVision time [s]", above=0.0)
+
+    def on_loop(self, loop: Loop) -> Loop:
+        """Replaces the vision sensor; its messages state the wander."""
+        sensors = [
+            replace(sensor, bias=self.sigma, bias_time=self.time) if isinstance(sensor, VisionDrift) else sensor
+            for sensor in loop.parts.sensors
+        ]
+        return replace(loop, parts=replace(loop.parts, sensors=sensors))
+
+
+@dataclass(frozen=True, kw_only=True)
 class _Failure(Perturbation):
     """Failure that begins at a time, or when the planner enters a state."""
 

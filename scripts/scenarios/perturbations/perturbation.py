@@ -90,6 +90,7 @@ def registry() -> Registry[Perturbation]:
         "Thrusters": vehicle.ThrusterSpread,
         "Gears": vehicle.Gears,
         "Pad": pad.Pad,
+        "WanderingVision": loop.WanderingVision,
         "MisplacedSurface": loop.MisplacedSurface,
         "PushedObject": loop.PushedObject,
         "ThrusterFailure": loop.ThrusterFailure,

@@ -130,8 +130,8 @@ def test_late_fixes_give_what_all_information_at_once_gives(within, in_order):
     best = means[-1] + cross @ np.linalg.solve(S, residual)
     left = covariances[-1] - cross @ np.linalg.solve(S, cross.T)
     sigma = np.sqrt(np.diag(left))
-    within("states, in their standard deviations", (state.x - best) / sigma, 1e-6)
-    within("covariance, in standard deviations", (state.P - left) / np.outer(sigma, sigma), 1e-6)
+    within("states, in their standard deviations", (state.x[:15] - best) / sigma, 1e-6)
+    within("covariance, in standard deviations", (state.P[:15, :15] - left) / np.outer(sigma, sigma), 1e-6)
 
 
 def settled(state: NavigationState) -> Array:

@@ -6,9 +6,9 @@ import mujoco
 
 from models.arms import dh_geometry
 from models.naming import ARM_BASE_BODY, TIP_SITE
+from models.site.sliding_contact import TARGET_BODY
 from perception.navigation.surface_track import CameraMount
 from scenarios.own_vehicle import OwnVehicle
-from scenarios.perturbations.pad import TARGET_BODY
 from sim.interfaces.protocols import Sensor
 from sim.sensors.arm_camera import ArmCamera, ViewConditions, beside_tool
 

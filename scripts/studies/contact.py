@@ -14,6 +14,7 @@ import time
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 
+from scenarios.arm_camera import ArmCameraSetup
 from scenarios.campaigns.contact_study import (
     KEPT,
     PATHS,
@@ -55,6 +56,10 @@ class Options(StudyOptions):
     """Do only the run of this number, with all its logs, in a folder of its own."""
     without: str = ""
     """With --only: method to leave out."""
+    arm_camera: bool = False
+    """A camera beside the tool tells navigation how the tool moves over the surface."""
+    arm_camera_view: ArmCameraSetup = field(default_factory=ArmCameraSetup)
+    """What that camera sees."""
     quick: bool = False
     """Few and shorter jobs, for a first impression."""
 
@@ -84,6 +89,7 @@ def main() -> int:
         "paths": list(options.paths),
         "quick": options.quick,
         "ranges": asdict(options.ranges),
+        "arm_camera": asdict(options.arm_camera_view) if options.arm_camera else None,
         "runs": runs,
     }
     study = Study(
@@ -101,7 +107,13 @@ def task_of(options: Options, run: int) -> RunTask:
     """The run of a number; the paths take turns."""
     path = options.paths[run % len(options.paths)]
     return RunTask(
-        study=options.seed, run=run, path=path, without=options.without, ranges=options.ranges, quick=options.quick
+        study=options.seed,
+        run=run,
+        path=path,
+        without=options.without,
+        ranges=options.ranges,
+        quick=options.quick,
+        arm_camera=options.arm_camera_view if options.arm_camera else None,
     )
 
 

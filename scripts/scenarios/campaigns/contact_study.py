@@ -6,6 +6,7 @@ from typing import Any, Literal, cast, get_args
 
 import numpy as np
 
+from scenarios.arm_camera import ArmCameraSetup
 from scenarios.assembly import assemble
 from scenarios.options import barrel
 from scenarios.perturbations.loop import MisplacedSurface
@@ -100,6 +101,7 @@ class RunTask:
     without: str = ""  # method to leave out; empty: none
     ranges: Ranges
     quick: bool = False
+    arm_camera: ArmCameraSetup | None = None  # camera beside the tool; None: there is none
 
 
 def draw(task: RunTask) -> Scenario:
@@ -123,6 +125,7 @@ def draw(task: RunTask) -> Scenario:
         vision_noise=between(*ranges.vision_noise),
         torque_noise=ranges.torque_noise,
         torque_bias=ranges.torque_bias,
+        arm_camera=task.arm_camera,
     )
     perturbation_seed, seed = int(rng.integers(2**31)), int(rng.integers(2**31))
     if task.path not in PATHS:

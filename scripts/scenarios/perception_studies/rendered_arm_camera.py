@@ -3,7 +3,6 @@
 The covariance is the tracker's own. Over rendered pairs it is right on average: the squared error over it is 0.92 a
 direction, in 216 pairs that were observed in all directions. Silt, texture and key pictures follow the same rules as in
 the modelled sensor.
-0.92 over 216 pairs that were observed in all directions). Silt, texture and key pictures follow the same rules as in the modelled sensor.
 """
 
 from dataclasses import dataclass, field

@@ -41,12 +41,7 @@ def track(k: int, key: int, moved_W: Array, information: Array | None = None) ->
     """Reading at step k of a hull that has moved by `moved_W` since step `key`."""
     L = np.eye(3) / SIGMA**2 if information is None else information
     return SurfaceMotionMeasurement(
-        time=k * STEP,
-        key_time=key * STEP,
-        p_KC=R_WC.T @ moved_W,
-        R_KC=np.eye(3),
-        information_K=R_WC.T @ L @ R_WC,
-        q=Q,
+        time=k * STEP, key_time=key * STEP, p_KC=R_WC.T @ moved_W, R_KC=np.eye(3), information_K=R_WC.T @ L @ R_WC, q=Q
     )
 
 

@@ -2,8 +2,8 @@
 
 States x, in this order: position p (3) [m] and velocity v (3) [m/s] in W, accelerometer bias b (3) [m/s^2] in hull
 axes. Where the sensors state that they have one, the DVL's bias c (3) [m/s] in hull axes and the wander w (3) [m] of
-vision in W follow, and with a camera on the arm the offset o (3) [m] in W of its track from the world. With specific
-force f of the IMU and known attitude R,
+vision in W follow. With a camera on the arm the offset o (3) [m] in W of its track from the world follows them. With
+specific force f of the IMU and known attitude R,
 
     p' = v,   v' = R (f - b) - g,   b' = walk,   c' = 0,   w' = -w / T + noise,   o' = 0;
     vision = p + w + noise,   DVL = R^T v + c + noise,   track = p + o + noise.

@@ -191,13 +191,6 @@ def _rotation_vector(R: Array) -> Array:
     return np.array([antisymmetric[2, 1], antisymmetric[0, 2], antisymmetric[1, 0]])
 
 
-def observed(information: Array) -> Array:
-    """Projector (3, 3) on the directions in which `information` (3, 3) is not zero."""
-    values, axes = np.linalg.eigh(information)
-    kept = values > 1e-9 * max(float(values.max()), 1e-300)
-    return (axes * kept) @ axes.T
-
-
 @numba.njit(cache=True)
 @keyed_by_imports
 def normal_equations(key, key_inverse, normals, now, now_inverse, K, R, t, scales):

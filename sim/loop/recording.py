@@ -245,6 +245,7 @@ class Recorder:
             "arm_wrench": (("fx", "fy", "fz", "mx", "my", "mz"), "N, N m"),  # true, of the arm on the hull, hull axes
             "p_WB_estimate": (_XYZ, "m"),
             "quat_WB_estimate_wxyz": (("w", "x", "y", "z"), ""),
+            "position_sigma": (_XYZ, "m"),  # of the estimated hull position, as the estimator states it
         }
         self._rows = np.empty((_ROWS, 2 + _total_width(_SCALARS) + _total_width(_VECTORS)))
         self._written = np.zeros(1, dtype=np.int64)
@@ -396,6 +397,7 @@ class Recorder:
                 truth.arm_wrench_B,
                 estimate.X_WB[:3, 3],
                 quat_wxyz_from_rotation(estimate.X_WB[:3, :3]),
+                estimate.position_sigma,
             ),
             out=row[1:],
         )

@@ -20,7 +20,7 @@ import numpy as np
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import SurfaceMotionMeasurement
 from sim.interfaces.spatial import Array, finite_number, inverse, pose, rotation_from_z
-from sim.sensors.textured_view import ALBEDO, BACKSCATTER, BLUR, LAMP_RANGE, SmallStereo, Texture, Water
+from sim.sensors.textured_view import ALBEDO, BACKSCATTER, BLUR, LAMP_RANGE, SmallStereo, Texture, Turbidity
 from sim.sensors.visible_world import Rays, VisibleWorld, body_id, site_on_body
 
 TABLE = Path(__file__).with_suffix(".toml")
@@ -39,7 +39,7 @@ LEAST_SEEN = 0.25  # share of the view with a surface that a track needs
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ErrorModel:
-    """Errors of the tracker in units of the prediction, fitted to rendered pairs (`scripts/studies/arm_camera.py`).
+    """Errors of the tracker in units of the prediction, fitted to rendered pairs (`scripts/fit_arm_camera.py`).
 
     The variance of texture is exp(texture . x) times the predicted one, that of shape exp(shape . x). The condition x
     is: 1, shift since the key over the width of the view, share of the view hidden by silt, logarithm of the ratio of
@@ -113,7 +113,7 @@ class Prediction:
 
 
 def predict(
-    camera: SmallStereo, depth: Array, hidden: np.ndarray, texture: Texture, water: Water, shift: float
+    camera: SmallStereo, depth: Array, hidden: np.ndarray, texture: Texture, water: Turbidity, shift: float
 ) -> Prediction:
     """Predict the normal equations of an alignment from what a coarse grid of rays hits.
 
@@ -276,7 +276,9 @@ class ArmCamera:
         """One picture; None while no surface is in range, or the picture is lost."""
         X_WC, X_OC = self.camera_pose(truth)
         time, rng = float(truth.time), state.rng
-        water = Water(attenuation=self.conditions.attenuation, cloud=silt(state, self.conditions, time, self.period))
+        water = Turbidity(
+            attenuation=self.conditions.attenuation, cloud=silt(state, self.conditions, time, self.period)
+        )
         depth, _ = self._world.cast(X_WC, self._rays, truth.xpos, np.asarray(truth.xmat).reshape(-1, 3, 3))
         X_KC = inverse(state.X_OK) @ X_OC
         view = predict(

@@ -2,7 +2,7 @@
 
 Surfaces carry a solid texture: a sum of plane waves with random directions and phases, band-limited, fixed to the
 object. It stands for paint, rust and growth. The lamp is beside the lens, so brightness falls with range and incidence,
-and the shading moves with the camera. Water dims the light on its way out and back, and adds backscatter
+and the shading moves with the camera. Turbidity dims the light on its way out and back, and adds backscatter
 [Jaffe 1990]. A cloud of silt hides part of the view and drifts with a texture of its own.
 
 Frame C has OpenCV axes: x right, y down, z along the optical axis.
@@ -15,7 +15,7 @@ import numpy as np
 
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.kernels import keyed_by_imports
-from sim.interfaces.spatial import Array, finite_number, inverse, transform_points
+from sim.interfaces.spatial import Array, finite_number, transform_points
 from sim.sensors.stereo_noise import StereoNoise, add_noise
 
 LAMP_RANGE = 0.2  # [m] range at which a white wall facing the lamp gives full scale in clear water
@@ -72,12 +72,12 @@ class Texture:
         rng = np.random.default_rng(seed)
         way = rng.standard_normal((count, 3))
         way /= np.linalg.norm(way, axis=1, keepdims=True)
-        number = 2.0 * np.pi / np.exp(rng.uniform(*np.log(band), count))
+        number = 2.0 * np.pi / np.exp(rng.uniform(float(np.log(band[0])), float(np.log(band[1])), count))
         return cls(np.column_stack([number[:, None] * way, rng.uniform(0.0, 2.0 * np.pi, count)]), contrast)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Water:
+class Turbidity:
     """Optical conditions before the camera."""
 
     attenuation: float = 0.4  # [1/m] of a beam of light: 0.15 clear ocean, 0.4 coast, 2.2 harbour [Petzold 1972]
@@ -101,7 +101,7 @@ def expose(
     hits: tuple[np.ndarray, np.ndarray],
     X_TC: Array,
     texture: Texture,
-    water: Water,
+    water: Turbidity,
     rng: np.random.Generator,
 ) -> Picture:
     """Render one picture.
@@ -144,7 +144,7 @@ def expose(
     return Picture(image.astype(np.float32), np.where(good, noisy, np.nan).astype(np.float32))
 
 
-def _in_water(stereo: StereoNoise, water: Water) -> StereoNoise:
+def _in_water(stereo: StereoNoise, water: Turbidity) -> StereoNoise:
     """The camera's stereo errors at this attenuation."""
     return StereoNoise(
         disparity_sigma=stereo.disparity_sigma,
@@ -184,8 +184,3 @@ def _waves(points, blur, waves):
             damped = np.exp(-square * blur[i] * blur[i])
             out[i] += scale * damped * np.cos(a * points[i, 0] + b * points[i, 1] + c * points[i, 2] + phase)
     return out
-
-
-def object_in_camera(X_WC: Array, X_WT: Array) -> Array:
-    """Pose X_TC (4, 4) of the camera in the object's axes."""
-    return inverse(X_WT) @ X_WC

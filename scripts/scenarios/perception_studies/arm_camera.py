@@ -31,7 +31,7 @@ from sim.sensors.arm_camera import (
     predict,
     tool_in_view,
 )
-from sim.sensors.textured_view import SmallStereo, Texture, Water, expose
+from sim.sensors.textured_view import SmallStereo, Texture, Turbidity, expose
 from sim.sensors.visible_world import Rays, body_id, site_on_body
 
 OBJECTS = ("barrel", "barrel", "pile", "plate", "rock", "anode")
@@ -111,7 +111,7 @@ def run(case: KeyCase) -> Row:
     clouds = rng.uniform(0.0, 0.8, PICTURES) * (rng.uniform() < CLOUDY)
     gap = 0.0 if rng.uniform() < 0.6 else float(rng.uniform(0.0, 0.15))
     X_TK = _place(target, gap, rng)
-    clear = Water(attenuation=attenuation)
+    clear = Turbidity(attenuation=attenuation)
     key_hits = _hits(scene, camera, X_TK, tool)
     range_m = float(np.median(key_hits[0][np.isfinite(key_hits[0]) & ~tool.hidden])) if _seen(key_hits, tool) else 0.17
     noise = picture_noise(camera, attenuation, range_m)
@@ -119,7 +119,7 @@ def run(case: KeyCase) -> Row:
     prepared = prepare(key.intensity, key.depth, tool.hidden, camera.focal, noise)
     pictures: list[dict[str, Any]] = []
     for cloud in clouds:
-        water = Water(attenuation=attenuation, cloud=float(cloud))
+        water = Turbidity(attenuation=attenuation, cloud=float(cloud))
         X_KC = _motion(camera, range_m, rng)
         X_TC = X_TK @ X_KC
         hits = _hits(scene, camera, X_TC, tool)
@@ -131,10 +131,8 @@ def run(case: KeyCase) -> Row:
         )
         step = slice(GRID // 2, None, GRID)
         depth = hits[0][step, step]
-        view = predict(
-            camera, np.where(tool.hidden_coarse, np.inf, depth), tool.hidden_coarse, texture, water,
-            float(np.hypot(X_KC[0, 3], X_KC[1, 3])),
-        )  # fmt: skip
+        depth, across = np.where(tool.hidden_coarse, np.inf, depth), float(np.hypot(X_KC[0, 3], X_KC[1, 3]))
+        view = predict(camera, depth, tool.hidden_coarse, texture, water, across)
         pictures.append(_picture(found, X_KC, view))
     return {
         "number": case.number,
@@ -390,7 +388,7 @@ def to_toml(model: ErrorModel) -> str:
     """Text of the package's table."""
     lines = [
         "# Errors of the camera on the arm, fitted to rendered pairs by",
-        "#     ./uvw run scripts/studies/arm_camera.py --runs 300 --write",
+        "#     ./uvw run scripts/fit_arm_camera.py --runs 700 --seed 1 --write",
         f"# texture, shape, lost: factors of {', '.join(CONDITION)} (sim/sensors/arm_camera.py)",
     ]
     for name in ErrorModel.__dataclass_fields__:

@@ -25,7 +25,7 @@ from sim.sensors.arm_camera import (
     silt,
     tool_in_view,
 )
-from sim.sensors.textured_view import Texture, Water, expose
+from sim.sensors.textured_view import Texture, Turbidity, expose
 from sim.sensors.visible_world import Rays, VisibleWorld
 
 PREDICTED = 2e-3  # [m] standard deviation of the motion predicted by navigation, per axis
@@ -66,7 +66,9 @@ class RenderedArmCamera:
         """One picture; None while no surface is in range, or the picture is lost."""
         X_WC, X_OC = self._modelled.camera_pose(truth)
         time, camera, rng = float(truth.time), self._camera, state.rng
-        water = Water(attenuation=self._conditions.attenuation, cloud=silt(state, self._conditions, time, self.period))
+        water = Turbidity(
+            attenuation=self._conditions.attenuation, cloud=silt(state, self._conditions, time, self.period)
+        )
         depth, cosine = self._world.cast(X_WC, self._rays, truth.xpos, np.asarray(truth.xmat).reshape(-1, 3, 3))
         seen = (depth >= camera.near) & (depth <= camera.far) & ~self._hidden
         if seen.mean() < LEAST_SEEN:

@@ -13,6 +13,7 @@ from sim.interfaces.messages import (
     DvlMeasurement,
     EncoderMeasurement,
     ImuMeasurement,
+    Measurement,
     SurfaceMotionMeasurement,
     TorqueMeasurement,
     VisionMeasurement,
@@ -64,7 +65,7 @@ def test_a_track_holds_the_estimate_where_it_began_and_vision_adds_its_mean(rng)
         navigation, state = begun(2e-3 * noise.standard_normal(3))
         estimate = None
         for k in range(1, 2001):
-            messages = [imu(k)]
+            messages: list[Measurement] = [imu(k)]
             if k % 10 == 0:
                 messages.append(vision(k, 2e-3 * noise.standard_normal(3)))
             if tracked and k % 5 == 0 and k >= 100:
@@ -98,13 +99,16 @@ def test_a_direction_without_information_is_left_to_the_others():
     for tracked in (True, False):
         navigation, state = begun(np.zeros(3))
         for k in range(1, 400):
-            messages = [imu(k), *([vision(k, np.array([1e-6 * k, 0.0, 0.0]))] if k % 10 == 0 else [])]
+            messages: list[Measurement] = [
+                imu(k),
+                *([vision(k, np.array([1e-6 * k, 0.0, 0.0]))] if k % 10 == 0 else []),
+            ]
             if tracked and k % 5 == 0:
                 lie = np.array([0.5, 0.0, 0.0])  # what such a direction reads means nothing
                 messages.append(track(k, 5, lie if k > 5 else np.zeros(3), unseen))
-            state, estimate = navigation.step(state, messages)
+            state, _ = navigation.step(state, messages)
         sigmas.append(np.sqrt(np.diag(state.P)[:3]))
-        assert abs(estimate.X_WB[0, 3]) < 1e-3
+        assert abs(state.estimate.X_WB[0, 3]) < 1e-3
     assert sigmas[0][0] == pytest.approx(sigmas[1][0], rel=1e-9)
     assert sigmas[0][1] < sigmas[1][1]
 
@@ -116,11 +120,11 @@ def test_where_vision_wanders_the_estimate_stays_with_the_object():
         navigation, state = begun(np.zeros(3), wander=1e-2)
         for k in range(1, 1500):
             p = np.array([1e-2 * min(1.0, max(0.0, (k - 300) / 600)), 1e-6 * k, 0.0])
-            messages = [imu(k), *([vision(k, p, 1e-2)] if k % 10 == 0 else [])]
+            messages: list[Measurement] = [imu(k), *([vision(k, p, 1e-2)] if k % 10 == 0 else [])]
             if tracked and k % 5 == 0 and k >= 100:
                 messages.append(track(k, 100, np.zeros(3)))
-            state, estimate = navigation.step(state, messages)
-        ends.append(abs(float(estimate.X_WB[0, 3])))
+            state, _ = navigation.step(state, messages)
+        ends.append(abs(float(state.estimate.X_WB[0, 3])))
     assert ends[0] < 2e-4  # measured below 1e-4
     assert ends[1] > 10.0 * ends[0]
 
@@ -129,7 +133,7 @@ def test_outliers_are_refused_and_readings_that_agree_begin_a_new_track():
     navigation, state = begun(np.zeros(3))
     for k in range(1, 401):
         wrong = np.array([0.05, 0.0, 0.0]) if k in (200, 205) or k > 300 else np.zeros(3)
-        messages = [imu(k), *([vision(k, np.array([1e-6 * k, 0.0, 0.0]))] if k % 10 == 0 else [])]
+        messages: list[Measurement] = [imu(k), *([vision(k, np.array([1e-6 * k, 0.0, 0.0]))] if k % 10 == 0 else [])]
         if k % 5 == 0:
             messages.append(track(k, 5, wrong if k > 5 else np.zeros(3)))
         state, estimate = navigation.step(state, messages)
@@ -144,7 +148,7 @@ def test_outliers_are_refused_and_readings_that_agree_begin_a_new_track():
 def test_a_track_goes_on_over_key_pictures_and_breaks_off_with_a_gap():
     navigation, state = begun(np.zeros(3))
     for k in range(5, 400):
-        messages = [imu(k)]
+        messages: list[Measurement] = [imu(k)]
         if k % 5 == 0 and k != 205:  # keys at 5, 100, 200; the message that links the key at 205 to them is lost
             key = 5 if k <= 100 else 100 if k <= 200 else 205
             messages.append(track(k, key, np.zeros(3)))

@@ -1,6 +1,6 @@
 """Study: errors of the camera on the arm, from rendered pictures of textured objects, and the model fitted to them.
 
-    ./uvw run scripts/studies/arm_camera.py --runs 300 --write
+    ./uvw run scripts/fit_arm_camera.py --runs 700 --seed 1 --write
 
 Each run is one key picture and three after it, over range, texture, turbidity, silt and motion. Prints the fitted model
 and its check by groups; --write stores it in sim/sensors/arm_camera.toml, from which the simulated sensor takes it.
@@ -20,7 +20,7 @@ from sim.sensors.arm_camera import TABLE, ErrorModel
 class Options(StudyOptions):
     """Errors of the camera on the arm."""
 
-    runs: int = 300
+    runs: int = 700
     """Number of key pictures; each gives three pairs."""
     write: bool = False
     """Store the fitted model in the package."""
@@ -37,7 +37,7 @@ def main() -> int:
         return summary
 
     study = Study(cases=[KeyCase(options.seed, number) for number in range(options.runs)], run_one=run, summarise=told)
-    return study.carry_out("study_arm_camera", options, f"Camera on the arm: {options.runs} key pictures")
+    return study.carry_out("fit_arm_camera", options, f"Camera on the arm: {options.runs} key pictures")
 
 
 if __name__ == "__main__":

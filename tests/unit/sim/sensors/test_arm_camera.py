@@ -1,0 +1,166 @@
+"""The camera on the arm: its errors have the stated covariance, keys are chained, and a lost view ends the track."""
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import mujoco
+import numpy as np
+import pytest
+
+from perception.navigation import surface_alignment
+from scenarios.perception_studies.arm_camera import KeyCase, pairs_of, run, squared
+from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.messages import SurfaceMotionMeasurement
+from sim.interfaces.spatial import Array
+from sim.sensors import arm_camera
+from sim.sensors.arm_camera import OBSERVED, ArmCamera, ViewConditions, fitted
+
+SCENE = """
+<mujoco>
+  <worldbody>
+    <body name="object" pos="0 0 -.2"><geom type="box" size="2 2 .2"/></body>
+    <body name="hull"><freejoint/>
+      <geom type="box" size=".1 .1 .1" pos="0 0 1"/>
+      <body name="link"><site name="tip" euler="180 0 0"/></body>
+    </body>
+  </worldbody>
+</mujoco>
+"""
+CLEAR = ViewConditions(texture=0.3, cloud_rate=0.0, scale=0.0)
+
+
+@dataclass
+class Truth:
+    """True state that a sensor takes."""
+
+    time: float
+    xpos: Array
+    xmat: Array
+    q: Array
+
+
+@pytest.fixture(scope="module")
+def model() -> mujoco.MjModel:
+    return mujoco.MjModel.from_xml_string(SCENE)
+
+
+def truth(model: mujoco.MjModel, time: float, p: Array) -> Truth:
+    """The tool at `p` [m]; the surface is z = 0."""
+    data = mujoco.MjData(model)
+    data.qpos[:3] = p
+    mujoco.mj_kinematics(model, data)
+    return Truth(time, data.xpos.copy(), data.xmat.copy(), np.zeros(0))
+
+
+def readings(
+    model: mujoco.MjModel, camera: ArmCamera, seed: int, places: Array
+) -> list[SurfaceMotionMeasurement | None]:
+    """Messages of one run over the tool's places (n, 3) [m]."""
+    state, found = camera.init(np.random.default_rng(seed)), []
+    for k, p in enumerate(places):
+        state, message = camera.step(state, truth(model, k * camera.period, p))
+        found.append(message)
+    return found
+
+
+def test_errors_have_the_covariance_that_is_stated(model: mujoco.MjModel):
+    """Many first motions of 5 mm: the squared error over the covariance is 1 a direction."""
+    errors = replace(fitted(), lost=(-50.0, 0.0, 0.0, 0.0), bias=(0.0, 0.0, 0.0), outliers=0.0)
+    camera, moved = ArmCamera(model, "tip", "object", conditions=CLEAR, errors=errors), np.array([5e-3, 0.0, 0.0])
+    squares = []
+    for seed in range(200):
+        first, second = readings(model, camera, seed, np.array([np.zeros(3), moved]))
+        assert first is not None
+        assert second is not None
+        assert not first.information_K.any()
+        assert second.key_time == first.time
+        X = camera.camera_pose(truth(model, 0.0, np.zeros(3)))[0]
+        error = X[:3, :3] @ second.p_KC - moved
+        L = X[:3, :3] @ second.information_K @ X[:3, :3].T
+        assert int((np.linalg.eigvalsh(L) > OBSERVED).sum()) == 3
+        squares.append(float(error @ L @ error) / 3.0)
+    assert np.mean(squares) == pytest.approx(1.0, abs=0.2)  # 3.5 standard deviations of the mean of 200
+
+
+def test_a_new_key_is_a_picture_that_was_itself_measured(model: mujoco.MjModel):
+    """Over 30 cm there are several keys, each at the time of a message against the key before it."""
+    errors = replace(fitted(), lost=(-50.0, 0.0, 0.0, 0.0))
+    places = np.column_stack([np.linspace(0.0, 0.3, 61), np.zeros((61, 2))])
+    found = readings(model, ArmCamera(model, "tip", "object", conditions=CLEAR, errors=errors), 1, places)
+    messages = [message for message in found if message is not None]
+    assert len(messages) == len(places)
+    keys = {message.key_time for message in messages}
+    assert len(keys) > 3
+    assert keys <= {message.time for message in messages}
+
+
+def test_a_plain_wall_tells_its_distance_only(model: mujoco.MjModel):
+    camera = ArmCamera(model, "tip", "object", conditions=replace(CLEAR, texture=0.0))
+    message = readings(model, camera, 2, np.zeros((4, 3)))[-1]
+    assert message is not None
+    values, axes = np.linalg.eigh(message.information_K)
+    assert int((values > OBSERVED).sum()) == 1
+    X = camera.camera_pose(truth(model, 0.0, np.zeros(3)))[0]
+    assert abs((X[:3, :3] @ axes[:, -1])[2]) > 0.99
+
+
+def test_without_a_surface_in_range_there_is_no_message_and_the_track_ends(model: mujoco.MjModel):
+    camera = ArmCamera(model, "tip", "object", conditions=CLEAR, errors=replace(fitted(), lost=(-50.0, 0.0, 0.0, 0.0)))
+    away = np.array([0.0, 0.0, 2.0])
+    places = np.array([np.zeros(3)] * 3 + [away] * 6 + [np.zeros(3)] * 3)
+    found = readings(model, camera, 3, places)
+    assert all(message is None for message in found[3:9])
+    again = found[9]
+    assert again is not None
+    assert again.key_time == again.time == 9 * camera.period
+
+
+def test_silt_makes_pictures_worse_or_loses_them(model: mujoco.MjModel):
+    """In clouds that come all the time the information falls, and pictures are lost."""
+    told: dict[bool, list[SurfaceMotionMeasurement | None]] = {}
+    for silty in (False, True):
+        conditions = replace(CLEAR, cloud_rate=16.0 if silty else 0.0)
+        told[silty] = readings(model, ArmCamera(model, "tip", "object", conditions=conditions), 4, np.zeros((60, 3)))
+    lost = {silty: sum(message is None for message in found) for silty, found in told.items()}
+    weight = {
+        silty: np.median([np.trace(message.information_K) for message in found if message is not None])
+        for silty, found in told.items()
+    }
+    assert lost[True] > lost[False] + 5
+    assert weight[True] < 0.5 * weight[False]
+
+
+def test_the_error_model_holds_on_pictures_that_it_was_not_fitted_to():
+    """Twenty fresh key pictures, rendered and aligned: error over the model's covariance, outliers left out."""
+    model = fitted()
+    parameters = np.concatenate([model.texture, model.shape])
+    pairs = [pair for pair in pairs_of([run(KeyCase(4242, number)) for number in range(20)]) if not pair.lost]
+    judged = np.array([squared(pair, parameters) for pair in pairs])
+    assert len(pairs) > 30
+    inside = judged[judged[:, 0] < 28.0]
+    assert len(inside) >= 0.93 * len(judged)
+    assert inside[:, 0].sum() / inside[:, 1].sum() == pytest.approx(1.0, abs=0.4)
+
+
+def test_sensor_and_tracker_mean_the_same_by_observed():
+    assert arm_camera.WEAKEST == surface_alignment.WEAKEST
+    assert arm_camera.LEAST_GRADIENT == surface_alignment.LEAST_GRADIENT
+    assert surface_alignment.LEVELS[-1] == arm_camera.FINE_BLUR
+
+
+@pytest.mark.parametrize(
+    ("changed", "named"),
+    [({"texture": -0.1}, "texture"), ({"cloud_time": 0.0}, "cloud_time"), ({"attenuation": np.nan}, "attenuation")],
+)
+def test_bad_conditions_are_named(changed: dict[str, Any], named: str):
+    with pytest.raises(ConfigurationError, match=named):
+        ViewConditions(**changed)
+
+
+def test_bad_mounts_are_named(model: mujoco.MjModel):
+    with pytest.raises(ConfigurationError, match="nowhere"):
+        ArmCamera(model, "nowhere", "object")
+    with pytest.raises(ConfigurationError, match="nothing"):
+        ArmCamera(model, "tip", "nothing")
+    with pytest.raises(ConfigurationError, match="period"):
+        ArmCamera(model, "tip", "object", period=0.0)

@@ -8,6 +8,7 @@ import numpy as np
 
 from controllers.planning.hull_path import HullPath
 from controllers.planning.hull_placement import Placement
+from controllers.planning.promise import NAVIGATION_TIME, PromiseLimits, promise
 from controllers.planning.work_vehicle import WorkVehicle
 from controllers.tasks.hull_phases import HullMotion, MoveHull, RestLimits, Settle, Unfold
 from controllers.tasks.monitors import Reaction
@@ -100,10 +101,10 @@ class ScanTarget(Phase):
 def fuse_poses(finds: Sequence[Target]) -> Target:
     """Mean of the identifications that agree, each weighted by its information; the newest of them gives the path.
 
-    An identification in W has two errors. That of the registration is independent in every frame. That of the believed
-    hull pose is correlated over some seconds, and the stated covariance of the mean keeps it whole. The path
-    inherits both, while the tool is later aimed with a position estimate whose error has become another. Averaging
-    identifications that lie apart in time reduces both.
+    An identification in W has three errors. That of the registration is independent in every frame. That of the
+    believed hull position is correlated over some seconds, and that of its attitude is constant. The path inherits all,
+    while the tool is later aimed with a position estimate whose error has become another. Averaging identifications
+    that lie apart in time reduces the first two, and so does the stated covariance of the mean.
 
     Finds agree if their distance is small against its covariance; the largest group around one of them is used. Finds
     without a covariance are weighted equally, and used only where none has one; they agree within fixed bounds.
@@ -112,7 +113,7 @@ def fuse_poses(finds: Sequence[Target]) -> Target:
     finds = _agreeing(stated or finds)
     last = finds[-1]
     covariances = [find.covariance or _alike(find) for find in finds]
-    of_hull = np.mean([find.hull_covariance for find in finds], axis=0)
+    of_hull = _common(finds)
     X_WT, mean, _ = mean_pose([find.X_WT for find in finds], covariances, of_hull)
     path, moved = last.path, X_WT @ inverse(last.X_WT)
     if path is not None:
@@ -120,6 +121,22 @@ def fuse_poses(finds: Sequence[Target]) -> Target:
         path = replace(path, p=readonly(transform_points(moved, path.p)), z=_turned(R, path.z), x=_turned(R, path.x))
     doubt = mean if stated else None
     return replace(last, X_WT=readonly(X_WT), path=path, covariance=doubt, hull_covariance=readonly(of_hull))
+
+
+def _common(finds: Sequence[Target]) -> Array:
+    """Covariance (6, 6) [m^2] of the twist by which the hull's pose puts all finds wrong alike.
+
+    The hull's attitude is wrong by the same angle in all; of the error of its position a share is common to two finds.
+    """
+    of_hull = np.mean([find.hull_covariance for find in finds], axis=0)
+    if len(finds) == 1:
+        return of_hull
+    times = np.array([find.time for find in finds])
+    alike = np.exp(-np.abs(times[:, None] - times) / NAVIGATION_TIME)
+    share = (alike.sum() - len(finds)) / (len(finds) * (len(finds) - 1))
+    turned = of_hull[:3, 3:] @ np.linalg.pinv(of_hull[3:, 3:], hermitian=True) @ of_hull[3:, :3]
+    of_hull[:3, :3] = turned + share * (of_hull[:3, :3] - turned)
+    return of_hull
 
 
 def _agreeing(finds: Sequence[Target]) -> Sequence[Target]:
@@ -183,6 +200,58 @@ class TareSensors(Phase):
         return Setpoint(X_WG=held.tool()[0], tare=now.time - state.since > self._after)
 
 
+@dataclass(slots=True)
+class CertainState:
+    """State of `CertainPlace`."""
+
+    inner: Since
+    asked: float = -np.inf  # [s] when the chance was last judged
+    tared: float = np.inf  # [s] when the inner phase was done
+    chance: float = 0.0  # judged then
+
+
+class CertainPlace(Phase):
+    """The tare, and after it a wait as long as the chance to keep the path's tolerance rises.
+
+    Waiting helps where the estimate still becomes better: a camera on the arm that holds the place while vision adds
+    its mean. Else the work begins, or is refused, after one more look.
+    """
+
+    def __init__(self, tare: TareSensors, limits: PromiseLimits, speed: float) -> None:
+        """Set up the phase; `speed` [m/s] along the path."""
+        self._tare, self._limits, self._speed = tare, limits, speed
+
+    def enter(self, held: Held, now: Context) -> CertainState:
+        """Begin with the tare."""
+        return CertainState(self._tare.enter(held, now))
+
+    def step(self, state: CertainState, held: Held, now: Context) -> Outcome:
+        """Done with `held.promise`; broken off if the chance is too small."""
+        limits, outcome = self._limits, self._tare.step(state.inner, held, now)
+        if outcome is not PhaseEvent.DONE or now.time - state.asked < limits.interval:
+            return None if outcome is PhaseEvent.DONE else outcome
+        assert held.line is not None
+        state.tared = min(state.tared, now.time)
+        duration = float(held.line.path.s[-1]) / (self._speed * held.line.path.pace)
+        target = held.target
+        held.promise = None if target is None else promise(now.estimate, target, limits.tolerance, duration)
+        if held.promise is None:
+            return PhaseEvent.DONE
+        chance, first = held.promise.chance, not np.isfinite(state.asked)
+        rising = first or chance > state.chance + limits.gain
+        state.asked, state.chance = now.time, chance
+        if chance < limits.wanted and rising and now.time - state.tared < limits.patience:
+            return None
+        held.note = f"{held.note}; {held.promise}" if held.note else str(held.promise)
+        if chance < limits.least:
+            return Abort(AbortCode.PLACE_UNCERTAIN, f"{held.promise}; at least {limits.least:.0%} is asked for")
+        return PhaseEvent.DONE
+
+    def setpoint(self, state: CertainState, held: Held, now: Context) -> Setpoint:
+        """As in the tare."""
+        return self._tare.setpoint(state.inner, held, now)
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ArrivalLimits:
     """Limits of the way to the work."""
@@ -213,7 +282,14 @@ def around(own: WorkVehicle, model: TargetModel) -> Callable[[Target], HullPath]
 
 
 def arrival(
-    site: WorkSite, limits: ArrivalLimits, *, then: str, depth: float, offset: float, broken: Mapping[Reaction, str]
+    site: WorkSite,
+    limits: ArrivalLimits,
+    *,
+    then: str,
+    depth: float,
+    offset: float,
+    broken: Mapping[Reaction, str],
+    tare: Phase | None = None,
 ) -> Iterable[tuple[str, TaskRow]]:
     """Rows from the begin of a task to the tare; if they are broken off before it, the vehicle stays where it is.
 
@@ -224,6 +300,7 @@ def arrival(
         depth: [m] of the tool at the stand-off.
         offset: [m] of `ToolLine`.
         broken: rows that follow a tare that is broken off.
+        tare: phase of the tare; default: `TareSensors`.
 
     Returns:
         Names and rows, the first one to begin with.
@@ -283,4 +360,4 @@ def arrival(
     close_in = move(lambda held: held.start_of_line().X_WB)
     yield "close in", row(close_in, WorkState.CLOSE_IN, {PhaseEvent.DONE: "rest"})
     yield "rest", row(settle, WorkState.CLOSE_IN, {PhaseEvent.DONE: "tare"})
-    yield "tare", TaskRow(TareSensors(), WorkState.TARE, {PhaseEvent.DONE: then}, broken)
+    yield "tare", TaskRow(tare or TareSensors(), WorkState.TARE, {PhaseEvent.DONE: then}, broken)

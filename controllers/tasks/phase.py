@@ -14,7 +14,7 @@ import numpy as np
 
 from controllers.planning.hull_placement import Placement, tool_pose
 from sim.interfaces.errors import ConfigurationError, ReachError
-from sim.interfaces.messages import AbortCode, Command, StateEstimate, Target, ToolPath
+from sim.interfaces.messages import AbortCode, Command, Promise, StateEstimate, Target, ToolPath
 from sim.interfaces.spatial import Array, readonly
 
 ZERO = readonly(np.zeros(3))
@@ -85,6 +85,7 @@ class Held:
     target: Target | None = None  # the accepted identification, the mean of several
     plan: object = None  # of a task's own kind
     line: ToolLine | None = None  # where the tool works
+    promise: Promise | None = None  # chance to keep its tolerance
     s: float = 0.0  # [m] arc length reached on the path
     depth: float = 0.0  # [m] of the tool along its axis, see `ToolLine.offset`
     speed: float = 0.0  # [m/s] of that depth

@@ -15,8 +15,9 @@ import numpy as np
 
 from controllers.hull.thrust_margin import ThrustMargin
 from controllers.planning.hull_placement import PathStanding, PlacementSearch, StandingLimits
+from controllers.planning.promise import PromiseLimits
 from controllers.planning.work_vehicle import WorkVehicle
-from controllers.tasks.arrival import ArrivalLimits, WorkSite, around, arrival
+from controllers.tasks.arrival import ArrivalLimits, CertainPlace, TareSensors, WorkSite, around, arrival
 from controllers.tasks.contact_phases import (
     ApproachLimits,
     FollowLimits,
@@ -76,6 +77,7 @@ class SurfaceTaskConfig:
     approach: ApproachLimits = field(default_factory=ApproachLimits)
     press: PressLimits = field(default_factory=PressLimits)
     contact: ContactLimits = field(default_factory=ContactLimits)
+    promise: PromiseLimits = field(default_factory=PromiseLimits)
 
     def __post_init__(self) -> None:
         if not self.forces:
@@ -163,7 +165,9 @@ def surface_rows(site: WorkSite, job: SurfaceTaskConfig) -> Iterable[tuple[str, 
     approach, states = job.approach, WorkState
     press = Press(job.press, job.forces[0], job.force_rate, insist=job.force_control)
     follow = FollowPath(FollowLimits(speed=job.speed), job.forces if job.contactless is None else (), job.force_rate)
-    yield from arrival(site, job.arrival, then="approach", depth=0.0, offset=-approach.standoff, broken=BREAK_OFF)
+    tare = CertainPlace(TareSensors(), job.promise, job.speed)
+    stand_off = -approach.standoff
+    yield from arrival(site, job.arrival, then="approach", depth=0.0, offset=stand_off, broken=BREAK_OFF, tare=tare)
     meet = TaskRow(
         GuardedApproach(approach, job.contactless),
         states.APPROACH,

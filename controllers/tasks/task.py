@@ -171,4 +171,5 @@ class TaskPlanner:
             lost_thrusters=tuple(fault.index for fault in state.lost_thrusters),
             lost_thrust=tuple(fault.thrust for fault in state.lost_thrusters),
             target=held.target,
+            promise=held.promise,
         )

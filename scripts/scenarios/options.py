@@ -7,6 +7,7 @@ from typing import Any, Literal
 import numpy as np
 
 from controllers.ik.method import Method as IkMethod
+from controllers.planning.promise import WANTED, PromiseLimits
 from models.site.seabed import Kind
 from scenarios.arm_camera import ArmCameraSetup
 from scenarios.arm_identification.friction_run import GearIdentificationTask
@@ -72,6 +73,8 @@ class ContactOptions(VehicleOptions):
     """Follow the object by further depth frames while the vehicle scans it, and say if it moves."""
     arm_camera: bool = False
     """A small stereo camera beside the tool, which tells navigation how the tool moves over the surface."""
+    least_chance: float = 0.0
+    """Chance to keep the path within 3 mm, below which the work is refused before contact; 0: it is only said."""
     without: tuple[AblatedMethod, ...] = ()
     """Controller methods to leave out (ablation)."""
     published: tuple[PublishedMethod, ...] = ()
@@ -113,6 +116,7 @@ class ContactOptions(VehicleOptions):
                 contactless=self.contactless,
                 least=least,
                 range=self.range,
+                promise=PromiseLimits(least=self.least_chance, wanted=max(WANTED, self.least_chance)),
             ),
             vehicle=VehicleSetup(vehicle=self.vehicle, arm_errors=self.arm_errors),
             belief=Belief(calibrated=self.calibrated, arm=None if self.arm is None else str(self.arm)),

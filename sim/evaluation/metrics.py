@@ -588,7 +588,7 @@ def _identification(recording: Recording, truth: TrueObject) -> IdentificationMe
 
 def uncertainty_figures(recording: Recording, truth: TrueObject) -> UncertaintyMetrics:
     """Stated covariance of the mean of the finds, and what it means for the path; None where it is not known."""
-    target = recording.goes_by
+    target, promise = recording.goes_by, recording.promise
     if target is None or target.covariance is None:
         return unmeasured(UncertaintyMetrics)
     covariance, sigma = target.covariance, target.path_sigma
@@ -604,6 +604,8 @@ def uncertainty_figures(recording: Recording, truth: TrueObject) -> UncertaintyM
         rotation_sigma_rad=turn,
         free=covariance.free_in_words,
         normalised_error=covariance.normalised_error(target.X_WT, nearest) / max(1, covariance.degrees),
+        navigation_sigma_m=None if promise is None else promise.navigation_sigma,
+        chance_kept=None if promise is None else promise.chance,
         **of_path,
     )
 

@@ -45,6 +45,14 @@ class UncertaintyMetrics:
     path_along_p95_m: float | None = metric(minimum=0)
     path_across_max_m: float | None = metric("The same across the path, in the surface.", minimum=0)
     path_across_p95_m: float | None = metric(minimum=0)
+    navigation_sigma_m: float | None = metric(
+        "Standard deviation per axis of the estimated hull position, before contact.", minimum=0
+    )
+    chance_kept: float | None = metric(
+        "Chance that the planner gave the tool before contact, to stay within the tolerance of its path.",
+        minimum=0,
+        maximum=1,
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -45,6 +45,7 @@ class AbortCode(StrEnum):
     NO_FRAME = "no frame"  # no depth frame or ping arrived
     NOT_IDENTIFIED = "not identified"  # neither the object nor a place on the seabed was accepted
     NO_GROUND = "no ground"  # the ground under the hull does not allow the descent
+    PLACE_UNCERTAIN = "place uncertain"  # the chance to keep the path's tolerance is too small
     OUT_OF_REACH = "out of reach"  # from no hull pose does the tool reach its path
     NO_CLEAR_WAY = "no clear way"  # hull or arm would come too near to the object or the seabed
     HULL_NOT_AT_REST = "hull not at rest"  # within its time
@@ -299,6 +300,23 @@ class Target:
         return np.stack([self.covariance.surface_sigma(p, direction) for direction in directions], axis=1)
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Promise:
+    """What the vehicle expects of its work before it touches the object."""
+
+    chance: float  # that the tool stays within the tolerance of its path on the true object
+    tolerance: float  # [m] along the path and across it
+    navigation_sigma: float  # [m] standard deviation per axis of the estimated hull position
+    object_sigma: float  # [m] of the found surface, along or across the path, whichever is larger
+
+    def __str__(self) -> str:
+        """In words, with figures."""
+        return (
+            f"chance to keep {1e3 * self.tolerance:.3g} mm: {self.chance:.0%} "
+            f"(hull's place {1e3 * self.navigation_sigma:.1f} mm, object's {1e3 * self.object_sigma:.1f} mm)"
+        )
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ObjectMotion:
     """Where a followed object is, and how far it has moved since it was first followed."""
@@ -374,6 +392,7 @@ class Reference:
     compliant: bool = False  # yield to forces across the tool axis
     lost_thrusters: tuple[int, ...] = ()  # failed, not to be used
     lost_thrust: tuple[float, ...] = ()  # [N] that each of those gives whatever is commanded; empty: none
+    promise: Promise | None = None  # of the work, from the tare on; None: none yet, or nothing to base it on
     w_WB_W: Array = field(default_factory=lambda: _STILL)  # (3,) [rad/s] angular velocity of the hull pose to hold
     target: Target | None = None  # that the work goes by: the mean of several finds; None: none yet
 

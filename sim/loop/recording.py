@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 
 from models.vehicle import Vehicle
 from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.messages import AbortCode, Command, ObjectMotion, Reference, Target, WorkState
+from sim.interfaces.messages import AbortCode, Command, ObjectMotion, Promise, Reference, Target, WorkState
 from sim.interfaces.spatial import Array, quat_wxyz_from_rotation, readonly
 from sim.loop.rollout import Moment, ticks_per_period
 
@@ -100,6 +100,7 @@ class Recording:
     targets: tuple[Target, ...]  # results of the finder, one per frame
     motions: tuple[ObjectMotion, ...] = ()  # of the followed object, one per frame
     goes_by: Target | None = None  # last target that the work went by, the mean of several finds
+    promise: Promise | None = None  # last promise of the planner
     clouds: Mapping[str, Array]  # (N, 3) [m] in W, added by the scenario
     substeps: int = 1  # physics steps per step of the loop
     interrupted: str = ""  # cause of an early end, e.g. SIGTERM
@@ -261,6 +262,7 @@ class Recorder:
         self._targets: list[Target] = []
         self._clouds: dict[str, Array] = {}
         self._goes_by: Target | None = None
+        self._promise: Promise | None = None
         self._motions: list[ObjectMotion] = []
 
     def add_cloud(self, name: str, points_W: ArrayLike) -> None:
@@ -358,6 +360,7 @@ class Recorder:
             targets=tuple(self._targets),
             motions=tuple(self._motions),
             goes_by=self._goes_by,
+            promise=self._promise,
             clouds=MappingProxyType(dict(self._clouds)),
             substeps=self._substeps,
             interrupted=interrupted,
@@ -377,6 +380,7 @@ class Recorder:
             self._events.append(event)
         self._reference = reference
         self._goes_by = reference.target or self._goes_by
+        self._promise = reference.promise or self._promise
         row = self._references.row()
         row[:4] = reference.time, _INDEX[reference.state], reference.force, reference.path_s
         row[4:7] = _NOWHERE if reference.X_WG is None else reference.X_WG[:3, 3]

@@ -253,6 +253,9 @@ def figures_of(outcome: Run) -> dict[str, float | None]:
         "collision_s": metrics["run"]["collision_s"],
         "saturated_s": metrics["thrusters"]["saturated_s"],
         "identification_error_m": metrics["identification"]["position_error_m"],
+        "promised_chance": None if recording.promise is None else recording.promise.chance,
+        "navigation_sigma_m": None if recording.promise is None else recording.promise.navigation_sigma,
+        "object_sigma_m": None if recording.promise is None else recording.promise.object_sigma,
         "simulated_s": recording.duration,
     }
 

@@ -1,5 +1,6 @@
 """Summary of the contact study: distributions, failures, causes and ablations over its runs, in tables and figures."""
 
+import itertools
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -23,6 +24,7 @@ _COLORS = dict(zip(CLASSES, (BLUE, ORANGE, PURPLE, FAINT, VERMILION, INK, SKY), 
 _MOST_RUNS = 8  # runs listed for one kind of failure
 SHARE = 0.99  # share of the runs that must be kept
 FEWEST = 8  # runs needed for a rank correlation
+CHANCES = (0.0, 0.3, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.98, 0.99, 1.0)  # bounds of the bins of the promised chance
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,6 +53,9 @@ SHOWN = {
     "force_over_set": Shown("greatest force over the set one", "", 1.0),
     "saturated_s": Shown("thrusters saturated", "s", 1.0),
     "identification_error_m": Shown("identified position, error", "mm", 1e3),
+    "promised_chance": Shown("chance promised before contact", "", 1.0),
+    "navigation_sigma_m": Shown("stated error of the hull's place", "mm", 1e3),
+    "object_sigma_m": Shown("stated error of the object's place", "mm", 1e3),
 }
 # Figures that are correlated with DRIVERS.
 DRIVEN = ("force_rms_n", "force_peak_n", "cross_max_m", "along_max_m", "estimate_rms_n", "hull_excursion_max_m")
@@ -202,6 +207,20 @@ def _or_nan(value: float | None) -> float:
     return np.nan if value is None else value
 
 
+def reliability(rows: Sequence[Row]) -> list[dict[str, Any]]:
+    """Runs by the chance that was promised before contact: how many, the mean chance, and how many were kept."""
+    promised = [row for row in rows if row["figures"].get("promised_chance") is not None]
+    chance = np.array([row["figures"]["promised_chance"] for row in promised])
+    kept = np.array([row["class"] == KEPT for row in promised])
+    table = []
+    for least, most in itertools.pairwise(CHANCES):
+        inside = (chance >= least) & ((chance < most) | (most == 1.0))
+        if inside.any():
+            found = {"runs": int(inside.sum()), "mean": float(chance[inside].mean()), "kept": int(kept[inside].sum())}
+            table.append({"least": least, "most": most, **found})
+    return table
+
+
 def ablations(rows: Sequence[Row]) -> list[dict[str, Any]]:
     """For each ablated method: its figure with and without it, and the median of the ratio run by run."""
     whole = {row["run"]: row for row in rows if not row["without"]}
@@ -265,6 +284,7 @@ def summary(rows: Sequence[Row], bounds: StudyBounds, settings: Mapping[str, Any
             }
             for path in dict.fromkeys(row["path"] for row in main)
         },
+        "reliability": reliability(main),
         "drivers": drivers(main),
         "ablations": ablations(rows),
         "accepted": not failed,
@@ -310,6 +330,21 @@ def tables(metrics: Mapping[str, Any]) -> Iterator[Table]:
             for path, row in metrics["by_path"].items()
         ],
     )
+    if metrics["reliability"]:
+        yield _table(
+            "Chance promised before contact, and what came of it",
+            ("chance", "runs", "mean", "kept", "share"),
+            [
+                (
+                    f"{row['least']:.0%} to {row['most']:.0%}",
+                    str(row["runs"]),
+                    f"{row['mean']:.1%}",
+                    str(row["kept"]),
+                    f"{row['kept'] / row['runs']:.1%}",
+                )
+                for row in metrics["reliability"]
+            ],
+        )
     if metrics["ablations"]:
         yield _table(
             "What each method is worth: medians, and the median of the runs' own ratios",

@@ -6,6 +6,7 @@ import mujoco
 import numpy as np
 
 from controllers.hull.thrust_margin import ThrustMargin
+from controllers.planning.promise import PromiseLimits
 from controllers.planning.trajectories import FASTEST, SLOWEST
 from controllers.tasks import surface_work
 from controllers.tasks.contact_phases import ApproachLimits
@@ -41,6 +42,7 @@ class SurfaceWorkTask(Task):
     least: float = 1.0  # share of the path that must be within reach
     range: float = 1.25  # [m] from camera to object at the scan
     approach: ApproachLimits = field(default_factory=ApproachLimits)
+    promise: PromiseLimits = field(default_factory=PromiseLimits)
 
     def __post_init__(self) -> None:
         if self.turn is not None:
@@ -139,6 +141,7 @@ class PlacedSurfaceWork(PlacedTask):
                 force_control="force-control" not in self.scenario.control.without,
                 contactless=task.contactless,
                 approach=task.approach,
+                promise=task.promise,
             ),
             X_WB_scan=self.X_WB,
             floor=scenes.seabed_height(self.target, self.truth.X_WT),  # the charted depth there

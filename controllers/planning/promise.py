@@ -1,0 +1,81 @@
+"""Promise before contact: the chance that the tool stays within a tolerance of its path on the true object.
+
+The tool's error across its axis has two parts. One is constant over the work: where the object was found. The other
+changes during it: where navigation believes the hull to be. The arm's own part is an order of magnitude smaller. Both
+are stated as covariances, so that the chance follows from them alone.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import ndtr, ndtri
+
+from sim.interfaces.messages import Promise, StateEstimate, Target
+from sim.interfaces.spatial import Array, finite_number
+
+WANTED = 0.98  # chance from which on there is nothing to wait for
+NAVIGATION_TIME = 2.4  # [s] correlation time of the error of the estimated position; measured 1.1 to 3.5 s
+_PEAKS = 2.0  # independent values in that time, as far as the largest one is concerned
+_NODES = ndtri((np.arange(512) + 0.5) / 512.0)  # quantiles of the normal distribution
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PromiseLimits:
+    """What is promised, and from which chance on."""
+
+    tolerance: float = 0.003  # [m] from the path, along it and across it
+    wanted: float = WANTED  # chance from which on the work begins at once
+    least: float = 0.0  # chance below which the work is refused; 0: never
+    patience: float = 15.0  # [s] of waiting for a better estimate, at most
+    interval: float = 1.0  # [s] between two looks at the chance
+    gain: float = 0.01  # rise of the chance in that time, from which on it is worthwhile to wait on
+
+    def __post_init__(self) -> None:
+        finite_number(self.tolerance, "promise tolerance [m]", above=0.0)
+        finite_number(self.least, "promise least, a chance", least=0.0, most=1.0)
+        finite_number(self.wanted, "promise wanted, a chance", least=self.least, most=1.0)
+        finite_number(self.patience, "promise patience [s]", least=0.0)
+        finite_number(self.interval, "promise interval [s]", above=0.0)
+        finite_number(self.gain, "promise gain", least=0.0)
+
+
+def promise(estimate: StateEstimate, target: Target, tolerance: float, duration: float) -> Promise | None:
+    """Chance that the tool stays within a tolerance of its path, along it and across it.
+
+    A direction in which the object can slide or turn unseen is left out: nothing can be promised there.
+
+    Args:
+        estimate: State of the vehicle; its stated position error is taken to stay as it is.
+        target: Identified object, with path and covariance.
+        tolerance: [m] on each of the two axes.
+        duration: [s] of the work.
+
+    Returns:
+        The promise; None if a covariance is not known.
+    """
+    of_path = target.path_sigma
+    moving = float(np.sqrt(np.mean(np.square(estimate.position_sigma))))
+    if of_path is None or not np.isfinite(moving):
+        return None
+    held = of_path[:, 1:].max(axis=0)
+    held = held[np.isfinite(held)]
+    looks = max(1.0, _PEAKS * duration / NAVIGATION_TIME)
+    chance = float(np.prod([_chance(sigma, moving, tolerance, looks) for sigma in held]))
+    return Promise(
+        chance=chance, tolerance=tolerance, navigation_sigma=moving, object_sigma=float(held.max(initial=0.0))
+    )
+
+
+def _chance(held: float, moving: float, tolerance: float, looks: float) -> float:
+    """Probability that a constant error plus each of `looks` independent ones stays within the tolerance [m].
+
+    Args:
+        held: [m] standard deviation of the constant error.
+        moving: [m] of each of the others.
+        tolerance: [m]
+        looks: Number of the others.
+    """
+    constant: Array = held * _NODES
+    moving = max(moving, 1e-9)
+    inside = ndtr((tolerance - constant) / moving) - ndtr((-tolerance - constant) / moving)
+    return float(np.mean(inside**looks))

@@ -244,7 +244,7 @@ class CertainPlace(Phase):
             return None
         held.note = f"{held.note}; {held.promise}" if held.note else str(held.promise)
         if chance < limits.least:
-            return Abort(AbortCode.PLACE_UNCERTAIN, f"{held.promise}; at least {limits.least:.0%} is asked for")
+            return Abort(AbortCode.PLACE_UNCERTAIN, f"{held.promise}; at least {limits.least:.1%} is asked for")
         return PhaseEvent.DONE
 
     def setpoint(self, state: CertainState, held: Held, now: Context) -> Setpoint:

@@ -312,7 +312,7 @@ class Promise:
     def __str__(self) -> str:
         """In words, with figures."""
         return (
-            f"chance to keep {1e3 * self.tolerance:.3g} mm: {self.chance:.0%} "
+            f"chance to keep {1e3 * self.tolerance:.3g} mm: {self.chance:.1%} "
             f"(hull's place {1e3 * self.navigation_sigma:.1f} mm, object's {1e3 * self.object_sigma:.1f} mm)"
         )
 

@@ -1,13 +1,16 @@
-"""The mean of several finds."""
+"""The mean of several finds, and the wait for a place that is certain enough."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from controllers.tasks.arrival import ScanLimits, ScanTarget, fuse_poses
-from controllers.tasks.phase import Abort, Context, Held, PhaseEvent
-from sim.interfaces.messages import AbortCode, StateEstimate, Target, ToolPath
+from controllers.planning.hull_placement import Placement
+from controllers.planning.promise import NAVIGATION_TIME, PromiseLimits
+from controllers.tasks import arrival
+from controllers.tasks.arrival import CertainPlace, ScanLimits, ScanTarget, TareSensors, fuse_poses
+from controllers.tasks.phase import Abort, Context, Held, PhaseEvent, ToolLine
+from sim.interfaces.messages import AbortCode, Promise, StateEstimate, Target, ToolPath
 from sim.interfaces.pose_covariance import PoseCovariance
 from sim.interfaces.spatial import Array, exp_so3, log_so3, pose, transform_points
 
@@ -153,3 +156,75 @@ def test_a_loose_find_is_kept_where_the_other_view_shows_nothing(rng):
     assert held.target is not None
     _, events = looked([nothing, nothing], views=2)
     assert events == [PhaseEvent.REFUSED, AbortCode.NOT_IDENTIFIED]
+
+
+def test_the_error_of_the_hull_shrinks_with_time_but_that_of_its_attitude_does_not(rng):
+    """Finds with registration of 0.1 mm, hull position of 2 mm and attitude of 1 mrad; 0.03, 2.4 and 240 s apart."""
+    own, place, angle, lever = 1e-4, 2e-3, 1e-3, np.array([1.0, 0.0, -0.5])
+    base = stated(rng, np.full(6, own), np.zeros(6))
+    assert base.covariance is not None
+    at = base.covariance.center - lever
+    of_hull = base.covariance.of_carrier(at, np.full(3, place), angle)
+    turned = base.covariance.of_carrier(at, np.zeros(3), angle)
+    find = replace(base, covariance=base.covariance.plus(of_hull), hull_covariance=of_hull)
+    told = {}
+    for apart in (0.03, NAVIGATION_TIME, 100.0 * NAVIGATION_TIME):
+        mean = fuse_poses([replace(find, time=k * apart) for k in range(6)])
+        assert mean.covariance is not None
+        told[apart] = np.diag(mean.covariance.matrix - turned)[:3]
+    alike = np.exp(-np.abs(np.subtract.outer(np.arange(6), np.arange(6))))  # one correlation time apart
+    for apart, share in zip(told, (1.0, alike.mean(), 1.0 / 6.0), strict=True):
+        assert np.sqrt(told[apart]) == pytest.approx(place * np.sqrt(share), rel=0.05)
+
+
+def tared(
+    chances: list[float], limits: PromiseLimits, monkeypatch: pytest.MonkeyPatch
+) -> tuple[Held, float, Abort | None]:
+    """Run the tare with a chance of `chances[k]` k seconds after it; when it was done [s], and the abort if any."""
+    zero, began = np.zeros(3), 3.5
+    at = StateEstimate(time=0.0, X_WB=np.eye(4), v_WB_B=zero, w_WB_B=zero, a_WB_B=zero, q=zero, qd=zero, tau=zero)
+    now = {"time": 0.0}
+
+    def told(*_: object) -> Promise:
+        chance = chances[min(int(now["time"] - began), len(chances) - 1)]
+        return Promise(chance=chance, tolerance=3e-3, navigation_sigma=1e-3, object_sigma=1e-3)
+
+    monkeypatch.setattr(arrival, "promise", told)
+    place = Placement(X_WB=np.eye(4), travel_W=zero, roll=0.0, q_start=zero, margin=1.0, reached=1.0)
+    target = found(TRUE)
+    assert target.path is not None
+    held = Held(X_WB=np.eye(4), X_WB_scan=np.eye(4), q=np.zeros(0), target=target)
+    held.line = ToolLine(target.path, place, -0.1)
+    phase = CertainPlace(TareSensors(), limits, 0.02)
+    state = phase.enter(held, Context(0.0, 0.01, at, None, None))
+    for k in range(1, 6000):
+        now["time"] = 0.01 * k
+        outcome = phase.step(state, held, Context(now["time"], 0.01, at, None, None))
+        assert phase.setpoint(state, held, Context(now["time"], 0.01, at, None, None)).X_WG is not None
+        if outcome is not None:
+            return held, now["time"], outcome if isinstance(outcome, Abort) else None
+    raise AssertionError("it never ended")
+
+
+@pytest.mark.parametrize(
+    ("chances", "seconds"),
+    [
+        pytest.param([0.99], 0.0, id="good enough at once"),
+        pytest.param([0.7, 0.7], 1.0, id="no better by waiting"),
+        pytest.param([0.7, 0.8, 0.9, 0.985], 3.0, id="waits until it is good enough"),
+        pytest.param([0.3 + 0.02 * k for k in range(40)], 15.0, id="but not for ever"),
+    ],
+)
+def test_a_better_place_is_waited_for(chances: list[float], seconds: float, monkeypatch: pytest.MonkeyPatch):
+    held, done, abort = tared(chances, PromiseLimits(), monkeypatch)
+    assert abort is None
+    assert done - 3.5 == pytest.approx(seconds, abs=0.06)
+    assert held.promise is not None
+    assert "chance to keep 3 mm" in held.note
+
+
+def test_too_small_a_chance_is_refused_with_its_figures(monkeypatch: pytest.MonkeyPatch):
+    _, _, abort = tared([0.6], PromiseLimits(least=0.8), monkeypatch)
+    assert abort is not None
+    assert abort.code is AbortCode.PLACE_UNCERTAIN
+    assert abort.reason == "chance to keep 3 mm: 60.0% (hull's place 1.0 mm, object's 1.0 mm); at least 80.0% is asked for"

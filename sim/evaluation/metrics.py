@@ -253,6 +253,8 @@ def assess(
         Requirement("identified orientation", identification.orientation_error_rad, None, "deg", degrees),
         Requirement("stated deviation of position", uncertainty.position_sigma_m, None, "mm", mm),
         Requirement("stated deviation of orientation", uncertainty.rotation_sigma_rad, None, "deg", degrees),
+        Requirement("stated deviation of hull's place", uncertainty.navigation_sigma_m, None, "mm", mm),
+        Requirement("chance to keep the path", uncertainty.chance_kept, None, "%", 100.0),
         *of_tool,
         Requirement("path deviation, RMS", tool.path_deviation_rms_m, None, "mm", mm),
         Requirement("path deviation, peak", tool.path_deviation_max_m, bounds.path_deviation, "mm", mm),

@@ -95,6 +95,8 @@ NAMELESS = """
     [
         pytest.param(["--path", "spiral"], None, "'spiral'", id="unknown path"),
         pytest.param(["--forces", "-60"], None, "--forces [N]: must be positive", id="negative force"),
+        pytest.param(["--least-chance", "1"], None, "at least 100.0% is asked for", id="place not certain enough"),
+        pytest.param(["--least-chance", "1.5"], None, "least, a chance", id="no chance"),
         pytest.param(["--range", "12"], None, "not identified", id="camera sees nothing"),
         pytest.param([], short_armed, "out of reach", id="out of reach"),
         pytest.param([], lambda: NAMELESS, "body 'hull' (free)", id="no names"),

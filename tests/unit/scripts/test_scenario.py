@@ -57,7 +57,7 @@ def scenarios() -> Iterator[Scenario]:
     pose = assemble_pose(barrel(seed=4))
     yield replace(barrel(seed=4), site=Site(X_WT=tuple(map(tuple, pose.tolist()))))
     yield PileOptions(path="helix", quick=True, arm=Path('a "b"/ä.yaml')).scenario()
-    yield ObjectOptions(contactless=0.05).scenario()
+    yield ObjectOptions(contactless=0.05, arm_camera=True, least_chance=0.7).scenario()
     yield InsertionOptions(error=(1.0, -0.3), compliance=False).scenario()
     yield SeabedOptions(work="drag", dead_beams=(1, 4), terrain="any", cloud=Path("c.ply")).scenario()
     yield InspectionOptions(object="valve").scenario()

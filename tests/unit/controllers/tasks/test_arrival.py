@@ -227,4 +227,6 @@ def test_too_small_a_chance_is_refused_with_its_figures(monkeypatch: pytest.Monk
     _, _, abort = tared([0.6], PromiseLimits(least=0.8), monkeypatch)
     assert abort is not None
     assert abort.code is AbortCode.PLACE_UNCERTAIN
-    assert abort.reason == "chance to keep 3 mm: 60.0% (hull's place 1.0 mm, object's 1.0 mm); at least 80.0% is asked for"
+    assert (
+        abort.reason == "chance to keep 3 mm: 60.0% (hull's place 1.0 mm, object's 1.0 mm); at least 80.0% is asked for"
+    )

@@ -44,6 +44,7 @@ _SHORTER = 0.04  # share of a path by which it is shortened per try, where it is
 _FEW_STEPS = IkOptions(max_iterations=60)
 _STANDOFF_STEPS = 3  # number of poses tried between the stand-off and the surface
 _ROUNDING = 1e-9  # [m] far above the rounding of a distance
+_BETTER = 1e-4  # share by which a margin must be larger to count: a round tool turned by half has the same one
 _ROOMY_THRUST = 0.4  # [-] unused share of thrust, left for the current, that gives a margin of 1
 
 
@@ -315,9 +316,10 @@ def place_hull(
             return False
         better = False
         for roll, track in zip(rolls, tracks, strict=True):
-            margin, reached, q_start = arm.along(track, X_WB, best.margin if best else 0.0)
+            to_beat = (1.0 + _BETTER) * best.margin if best else 0.0
+            margin, reached, q_start = arm.along(track, X_WB, to_beat)
             furthest = max(furthest, reached)
-            if q_start is not None and (best is None or margin > best.margin):
+            if q_start is not None and margin > to_beat:
                 best = Placement(
                     X_WB=X_WB, travel_W=travel_W, roll=roll, q_start=q_start, margin=margin, reached=reached
                 )

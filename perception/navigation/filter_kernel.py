@@ -279,6 +279,29 @@ def inverse3(S):
 
 @numba.njit(cache=True)
 @keyed_by_imports
+def correct(x, P, n, innovation, cross, weight):
+    """Kalman update of the first `n` states, in place.
+
+    Args:
+        x: (18,) mean.
+        P: (18, 18) covariance.
+        n: Number of states.
+        innovation: (3,) of a reading.
+        cross: (18, 3) covariance of the states with it.
+        weight: (3, 3) inverse of its covariance.
+    """
+    gain = np.empty(3)
+    for i in range(n):
+        for k in range(3):
+            gain[k] = cross[i, 0] * weight[0, k] + cross[i, 1] * weight[1, k] + cross[i, 2] * weight[2, k]
+        x[i] += gain[0] * innovation[0] + gain[1] * innovation[1] + gain[2] * innovation[2]
+        for j in range(i + 1):
+            P[i, j] -= gain[0] * cross[j, 0] + gain[1] * cross[j, 1] + gain[2] * cross[j, 2]
+            P[j, i] = P[i, j]
+
+
+@numba.njit(cache=True)
+@keyed_by_imports
 def absorb(f, kind, fix, row):
     """Kalman update of mean and covariance of `f` by one fix, in place.
 
@@ -290,15 +313,7 @@ def absorb(f, kind, fix, row):
     """
     x, P, n = f.x, f.P, f.layout[STATES]
     innovation, cross, S = compare(kind, fix, row, f.layout, x, P)
-    inv = inverse3(S)
-    gain = np.empty(3)
-    for i in range(n):
-        for k in range(3):
-            gain[k] = cross[i, 0] * inv[0, k] + cross[i, 1] * inv[1, k] + cross[i, 2] * inv[2, k]
-        x[i] += gain[0] * innovation[0] + gain[1] * innovation[1] + gain[2] * innovation[2]
-        for j in range(i + 1):
-            P[i, j] -= gain[0] * cross[j, 0] + gain[1] * cross[j, 1] + gain[2] * cross[j, 2]
-            P[j, i] = P[i, j]
+    correct(x, P, n, innovation, cross, inverse3(S))
 
 
 @numba.njit(cache=True)
@@ -345,14 +360,7 @@ def absorb_track(f, row):
     x, P, n, first = f.x, f.P, f.layout[STATES], f.layout[AT_TRACK]
     if row[READ]:
         innovation, cross, weight = compare_track(row, first, x, P)
-        gain = np.empty(3)
-        for i in range(n):
-            for k in range(3):
-                gain[k] = cross[i, 0] * weight[0, k] + cross[i, 1] * weight[1, k] + cross[i, 2] * weight[2, k]
-            x[i] += gain[0] * innovation[0] + gain[1] * innovation[1] + gain[2] * innovation[2]
-            for j in range(i + 1):
-                P[i, j] -= gain[0] * cross[j, 0] + gain[1] * cross[j, 1] + gain[2] * cross[j, 2]
-                P[j, i] = P[i, j]
+        correct(x, P, n, innovation, cross, weight)
     if row[BEGUN]:  # offset = origin - position
         for i in range(3):
             x[first + i] = row[ORIGIN + i] - x[i]

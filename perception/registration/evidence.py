@@ -80,6 +80,11 @@ class Evidence:
             noise=sensor,
         )
 
+    @property
+    def middle(self) -> float:
+        """Median depth [m] of the points."""
+        return float(np.median(self.points[:, 2]))
+
     def with_noise(self, noise: SensorModel) -> "Evidence":
         """The same evidence with errors of depth as in `noise`."""
         sigma = noise.sigma(self.points[:, 2])

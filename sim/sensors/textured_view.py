@@ -8,7 +8,7 @@ and the shading moves with the camera. Turbidity dims the light on its way out a
 Frame C has OpenCV axes: x right, y down, z along the optical axis.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numba
 import numpy as np
@@ -132,7 +132,7 @@ def expose(
         np.where(seen, exact, np.inf).astype(np.float32),
         cosine.astype(np.float32),
         camera.focal,
-        _in_water(camera.stereo, water),
+        replace(camera.stereo, attenuation=water.attenuation),
         rng,
     )
     if water.cloud > 0.0:
@@ -142,20 +142,6 @@ def expose(
     image = image + camera.intensity_noise * rng.standard_normal(depth.shape)
     good = (noisy >= camera.near) & (noisy <= camera.far)
     return Picture(image.astype(np.float32), np.where(good, noisy, np.nan).astype(np.float32))
-
-
-def _in_water(stereo: StereoNoise, water: Turbidity) -> StereoNoise:
-    """The camera's stereo errors at this attenuation."""
-    return StereoNoise(
-        disparity_sigma=stereo.disparity_sigma,
-        baseline=stereo.baseline,
-        correlation=stereo.correlation,
-        disparity_step=stereo.disparity_step,
-        flying=stereo.flying,
-        max_incidence=stereo.max_incidence,
-        attenuation=water.attenuation,
-        least_contrast=stereo.least_contrast,
-    )
 
 
 def _cloud(shape: tuple[int, ...], share: float, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:

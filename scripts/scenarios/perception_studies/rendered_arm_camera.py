@@ -58,13 +58,17 @@ class RenderedArmCamera:
         link = int(model.site_bodyid[model.site(tip).id])
         self._hidden = hidden_by(tool_in_view(model, link, self._modelled.X_LC, self._rays))
 
+    def camera_pose(self, truth: Any) -> tuple[Array, Array]:
+        """True poses X_WC and X_OC (4, 4) of the camera in the world and in the tracked body."""
+        return self._modelled.camera_pose(truth)
+
     def init(self, rng: np.random.Generator) -> RenderedState:
         """Take the stream of the noise."""
         return RenderedState(rng=rng)
 
     def step(self, state: RenderedState, truth: Any) -> tuple[RenderedState, SurfaceMotionMeasurement | None]:
         """One picture; None while no surface is in range, or the picture is lost."""
-        X_WC, X_OC = self._modelled.camera_pose(truth)
+        X_WC, X_OC = self.camera_pose(truth)
         time, camera, rng = float(truth.time), self._camera, state.rng
         water = Turbidity(
             attenuation=self._conditions.attenuation, cloud=silt(state, self._conditions, time, self.period)

@@ -1,5 +1,7 @@
 """Perturbations of a scenario: what the plant then is, against its own compiled numbers and a press on the pad."""
 
+from dataclasses import is_dataclass, replace
+
 import mujoco
 import numpy as np
 import pytest
@@ -9,7 +11,10 @@ from models import hydrodynamics
 from models.site.sliding_contact import let_tool_slide
 from models.vehicle import Vehicle
 from models.water import thrusters
+from scenarios.assembly import assemble
+from scenarios.options import barrel
 from scenarios.perturbations import pad
+from scenarios.perturbations.loop import WanderingVision
 from scenarios.perturbations.pad import Pad
 from scenarios.perturbations.perturbation import perturb
 from scenarios.perturbations.vehicle import Gears, Payload, ThrusterSpread, Water
@@ -35,6 +40,19 @@ def test_sensors_of_a_job_that_varies_nothing_are_the_ones_that_come_by_default(
     _, torque, _, _, vision = Sensing().proprioception()
     assert vision == proprioception.VisionDrift()
     assert torque == proprioception.JointTorqueSensors()
+
+
+def test_wandering_vision_wanders_as_said_and_no_other_sensor_changes():
+    """Assembled: white noise, rate and delay of the job stay, and so do its other sensors."""
+    plain = assemble(barrel()).parts.sensors
+    wandering = assemble(replace(barrel(), perturbations=(WanderingVision(sigma=3e-3, time=60.0),))).parts.sensors
+    for one, other in zip(plain, wandering, strict=True):
+        if isinstance(one, proprioception.VisionDrift):
+            assert other == replace(one, bias=3e-3, bias_time=60.0)
+        elif is_dataclass(one):
+            assert other == one
+    with pytest.raises(ConfigurationError, match="WanderingVision sigma"):
+        WanderingVision(sigma=-1.0)
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2])

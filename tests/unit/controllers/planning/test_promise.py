@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.special import ndtr
 
+from at_rest import at_rest
 from controllers.planning.promise import NAVIGATION_TIME, PromiseLimits, promise
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import Promise, StateEstimate, Target, ToolPath
@@ -30,17 +31,7 @@ def target(sigma: float, free: Array | None = None) -> Target:
 
 
 def estimate(sigma: float) -> StateEstimate:
-    return StateEstimate(
-        time=0.0,
-        X_WB=np.eye(4),
-        v_WB_B=np.zeros(3),
-        w_WB_B=np.zeros(3),
-        a_WB_B=np.zeros(3),
-        q=np.zeros(6),
-        qd=np.zeros(6),
-        tau=np.zeros(6),
-        position_sigma=np.full(3, sigma),
-    )
+    return at_rest(position_sigma=np.full(3, sigma))
 
 
 def chance(of_hull: float, of_object: float, duration: float = ONCE, tolerance: float = 3e-3) -> float:

@@ -5,12 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from at_rest import at_rest
 from controllers.planning.hull_placement import Placement
 from controllers.planning.promise import NAVIGATION_TIME, PromiseLimits
 from controllers.tasks import arrival
 from controllers.tasks.arrival import CertainPlace, ScanLimits, ScanTarget, TareSensors, fuse_poses
 from controllers.tasks.phase import Abort, Context, Held, PhaseEvent, ToolLine
-from sim.interfaces.messages import AbortCode, Promise, StateEstimate, Target, ToolPath
+from sim.interfaces.messages import AbortCode, Promise, Target, ToolPath
 from sim.interfaces.pose_covariance import PoseCovariance
 from sim.interfaces.spatial import Array, exp_so3, log_so3, pose, transform_points
 
@@ -119,8 +120,7 @@ def looked(targets: list[Target], views: int = 3) -> tuple[Held, list[str]]:
     """Run ScanTarget over the targets of successive views, two looks each; what the phases share, and the events."""
     phase, events = ScanTarget(ScanLimits(views=views, finds=2, interval=0.0)), []
     held, time = Held(X_WB=np.eye(4), X_WB_scan=np.eye(4), q=np.zeros(0)), 0.0
-    zero = np.zeros(3)
-    at = StateEstimate(time=0.0, X_WB=np.eye(4), v_WB_B=zero, w_WB_B=zero, a_WB_B=zero, q=zero, qd=zero, tau=zero)
+    at = at_rest()
     state = phase.enter(held, Context(time, 0.01, at, None, None))
     for target in targets:
         time += 1.0
@@ -182,7 +182,7 @@ def tared(
 ) -> tuple[Held, float, Abort | None]:
     """Run the tare with a chance of `chances[k]` k seconds after it; when it was done [s], and the abort if any."""
     zero, began = np.zeros(3), 3.5
-    at = StateEstimate(time=0.0, X_WB=np.eye(4), v_WB_B=zero, w_WB_B=zero, a_WB_B=zero, q=zero, qd=zero, tau=zero)
+    at = at_rest()
     now = {"time": 0.0}
 
     def told(*_: object) -> Promise:

@@ -4,11 +4,12 @@ import mujoco
 import numpy as np
 import pytest
 
+from at_rest import at_rest
 from models.site.seabed import Seabed, seabed
 from perception.seabed.seabed_finder import SeabedFinder, points_in_world
 from perception.seabed.terrain import ReliefLimits
 from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.messages import ImuMeasurement, SonarScan, StateEstimate, Target
+from sim.interfaces.messages import ImuMeasurement, SonarScan, Target
 from sim.interfaces.spatial import exp_so3, pose, transform_points
 from sim.sensors.sonar import Sonar, SonarBeams
 from untyped import untyped
@@ -16,16 +17,7 @@ from untyped import untyped
 X_WB = pose(exp_so3([0.0, 0.0, 0.7]), [1.0, -2.0, -17.5])
 X_BS = pose(np.array([[0.0, -1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, -1.0]]), [0.7, 0.0, -0.4])
 B_W = transform_points(X_WB, np.array([[0.5, -0.15, 0.0], [0.5, 0.15, 0.0]]))
-ESTIMATE = StateEstimate(
-    time=3.0,
-    X_WB=X_WB,
-    v_WB_B=np.zeros(3),
-    w_WB_B=np.zeros(3),
-    a_WB_B=np.zeros(3),
-    q=np.zeros(6),
-    qd=np.zeros(6),
-    tau=np.zeros(6),
-)
+ESTIMATE = at_rest(time=3.0, X_WB=X_WB)
 BEAMS = SonarBeams(rows=80, columns=80, elevation=np.radians(80.0), azimuth=np.radians(80.0))
 
 

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 import models
+from at_rest import at_rest
 from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.messages import Command, ContactEstimate, Reference, StateEstimate, Target, WorkState
+from sim.interfaces.messages import Command, ContactEstimate, Reference, Target, WorkState
 from sim.interfaces.spatial import pose
 from sim.loop.recording import EVERY_STEP, Recorder, Recording, write_row
 from sim.loop.rollout import Moment
@@ -81,16 +82,7 @@ class Run:
                     path_s=0.1,
                     note=note,
                 )
-            estimate = StateEstimate(
-                time=truth.time,
-                X_WB=np.eye(4),
-                v_WB_B=np.zeros(3),
-                w_WB_B=np.zeros(3),
-                a_WB_B=np.zeros(3),
-                q=np.zeros(6),
-                qd=np.zeros(6),
-                tau=np.zeros(6),
-            )
+            estimate = at_rest(time=truth.time)
             command = Command(
                 time=truth.time,
                 joint_torque=np.zeros(6),

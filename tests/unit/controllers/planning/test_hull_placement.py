@@ -272,3 +272,14 @@ def test_the_kernels_gap_is_the_arms_but_for_rounding(own, within):
             centres = hull_path.joint_centres_kernel(slides, chain.axes, chain.points, q)[2 : chain.n - 2]
             gap = hull_path.joint_gap_kernel(centres, X_AW, planes, gone)
             within("rounding [m]", gap - hull_path.arm_gap(chain, q, X_AW, planes, gone), 1e-13)
+
+
+def test_a_tool_turned_by_half_is_not_chosen_by_rounding(rng):
+    """A round tool's margins are equal but for rounding: an object 10 um aside does not turn it over."""
+    own, target = models.load("uuv_puma_side").compile(), pile({"ring": ring(np.radians(40.0))})
+    rolls = set()
+    for _ in range(6):
+        X_moved = X_WP @ pose(exp_so3(1e-5 * rng.standard_normal(3)), 1e-5 * rng.standard_normal(3))
+        path = tool_path(target, "ring", X_moved)
+        rolls.add(found(own, target, path, PlacementSearch(), X_WT=X_moved)[1].roll)
+    assert len(rolls) == 1

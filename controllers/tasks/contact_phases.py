@@ -329,10 +329,8 @@ class Retreat(Phase):
         return Since(now.time)
 
     def step(self, state: Since, held: Held, now: Context) -> Outcome:
-        """Done when the tool is clear; adrift if the hull must then leave as well."""
-        if not (now.time - state.since) * self._speed > way_back(held, self._clearance):
-            return None
-        return PhaseEvent.ADRIFT if now.adrift else PhaseEvent.DONE
+        """Done when the tool is clear."""
+        return PhaseEvent.DONE if (now.time - state.since) * self._speed > way_back(held, self._clearance) else None
 
     def setpoint(self, state: Since, held: Held, now: Context) -> Setpoint:
         """The tool on its way off."""

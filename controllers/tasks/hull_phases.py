@@ -2,14 +2,14 @@
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from controllers.planning.trajectories import JointMove, PoseMove
 from controllers.tasks.phase import ZERO, Abort, Context, Held, Outcome, Phase, PhaseEvent, Setpoint, way_back
-from sim.interfaces.messages import AbortCode
-from sim.interfaces.spatial import Array, pose
+from sim.interfaces.messages import AbortCode, StateEstimate
+from sim.interfaces.spatial import Array, exp_so3, pose
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -160,13 +160,11 @@ class Unfold(Phase):
 
 
 @dataclass(slots=True, eq=False)
-class LeaveState:
-    """State of the phases in which the hull leaves the object."""
+class PullState:
+    """State of `PullBack`."""
 
     move: PoseMove
     v_WB_W: Array  # (3,) [m/s]
-    p_WB_from: Array  # (3,) [m] estimated position of the hull at the begin
-    gone: Array  # (3,) [m] estimated displacement since
 
 
 class PullBack(Phase):
@@ -176,64 +174,186 @@ class PullBack(Phase):
         """Set up the phase; `clearance` [m] is the least length of the way back."""
         self._motion, self._clearance = motion, clearance
 
-    def enter(self, held: Held, now: Context) -> LeaveState:
+    def enter(self, held: Held, now: Context) -> PullState:
         """Hold the arm as it is, and begin the move."""
         held.q = np.array(now.estimate.q)
         off = np.array(held.X_WB)
         off[:3, 3] -= way_back(held, self._clearance) * held.tool()[0][:3, 2]
-        return LeaveState(self._motion.to(off, held, now), ZERO, np.array(now.estimate.X_WB[:3, 3]), ZERO)
+        return PullState(self._motion.to(off, held, now), ZERO)
 
-    def step(self, state: LeaveState, held: Held, now: Context) -> Outcome:
+    def step(self, state: PullState, held: Held, now: Context) -> Outcome:
         """Done at the end of the move; it waits for nothing."""
         held.X_WB, state.v_WB_W = state.move.at(now.time)
         return PhaseEvent.DONE if state.move.done(now.time) else None
 
-    def setpoint(self, state: LeaveState, held: Held, now: Context) -> Setpoint:
+    def setpoint(self, state: PullState, held: Held, now: Context) -> Setpoint:
         """The hull's velocity."""
         del held, now
         return Setpoint(v_WB_W=state.v_WB_W)
 
 
-class Ascend(Phase):
-    """The hull ascends off the object, from where it is.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Leash:
+    """How far the hull's reference may be from a hull that is pushed off it.
 
-    During an ascent on the remaining thrusters the hull tilts. The tool pose is therefore kept in W, moved along with
-    the hull's displacement; a tool fixed to the hull would swing into the object.
+    A thruster that is stuck at full thrust, or a current that is too strong, carries the hull away whatever is asked
+    for. Against a far reference the others would saturate and tilt the hull: what is asked for is therefore bounded.
+    Only a hull that sinks is asked to return to its depth from any distance.
     """
 
-    def __init__(self, motion: HullMotion, rise: float, clearance: float) -> None:
+    place: float = 0.05  # [m] across the vertical, and downwards
+    speed: float = 0.05  # [m/s] likewise
+    heading: float = 0.2  # [rad]
+    turn: float = 0.1  # [rad/s] about the vertical
+
+    def pull(self, X_WB: Array, v_WB_W: Array, estimate: StateEstimate) -> tuple[Array, Array, Array]:
+        """The reference within the leash.
+
+        Args:
+            X_WB: (4, 4) hull pose wanted, level.
+            v_WB_W: (3,) [m/s] its velocity.
+            estimate: of the vehicle now.
+
+        Returns:
+            Hull pose (4, 4), its velocity (3,) [m/s] and angular velocity (3,) [rad/s], W.
+        """
+        X_now, R_now = estimate.X_WB, estimate.X_WB[:3, :3]
+        p = _within(X_WB[:3, 3] - X_now[:3, 3], self.place)
+        v_now = R_now @ estimate.v_WB_B
+        v = _within(v_WB_W - v_now, self.speed)
+        off = heading(R_now) - heading(X_WB[:3, :3])
+        off = math.remainder(off, math.tau)
+        turned = off - min(max(off, -self.heading), self.heading)
+        spin = float((R_now @ estimate.w_WB_B)[2])
+        w = np.array([0.0, 0.0, spin - min(max(spin, -self.turn), self.turn)])
+        return pose(exp_so3([0.0, 0.0, turned]) @ X_WB[:3, :3], X_now[:3, 3] + p), v_now + v, w
+
+
+def _within(off: Array, most: float) -> Array:
+    """`off` (3,), bounded to `most` across the vertical and downwards."""
+    across = math.hypot(off[0], off[1])
+    share = min(1.0, most / across) if across > 0.0 else 1.0
+    return np.array([share * off[0], share * off[1], max(off[2], -most)])
+
+
+def heading(R_WB: Array) -> float:
+    """Angle [rad] of the hull's x axis about the vertical."""
+    return math.atan2(R_WB[1, 0], R_WB[0, 0])
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EscapeLimits:
+    """Ascent off the object when the hull may be out of control."""
+
+    rise: float = 0.6  # [m] length of the ascent, as a factor of `ascent_direction`
+    draw: float = 0.25  # [m] by which the tool is drawn off the surface beyond the clearance, before the arm folds
+    draw_speed: float = 0.4  # [m/s] at which that is done
+    fold_speed: float = 0.8  # [rad/s] of the joints
+    motion: HullMotion = field(default_factory=lambda: HullMotion(speed=0.4, acceleration=0.2, behind=None))
+    leash: Leash = field(default_factory=Leash)
+
+
+@dataclass(slots=True, eq=False)
+class EscapeState:
+    """State of `Escape`."""
+
+    since: float  # [s]
+    move: PoseMove  # of the hull
+    p_WB_from: Array  # (3,) [m] estimated position of the hull at the begin
+    up_W: Array  # (3,) unit direction of the ascent
+    X_WG: Array  # (4, 4) tool pose now wanted
+    v_WB_W: Array  # (3,) [m/s] of the hull
+    w_WB_W: Array  # (3,) [rad/s]
+    fold: JointMove | None = None  # of the arm, once the tool is drawn off
+    qd: Array | None = None  # (n,) [rad/s] then
+
+
+class Escape(Phase):
+    """The hull ascends off the object from where it is, while the arm draws the tool off and folds.
+
+    A hull that has lost a thruster tilts, turns and drifts. The tool is drawn off along its axis in W, and goes along
+    with the ascent but not with the drift: a tool fixed to the hull would swing into the object.
+    """
+
+    def __init__(self, limits: EscapeLimits, clearance: float, q_fold: Array) -> None:
         """Set up the phase.
 
         Args:
-            motion: limits of the hull's move.
-            rise: [m] length of the ascent, as a factor of `ascent_direction`.
-            clearance: [m] least distance of the tool from the surface at its begin.
+            limits: of the motions.
+            clearance: [m] distance of the tool from the surface that is asked for at once.
+            q_fold: (n,) [rad] joint angles of the folded arm.
         """
-        self._motion, self._rise, self._clearance = motion, rise, clearance
+        self._limits, self._clearance, self._q_fold = limits, clearance, np.array(q_fold)
 
-    def enter(self, held: Held, now: Context) -> LeaveState:
+    def enter(self, held: Held, now: Context) -> EscapeState:
         """Begin the ascent at the estimated position."""
         p_WB_from = np.array(now.estimate.X_WB[:3, 3])
-        held.X_WB = pose(held.X_WB[:3, :3], p_WB_from)
-        normal_W = -held.tool()[0][:3, 2]
-        clear = pose(held.X_WB[:3, :3], p_WB_from + self._rise * ascent_direction(normal_W))
-        return LeaveState(self._motion.to(clear, held, now), ZERO, p_WB_from, np.zeros(3))
-
-    def step(self, state: LeaveState, held: Held, now: Context) -> Outcome:
-        """Done at the end of the ascent, with the joint angles of that moment held."""
-        state.gone = now.estimate.X_WB[:3, 3] - state.p_WB_from
-        held.X_WB, state.v_WB_W = state.move.at(now.time)
-        if not state.move.done(now.time):
-            return None
-        held.q = np.array(now.estimate.q)
-        return PhaseEvent.DONE
-
-    def setpoint(self, state: LeaveState, held: Held, now: Context) -> Setpoint:
-        """The hull's velocity, and the tool moved along."""
-        del now
+        level = pose(held.X_WB[:3, :3], p_WB_from)
         X_WG = held.tool(way_back(held, self._clearance))[0]
-        X_WG[:3, 3] += state.gone
-        return Setpoint(v_WB_W=state.v_WB_W, X_WG=X_WG, v_WG_W=state.v_WB_W)
+        up_W = ascent_direction(-X_WG[:3, 2])
+        clear = pose(level[:3, :3], p_WB_from + self._limits.rise * up_W)
+        move = PoseMove.between(
+            now.time,
+            level,
+            clear,
+            speed=self._limits.motion.speed,
+            acceleration=self._limits.motion.acceleration,
+            turn_rate=self._limits.motion.turn_rate,
+        )
+        return EscapeState(now.time, move, p_WB_from, up_W / np.linalg.norm(up_W), X_WG, ZERO, ZERO)
+
+    def step(self, state: EscapeState, held: Held, now: Context) -> Outcome:
+        """Done at the end of the ascent, with the arm folded."""
+        limits, estimate = self._limits, now.estimate
+        held.X_WB, state.v_WB_W, state.w_WB_W = limits.leash.pull(*state.move.at(now.time), estimate)
+        drawn = limits.draw_speed * (now.time - state.since)
+        if state.fold is None:
+            risen = max(0.0, float((estimate.X_WB[:3, 3] - state.p_WB_from) @ state.up_W))
+            X_WG = held.tool(way_back(held, self._clearance) + min(drawn, limits.draw))[0]
+            X_WG[:3, 3] += risen * state.up_W
+            state.X_WG = X_WG
+            if drawn < limits.draw:
+                return None
+            state.fold = JointMove.between(now.time, np.array(estimate.q), self._q_fold, speed=limits.fold_speed)
+        held.q, state.qd = state.fold.at(now.time)
+        return PhaseEvent.DONE if state.move.done(now.time) and state.fold.done(now.time) else None
+
+    def setpoint(self, state: EscapeState, held: Held, now: Context) -> Setpoint:
+        """The hull's velocity, and the tool or the folding joints."""
+        del held, now
+        if state.fold is not None:
+            return Setpoint(v_WB_W=state.v_WB_W, w_WB_W=state.w_WB_W, qd=state.qd)
+        return Setpoint(v_WB_W=state.v_WB_W, w_WB_W=state.w_WB_W, X_WG=state.X_WG)
+
+
+@dataclass(slots=True, eq=False)
+class AwayState:
+    """State of `HoldAway`."""
+
+    v_WB_W: Array  # (3,) [m/s]
+    w_WB_W: Array  # (3,) [rad/s]
+
+
+class HoldAway(Phase):
+    """Hold hull and joint angles away from the object, as far as the hull can: the end of a task broken off."""
+
+    def __init__(self, leash: Leash) -> None:
+        self._leash = leash
+
+    def enter(self, held: Held, now: Context) -> AwayState:
+        """At rest."""
+        del held, now
+        return AwayState(ZERO, ZERO)
+
+    def step(self, state: AwayState, held: Held, now: Context) -> Outcome:
+        """Never done."""
+        held.X_WB, state.v_WB_W, state.w_WB_W = self._leash.pull(held.X_WB, ZERO, now.estimate)
+        return None
+
+    def setpoint(self, state: AwayState, held: Held, now: Context) -> Setpoint:
+        """The velocity of a hull that is carried away."""
+        del held, now
+        return Setpoint(v_WB_W=state.v_WB_W, w_WB_W=state.w_WB_W)
 
 
 @dataclass(slots=True)

@@ -37,6 +37,7 @@ class Reaction(StrEnum):
 _SEVERITY = tuple(Reaction)
 BEFORE_CONTACT = frozenset({WorkState.SETTLE, WorkState.SCAN, WorkState.CLOSE_IN, WorkState.TARE})
 IN_CONTACT = frozenset({WorkState.APPROACH, WorkState.PRESS, WorkState.WORK})
+LEAVING = frozenset({WorkState.RETREAT})
 
 Condition = Callable[[Held, Context], str]  # the sentence if it holds, else empty
 
@@ -171,5 +172,5 @@ def normal_force(held: Held, now: Context) -> float:
 
 
 def contact_force(held: Held, now: Context) -> float:
-    """Magnitude [N] of the estimated contact force, in any direction."""
-    return math.hypot(*now.contact_force(held.tool()[0][:3, 2]))
+    """Magnitude [N] of the estimated contact force, in any direction; 0 before the tool has a line."""
+    return 0.0 if held.line is None else math.hypot(*now.contact_force(held.tool()[0][:3, 2]))

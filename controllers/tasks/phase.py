@@ -27,7 +27,6 @@ class PhaseEvent(StrEnum):
     DONE = "done"
     REFUSED = "refused"  # what was looked for was not found
     TOUCHED = "touched"  # the tool met something that is to be searched along
-    ADRIFT = "adrift"  # done, and the hull must leave the object
     MORE = "more"  # done, and there is another place to work at
 
 
@@ -120,7 +119,6 @@ class Context:
     target: Target | None  # newest identification
     last: Command | None  # newest command of the controller
     paused: bool = False  # motion is to wait, at a reduced force
-    adrift: bool = False  # the hull cannot keep station
 
     @property
     def normal_sigma(self) -> float:

@@ -29,13 +29,15 @@ from controllers.tasks.contact_phases import (
     Retreat,
     Unload,
 )
-from controllers.tasks.hull_phases import Ascend, Halt, PullBack
+from controllers.tasks.hull_phases import Escape, EscapeLimits, Halt, HoldAway, PullBack
 from controllers.tasks.monitors import (
     BEFORE_CONTACT,
     IN_CONTACT,
+    LEAVING,
     Monitor,
     Reaction,
     adrift,
+    contact_force,
     fault_monitors,
     normal_force,
     too_much_force,
@@ -77,6 +79,7 @@ class SurfaceTaskConfig:
     approach: ApproachLimits = field(default_factory=ApproachLimits)
     press: PressLimits = field(default_factory=PressLimits)
     contact: ContactLimits = field(default_factory=ContactLimits)
+    escape: EscapeLimits = field(default_factory=EscapeLimits)
     promise: PromiseLimits = field(default_factory=PromiseLimits)
 
     def __post_init__(self) -> None:
@@ -185,15 +188,16 @@ def surface_rows(site: WorkSite, job: SurfaceTaskConfig) -> Iterable[tuple[str, 
     let_go, lift = Unload(job.force_rate, approach.touch), Retreat(approach.speed, approach.standoff)
     onward = NextStretch(FollowLimits(speed=job.speed), approach.standoff)
     yield "let go", TaskRow(let_go, states.RETREAT, {PhaseEvent.DONE: "lift"}, BREAK_OFF)
-    yield "lift", TaskRow(lift, states.RETREAT, {PhaseEvent.DONE: "onward", PhaseEvent.ADRIFT: "rise"}, BREAK_OFF)
+    yield "lift", TaskRow(lift, states.RETREAT, {PhaseEvent.DONE: "onward"}, BREAK_OFF)
     yield "onward", TaskRow(onward, states.CLOSE_IN, {PhaseEvent.DONE: "approach"}, BREAK_OFF)
-    yield from retreat_rows(job)
+    yield from retreat_rows(site, job)
 
 
-def retreat_rows(job: SurfaceTaskConfig) -> Iterable[tuple[str, TaskRow]]:
+def retreat_rows(site: WorkSite, job: SurfaceTaskConfig) -> Iterable[tuple[str, TaskRow]]:
     """Rows from the surface to the end: release, retreat, and what follows a fault.
 
     Args:
+        site: what is known before the work.
         job: speeds and limits.
 
     Returns:
@@ -201,13 +205,14 @@ def retreat_rows(job: SurfaceTaskConfig) -> Iterable[tuple[str, TaskRow]]:
     """
     approach, motion, states = job.approach, job.arrival.motion, WorkState
     clear, stop = approach.standoff, {Reaction.STOP: "halt"}
-    retreat = Retreat(approach.speed, clear)
-    yield "unload", TaskRow(Unload(job.force_rate, approach.touch), states.RETREAT, {PhaseEvent.DONE: "retreat"}, stop)
-    yield "retreat", TaskRow(retreat, states.RETREAT, {PhaseEvent.DONE: "parked", PhaseEvent.ADRIFT: "rise"}, stop)
-    yield "rise", TaskRow(Ascend(motion, job.arrival.lift, clear), states.RETREAT, {PhaseEvent.DONE: "held"}, stop)
+    off = {**stop, Reaction.RISE: "rise"}
+    retreat, escape = Retreat(approach.speed, clear), Escape(job.escape, clear, site.own.vehicle.q_home)
+    yield "unload", TaskRow(Unload(job.force_rate, approach.touch), states.RETREAT, {PhaseEvent.DONE: "retreat"}, off)
+    yield "retreat", TaskRow(retreat, states.RETREAT, {PhaseEvent.DONE: "parked"}, off)
+    yield "rise", TaskRow(escape, states.RETREAT, {PhaseEvent.DONE: "held"}, stop)
     yield "pull back", TaskRow(PullBack(motion, clear), states.RETREAT, {PhaseEvent.DONE: "held"}, stop)
-    yield "parked", TaskRow(HoldTool(clear), states.DONE, leave=stop)
-    yield "held", TaskRow(Hold(), states.DONE, leave=stop)
+    yield "parked", TaskRow(HoldTool(clear), states.DONE, leave=off)
+    yield "held", TaskRow(HoldAway(job.escape.leash), states.DONE, leave=stop)
     yield "halt", TaskRow(Halt(), states.RETREAT, {PhaseEvent.DONE: "halted"})
     yield "halted", TaskRow(Hold(), states.DONE)
 
@@ -238,10 +243,22 @@ def surface_monitors(job: SurfaceTaskConfig) -> tuple[Monitor, ...]:
             condition=adrift(limits.lost_place), reaction=Reaction.RISE, code=AbortCode.HULL_ADRIFT, during=IN_CONTACT
         ),
         Monitor(
+            condition=adrift(2.0 * limits.lost_place),
+            reaction=Reaction.RISE,
+            code=AbortCode.HULL_ADRIFT,
+            during=LEAVING,
+        ),
+        Monitor(
             condition=too_much_force(limits.force, normal_force),
             reaction=Reaction.RETREAT,
             code=AbortCode.FORCE_LIMIT,
             during=IN_CONTACT,
+        ),
+        Monitor(
+            condition=too_much_force((1.0 + limits.excess) * max(job.forces) + touch, contact_force),
+            reaction=Reaction.RISE,
+            code=AbortCode.FORCE_LIMIT,
+            during=LEAVING,
         ),
         Monitor(
             condition=uncertain_force(limits.sigma),

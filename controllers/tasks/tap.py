@@ -49,9 +49,9 @@ def tap(
             ("lift", contact.Retreat(approach.speed, clear), states.RETREAT, "next"),
         )
         for name, phase, state, then in table:
-            yield name, TaskRow(phase, state, {ends.DONE: then, ends.ADRIFT: "rise"}, BREAK_OFF)
+            yield name, TaskRow(phase, state, {ends.DONE: then}, BREAK_OFF)
         move = contact.NextPoint(points, contact.FollowLimits(speed=job.speed), clear)
         yield "next", TaskRow(move, states.CLOSE_IN, {ends.MORE: "approach", ends.DONE: "parked"}, BREAK_OFF)
-        yield from retreat_rows(job)
+        yield from retreat_rows(site, job)
 
     return TaskPlanner(rows(), surface_monitors(job), X_WB=site.X_WB_scan, q=site.own.vehicle.q_home)

@@ -44,7 +44,6 @@ class TaskState:
     held: Held
     false_at: list[float]  # [s] for each monitor, the time at which its condition was last false
     abort: Abort | None = None  # why the work was broken off
-    adrift: bool = False  # the hull cannot keep station
     lost_thrusters: tuple[Fault, ...] = ()
 
 
@@ -118,12 +117,11 @@ class TaskPlanner:
         if row.feels and now.last is not None and not now.last.contact.known:
             raise ConfigurationError(NO_ESTIMATE)
         reaction, cause = watch(self._monitors, state.false_at, row.work, state.held, now)
-        state.adrift |= reaction is Reaction.RISE or bool(state.lost_thrusters)
         if reaction in row.leave:
-            state.abort = cause
+            state.abort = cause if cause is None else cause.after(state.abort)
             row = self._enter(state, row.leave[reaction], now)
-        if reaction is Reaction.PAUSE or state.adrift:
-            now = replace(now, paused=reaction is Reaction.PAUSE, adrift=state.adrift)
+        if reaction is Reaction.PAUSE:
+            now = replace(now, paused=True)
         outcome = row.phase.step(state.phase, state.held, now)
         if outcome is None:
             return None

@@ -246,7 +246,8 @@ class EscapeLimits:
     """Ascent off the object when the hull may be out of control."""
 
     rise: float = 0.6  # [m] length of the ascent, as a factor of `ascent_direction`
-    draw: float = 0.25  # [m] by which the tool is drawn off the surface beyond the clearance, before the arm folds
+    draw: float = 0.35  # [m] by which the tool is drawn up beyond that, from the clearance on
+    free: float = 0.45  # [m] ascent after which the arm folds
     draw_speed: float = 0.4  # [m/s] at which that is done
     fold_speed: float = 0.8  # [rad/s] of the joints
     motion: HullMotion = field(default_factory=lambda: HullMotion(speed=0.4, acceleration=0.2, behind=None))
@@ -309,10 +310,10 @@ class Escape(Phase):
         drawn = limits.draw_speed * (now.time - state.since)
         if state.fold is None:
             risen = max(0.0, float((estimate.X_WB[:3, 3] - state.p_WB_from) @ state.up_W))
-            X_WG = held.tool(way_back(held, self._clearance) + min(drawn, limits.draw))[0]
-            X_WG[:3, 3] += risen * state.up_W
+            X_WG = held.tool(way_back(held, self._clearance))[0]
+            X_WG[:3, 3] += (min(drawn, limits.draw) + risen) * state.up_W
             state.X_WG = X_WG
-            if drawn < limits.draw:
+            if risen < limits.free:
                 return None
             state.fold = JointMove.between(now.time, np.array(estimate.q), self._q_fold, speed=limits.fold_speed)
         held.q, state.qd = state.fold.at(now.time)

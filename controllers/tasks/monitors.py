@@ -172,5 +172,8 @@ def normal_force(held: Held, now: Context) -> float:
 
 
 def contact_force(held: Held, now: Context) -> float:
-    """Magnitude [N] of the estimated contact force, in any direction; 0 before the tool has a line."""
-    return 0.0 if held.line is None else math.hypot(*now.contact_force(held.tool()[0][:3, 2]))
+    """Magnitude [N] of the estimated contact force, in any direction as far as it is known; 0 if none is."""
+    if now.last is None or not now.last.contact.known or held.line is None:
+        return 0.0
+    normal, across = now.contact_force(held.tool()[0][:3, 2])
+    return math.hypot(normal, across) if math.isfinite(across) else abs(normal)

@@ -103,7 +103,8 @@ class Script(Told):
     holding: ThrustMargin | None = None
     side: bool = False  # the vehicle with its arm on the side
     fastest: float = np.inf  # [m/s] of the hull, whatever is asked of it
-    dead: int | None = None  # thruster that is found dead half-way along the path
+    dead: int | None = None  # thruster that is found dead
+    dead_from: Callable[[Reference], bool] = lambda reference: reference.path_s > 0.06  # half-way along the path
     sigma: float = np.inf  # [N] stated standard deviation of the normal force; inf: none
     hollow: tuple[float, float] | None = None  # [m] part of the path on which the tool does not fit
 
@@ -143,7 +144,7 @@ class Script(Told):
                     s, (first, last) = seen.path.s, self.hollow
                     seen = replace(seen, path=replace(seen.path, fits=(s < first) | (s > last), note="a hollow"))
             scanning = reference.scan
-            if self.dead is not None and not faults and reference.path_s > 0.06:
+            if self.dead is not None and not faults and self.dead_from(reference):
                 faults = (Fault(kind=FaultKind.THRUSTER, part="", index=self.dead, time=time),)
             command = Command(
                 time=time,
@@ -535,7 +536,7 @@ def test_wherever_it_is_to_stand_it_comes_to_stand_there_once(seed: int, monkeyp
 
 
 def test_a_tool_stays_off_the_object_while_the_hull_rises_on_what_thrusters_are_left():
-    """Held in W and taken along by the hull's way, not by its tilt: that swung it in, with 1.8 times the set force."""
+    """Drawn up in W beside the hull's way, and folded once the hull has come up; a tilted hull does not swing it in."""
     script = Script(dead=3, fastest=0.05).run()  # a hull that comes less far than it is asked to
     assert script.states == [*JOURNEY, WorkState.ABORT]
     back = [r for r in script.of(WorkState.RETREAT) if r.X_WG is not None]
@@ -544,10 +545,34 @@ def test_a_tool_stays_off_the_object_while_the_hull_rises_on_what_thrusters_are_
     assert len(rising) > 100
     away = np.array([tip(r)[2] for r in back])  # the surface is at 0, the tool looks down
     assert np.diff(away).min() >= 0.0
-    assert script.job.approach.standoff + 0.2 < away[-1] < script.job.approach.standoff + 0.3
+    limits, standoff = script.job.escape, script.job.approach.standoff
+    assert away[0] >= standoff
+    assert away[-1] == pytest.approx(standoff + limits.draw + limits.free, abs=0.01)
     turns = np.array([np.abs(np.asarray(r.X_WG)[:3, :3] - np.asarray(rising[0].X_WG)[:3, :3]).max() for r in rising])
     assert turns.max() == 0.0
-    assert script.end.X_WG is None  # and is held to the hull when that has come up
+    assert script.end.X_WG is None
+    assert script.end.q == pytest.approx(script.references[0].q)  # folded as at the start
+
+
+def test_a_thruster_that_is_lost_on_the_way_back_makes_the_vehicle_leave_at_once():
+    script = Script(dead=3, dead_from=lambda reference: reference.state is WorkState.RETREAT).run()
+    assert script.states == [*JOURNEY, WorkState.ABORT]
+    assert script.end.abort is AbortCode.THRUSTER
+    back = script.of(WorkState.RETREAT)
+    assert not any(r.force_control for r in back[3:])  # it does not release the force slowly first
+    assert script.end.q == pytest.approx(script.references[0].q)
+
+
+def test_a_tool_that_is_pressed_on_the_way_back_makes_the_vehicle_leave_at_once():
+    def caught(reference: Reference) -> float:
+        drawn_off = reference.state is WorkState.RETREAT and not reference.force_control and reference.abort is None
+        return 140.0 if drawn_off else obedient(reference)
+
+    script = Script(felt=caught).run()
+    assert script.states == [*JOURNEY, WorkState.ABORT]
+    assert script.end.abort is AbortCode.FORCE_LIMIT
+    assert "140 N" in script.end.note
+    assert Script(felt=lambda r: 100.0 if caught(r) > 100.0 else caught(r)).run().end.state is WorkState.DONE
 
 
 def test_path_out_of_reach(monkeypatch):

@@ -244,7 +244,7 @@ def resolve_tool_motion(X_AB, X_WB, tool, hull, J_B, drift, speed_limit, out):
         hull: (24,) motion of the hull as in `newton_euler`.
         J_B: (6, n) Jacobian of the tip, hull axes.
         drift: True compensates the motion of the hull.
-        speed_limit: [rad/s] of every joint.
+        speed_limit: [rad/s] of the fastest joint; the others are slowed down with it.
         out: fields of `ResolvedMotion`, in a tuple; written.
     """
     tool, out = ToolTarget(*tool), ResolvedMotion(*out)
@@ -286,6 +286,7 @@ def resolve_tool_motion(X_AB, X_WB, tool, hull, J_B, drift, speed_limit, out):
             for k in range(i + 1, 6):
                 row[i] -= A[k, i] * row[k]
             row[i] /= A[i, i]
+    fastest = 0.0
     for j in range(qd.shape[0]):
         qd[j] = qdd[j] = yielding[0, j] = yielding[1, j] = 0.0
         for i in range(6):
@@ -294,4 +295,7 @@ def resolve_tool_motion(X_AB, X_WB, tool, hull, J_B, drift, speed_limit, out):
             yielding[1, j] += J_B[i, j] * wanted[2, i]
         for i in range(3):
             yielding[0, j] += J_B[i, j] * X_BG[i, 2]
-        qd[j] = min(max(qd[j], -speed_limit), speed_limit)
+        fastest = max(fastest, abs(qd[j]))
+    if fastest > speed_limit:  # all alike: the tool lags on its way, and does not leave it
+        for j in range(qd.shape[0]):
+            qd[j] *= speed_limit / fastest

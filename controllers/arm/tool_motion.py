@@ -175,6 +175,9 @@ def extrapolated(X_WG, v_WG_W, w_WG_W, since, k, offset_W):
 def bumpless(q, qd, q_last, offset, offset_rate, blend_time, most, dt):
     """Bumpless transfer to a new joint reference: a remaining offset decays, critically damped.
 
+    Joints that would move too far are slowed down all alike: a single one that lags takes the tool off its way, into
+    the surface.
+
     Args:
         q: (n,) [rad] angles of the reference.
         qd: (n,) [rad/s] speeds of the reference.
@@ -190,11 +193,15 @@ def bumpless(q, qd, q_last, offset, offset_rate, blend_time, most, dt):
     """
     n = q.shape[0]
     wanted, speed, left, rate = np.empty(n), np.empty(n), np.empty(n), np.empty(n)
-    fade = np.exp(-dt / blend_time)
+    fade, farthest = np.exp(-dt / blend_time), 0.0
     for j in range(n):
         pull = (offset_rate[j] + offset[j] / blend_time) * dt
         rate[j] = fade * (offset_rate[j] - pull / blend_time)
         left[j] = fade * (offset[j] + pull)
-        wanted[j] = min(max(q[j] + left[j], q_last[j] - most), q_last[j] + most)
+        wanted[j] = q[j] + left[j]
         speed[j] = qd[j] + rate[j]
+        farthest = max(farthest, abs(wanted[j] - q_last[j]))
+    if farthest > most:
+        for j in range(n):
+            wanted[j] = q_last[j] + (wanted[j] - q_last[j]) * most / farthest
     return wanted, speed, left, rate

@@ -1,7 +1,8 @@
 """Thrust margin: the largest share of thrust used by a level, stationary hull while its arm pushes on a surface.
 
-Loads are weight and buoyancy, the arm's weight in water, the set force, and the surface's friction; current is left
-out. Hull placement (`controllers.planning.hull_placement`) counts the share that remains as one of its margins.
+Loads are weight and buoyancy, the arm's weight in water, the set force, and the surface's friction; in a current also
+its drag on hull and arm. Hull placement (`controllers.planning.hull_placement`) counts the share that remains as one of
+its margins.
 """
 
 from copy import copy
@@ -13,6 +14,8 @@ from numpy.typing import ArrayLike
 
 from controllers.arm.inverse_dynamics import ArmDynamics, inverse_dynamics
 from controllers.hull.station_keeping import StationKeeping
+from models import hydrodynamics
+from models.hydrodynamics import BodyHydrodynamics
 from models.vehicle import Vehicle
 from models.water.thrusters import FORWARD, REVERSE
 from sim.interfaces.errors import ConfigurationError
@@ -22,7 +25,15 @@ from sim.interfaces.spatial import Array, checked
 class ThrustMargin:
     """Static load on the thrusters of a vehicle in contact work."""
 
-    def __init__(self, vehicle: Vehicle, arm: ArmDynamics, static_B: ArrayLike, *, drag: float = 0.6) -> None:
+    def __init__(
+        self,
+        vehicle: Vehicle,
+        arm: ArmDynamics,
+        static_B: ArrayLike,
+        *,
+        drag: float = 0.6,
+        water: BodyHydrodynamics | None = None,
+    ) -> None:
         """Set up the statics of `vehicle` with its arm.
 
         Args:
@@ -30,6 +41,7 @@ class ThrustMargin:
             arm: believed dynamics of its arm.
             static_B: (6,) [N, N m] weight and buoyancy of the level hull alone, hull axes.
             drag: [-] friction that may hold the tool back, as a share of the set force.
+            water: hydrodynamics of the hull, for its drag in a current; None: it has none.
 
         Raises:
             ConfigurationError: `drag` is negative or not finite, or the vehicle has no thrusters.
@@ -47,18 +59,28 @@ class ThrustMargin:
         with np.errstate(divide="ignore"):
             self._forward, self._reverse = most / forward, most / reverse
         self._parameters, self._still = tuple(arm.parameters), np.zeros(arm.n)
+        self._linear = np.zeros((6, 6)) if water is None else np.array(water.linear_damping)
+        self._quadratic = np.zeros(6) if water is None else np.array(water.quadratic_damping)
+        self._current_W = np.zeros(3)
 
     @classmethod
     def of(cls, model: mujoco.MjModel, *, drag: float = 0.6) -> Self:
-        """Thrust margin of the vehicle in `model`, from which the weights of hull and arm are read; `drag` as above."""
-        arm = ArmDynamics(model)
-        return cls(Vehicle.of(model), arm, StationKeeping(model, arm).static_wrench(np.eye(3)), drag=drag)
+        """Thrust margin of the vehicle in `model`, from which weights and drags are read; `drag` as above."""
+        arm, vehicle = ArmDynamics(model), Vehicle.of(model)
+        water = hydrodynamics.unpack(model.body_user[vehicle.hull])
+        return cls(vehicle, arm, StationKeeping(model, arm).static_wrench(np.eye(3)), drag=drag, water=water)
 
     def without_friction(self) -> Self:
         """Copy of this margin without surface friction."""
         free = copy(self)
         free.drag = 0.0
         return free
+
+    def in_current(self, current_W: ArrayLike) -> Self:
+        """Copy of this margin in a steady current (3,) [m/s], W."""
+        moved = copy(self)
+        moved._current_W = checked(current_W, (3,), "current").copy()
+        return moved
 
     def used(self, q: Array, R_WB: Array, f_tip_G: ArrayLike) -> float:
         """Largest share of thrust used by any thruster; 1 is full thrust.
@@ -72,8 +94,10 @@ class ThrustMargin:
             The share [-]; above 1 the thrusters cannot hold the hull.
         """
         hull, wrench = np.zeros(24), np.zeros(6)  # the hull at rest: its attitude alone
-        hull[:9], wrench[:3] = R_WB.ravel(), f_tip_G
+        hull[:9], hull[21:], wrench[:3] = R_WB.ravel(), self._current_W, f_tip_G
         joints = (np.array(q, dtype=np.float64), self._still, self._still)
         arm_B = inverse_dynamics(self._parameters, joints, hull, wrench)[1]
-        shares = self._shares @ -(arm_B + self._static)
+        past_B = np.concatenate([-(R_WB.T @ self._current_W), np.zeros(3)])  # of the hull through the water
+        drag_B = -(self._linear @ past_B + self._quadratic * np.abs(past_B) * past_B)
+        shares = self._shares @ -(arm_B + self._static + drag_B)
         return float(np.where(shares > 0.0, shares * self._forward, -shares * self._reverse).max())

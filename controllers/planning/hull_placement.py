@@ -16,6 +16,7 @@ chooses this share, and how much of a path is worked.
 
 import itertools
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -35,12 +36,13 @@ from controllers.planning.hull_path import (
 )
 from models.objects.targets import TargetModel
 from models.vehicle import Vehicle
-from sim.interfaces.errors import ReachError
+from sim.interfaces.errors import ReachError, StrongCurrentError
 from sim.interfaces.messages import Target, ToolPath
-from sim.interfaces.spatial import Array, exp_so3, inverse, pose, transform_points
+from sim.interfaces.spatial import Array, exp_so3, inverse, pose, readonly, transform_points
 
 _TRAVELS = (0.0, 0.5, 1.0, 1.4)  # travels of the hull that are tried, as shares of the line between the path's ends
 _SHORTER = 0.04  # share of a path by which it is shortened per try, where it is too long
+_STILL = readonly(np.zeros(3))
 _FEW_STEPS = IkOptions(max_iterations=60)
 _STANDOFF_STEPS = 3  # number of poses tried between the stand-off and the surface
 _ROUNDING = 1e-9  # [m] far above the rounding of a distance
@@ -517,6 +519,7 @@ class StandingLimits:
     least_share: float = 1.0  # share of the path that must be reached; the rest is cut off equally at both ends
     roomy: float = 0.8  # placement margin under which the hull travels with the tool
     cramped: float = 0.6  # placement margin under which part of the path is left out
+    thrust: float = 0.9  # share of full thrust that push and steady current may take
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -532,24 +535,73 @@ class PathStanding:
     search: PlacementSearch | None = None  # hull placements that are tried
     holding: ThrustMargin | None = None  # thrust margin of the hull beside the object; None: not tested
 
-    def __call__(self, target: Target, whole: ToolPath) -> tuple[Placement, ToolPath, float]:
+    def __call__(
+        self, target: Target, whole: ToolPath, current_W: Array = _STILL
+    ) -> tuple[Placement, ToolPath, float]:
         """Best placement, the part of the path worked from it, and its share.
 
         A placement without thrust margin against the worst friction is accepted as a second choice, marked
-        `held=False`.
+        `held=False`. The place is first chosen in still water. Where the thrusters would not hold it in the current,
+        it is chosen anew in the current, which turns the hull.
+
+        Args:
+            target: the object.
+            whole: tool path on it.
+            current_W: (3,) [m/s] steady current, W.
 
         Raises:
             ReachError: if there is none.
+            StrongCurrentError: if the thrusters hold none in the current.
         """
         obstacle = transform_points(target.X_WT, self.model.vertices)
         try:
-            return self._best(obstacle, whole, self.holding)
+            chosen = self._best(obstacle, whole, self.holding)
         except ReachError:
             if self.holding is None:
                 raise
-        # Friction may be less than the worst case, and a hull that is pushed off its place retreats.
-        placement, path, worked = self._best(obstacle, whole, self.holding.without_friction())
-        return replace(placement, held=False), path, worked
+            # Friction may be less than the worst case, and a hull that is pushed off its place retreats.
+            placement, path, worked = self._best(obstacle, whole, self.holding.without_friction())
+            chosen = replace(placement, held=False), path, worked
+        if self.holding is None or not np.any(current_W):
+            return chosen
+        moved = self.holding.without_friction().in_current(current_W)
+        used = self.used(chosen[0], chosen[1], moved)
+        if used <= self.limits.thrust:
+            return chosen
+        with suppress(ReachError):
+            turned, path, worked = self._best(obstacle, whole, moved)
+            least = self.used(turned, path, moved)
+            if least <= self.limits.thrust:
+                return replace(turned, held=chosen[0].held), path, worked
+            used = min(used, least)
+        raise StrongCurrentError(
+            f"the current of {np.linalg.norm(current_W):.2f} m/s is too strong: the tool's push and it ask for "
+            f"{used:.0%} of a thruster, {self.limits.thrust:.0%} may be used"
+        )
+
+    def used(self, placement: Placement, path: ToolPath, holding: ThrustMargin) -> float:
+        """Largest share of thrust that any thruster uses along a path from a placement; 1 is full thrust.
+
+        Args:
+            placement: the hull's place for the path.
+            path: tool path.
+            holding: thrust margin of the vehicle.
+
+        Returns:
+            The share [-].
+        """
+        count = (self.search or PlacementSearch()).samples
+        shares = np.linspace(0.0, float(path.s[-1]), count)
+        poses = tool_poses(path, shares, placement.roll, self.limits.standoff)
+        loads = _loads(path, shares, placement.roll, self.limits.force, holding.drag)
+        done = np.pad(np.linspace(0.0, 1.0, count), _STANDOFF_STEPS, mode="edge")
+        q, most = placement.q_start, 0.0
+        for X_WG, load, share in zip(poses, loads, done, strict=True):
+            X_WB = placement.hull_at(share)
+            X_AG = inverse(X_WB @ self.vehicle.X_BA) @ X_WG
+            q = solve(self.chain, X_AG, q, 1e-4, 1e-3, branch="keep", options=_FEW_STEPS).q
+            most = max(most, holding.used(q, X_WB[:3, :3], load))
+        return most
 
     def _best(
         self, obstacle: Array, whole: ToolPath, holding: ThrustMargin | None

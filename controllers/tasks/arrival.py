@@ -20,8 +20,9 @@ from sim.interfaces.messages import AbortCode, StateEstimate, Target, ToolPath, 
 from sim.interfaces.pose_covariance import PoseCovariance, mean_pose
 from sim.interfaces.spatial import Array, exp_so3, inverse, pose, readonly, transform_points
 
-# Chooses the hull placement for a path on a target: (placement, part of the path, its share); raises ReachError.
-Standing = Callable[[Target, ToolPath], tuple[Placement, ToolPath, float]]
+# Chooses the hull placement for a path on a target in a current (3,) [m/s], W: (placement, part of the path, its
+# share); raises ReachError.
+Standing = Callable[[Target, ToolPath, Array], tuple[Placement, ToolPath, float]]
 # Chooses a nearer hull pose (4, 4) to scan from, given the estimate and the present one; raises ReachError.
 ComingNear = Callable[[StateEstimate, Array], Array]
 _AGREE = (0.05, 0.1)  # [m], [rad] between finds without a covariance; one farther off is of another object, or wrong
@@ -325,11 +326,10 @@ def arrival(
         return X
 
     def stand(held: Held, now: Context) -> None:
-        del now
         target = held.target
         assert target is not None
         assert target.path is not None
-        placement, path, worked = site.stand(target, target.path)
+        placement, path, worked = site.stand(target, target.path, now.current_W)
         if worked < 1.0:
             held.note = f"the reach ends at {worked:.0%} of the path; that part is worked"
         elif path.note:

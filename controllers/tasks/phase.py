@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from controllers.planning.hull_placement import Placement, tool_pose
-from sim.interfaces.errors import ConfigurationError, ReachError
+from sim.interfaces.errors import ConfigurationError, ReachError, StrongCurrentError
 from sim.interfaces.messages import AbortCode, Command, Promise, StateEstimate, Target, ToolPath
 from sim.interfaces.spatial import Array, readonly
 
@@ -124,6 +124,12 @@ class Context:
     def normal_sigma(self) -> float:
         """Stated standard deviation of the normal force [N]; inf: none is stated."""
         return math.inf if self.last is None else float(self.last.contact.sigma_G[2])
+
+    @property
+    def current_W(self) -> Array:
+        """Estimated current (3,) [m/s], W; zero if none is stated."""
+        load = None if self.last is None else self.last.hull_load
+        return ZERO if load is None else load.current_W
 
     @property
     def normal(self) -> float:
@@ -238,6 +244,8 @@ class Decide(Phase):
         del state
         try:
             self._decide(held, now)
+        except StrongCurrentError as error:
+            return Abort(AbortCode.CURRENT, str(error))
         except ReachError as error:
             return Abort(self._code, str(error))
         return PhaseEvent.DONE

@@ -158,8 +158,9 @@ class SeabedWork(TaskPlanner):
         """
         X_WB = np.array(X_WB_scan)
 
-        def stand(target: Target, path: ToolPath) -> tuple[Placement, ToolPath, float]:
+        def stand(target: Target, path: ToolPath, current_W: Array) -> tuple[Placement, ToolPath, float]:
             """Hull placement over the seabed from which the tool reaches its depth."""
+            del current_W
             if target.ground is None:
                 raise ReachError("no place to stand: nothing is known of the ground around the target")
             sunk = replace(path, p=readonly(path.p + job.depth * path.z)) if job.drag else path

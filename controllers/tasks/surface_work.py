@@ -57,7 +57,8 @@ _HEADROOM = 0.85  # largest set force as a share of the force limit; the rest is
 class ContactLimits:
     """Limits of force and place from the approach on."""
 
-    force: float = 160.0  # [N] estimated normal force above which the work ends
+    force: float = 160.0  # [N] estimated normal force above which the work ends at any set force
+    above: tuple[float, float] = (0.25, 20.0)  # share of the largest set force, and [N], by which it ends it at once
     sigma: float = 20.0  # [N] standard deviation of the normal force above which it does not count as felt
     lost_time: float = 0.5  # [s] without contact, or without a force that is felt, after which the work ends
     excess: float = 0.3  # share of the set force, `touch` added, by which the estimated force may exceed it
@@ -101,6 +102,12 @@ class SurfaceTaskConfig:
             )
         if not self.speed > 0.0:
             raise ConfigurationError(f"speed: must be > 0 m/s, got {self.speed}")
+
+    @property
+    def force_limit(self) -> float:
+        """Estimated force [N] above which the tool leaves the surface at once."""
+        largest, (share, least) = max(self.forces), self.contact.above
+        return min(self.contact.force, largest + max(share * largest, least) + self.approach.touch)
 
     @property
     def presses(self) -> bool:
@@ -249,13 +256,13 @@ def surface_monitors(job: SurfaceTaskConfig) -> tuple[Monitor, ...]:
             during=LEAVING,
         ),
         Monitor(
-            condition=too_much_force(limits.force, normal_force),
+            condition=too_much_force(job.force_limit, normal_force),
             reaction=Reaction.RETREAT,
             code=AbortCode.FORCE_LIMIT,
             during=IN_CONTACT,
         ),
         Monitor(
-            condition=too_much_force((1.0 + limits.excess) * max(job.forces) + touch, contact_force),
+            condition=too_much_force(job.force_limit, contact_force),
             reaction=Reaction.RISE,
             code=AbortCode.FORCE_LIMIT,
             during=LEAVING,

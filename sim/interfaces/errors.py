@@ -43,5 +43,9 @@ class ReachError(UuvError):
     """A pose or path lies outside the arm's reach."""
 
 
+class StrongCurrentError(ReachError):
+    """A path is within reach, but from no hull pose that the thrusters hold in the current."""
+
+
 class PhysicsWarning(UserWarning):
     """The simulation runs, but the model looks implausible or has left the range that it is valid in."""

@@ -47,6 +47,7 @@ class AbortCode(StrEnum):
     NO_GROUND = "no ground"  # the ground under the hull does not allow the descent
     PLACE_UNCERTAIN = "place uncertain"  # the chance to keep the path's tolerance is too small
     OUT_OF_REACH = "out of reach"  # from no hull pose does the tool reach its path
+    CURRENT = "current too strong"  # the thrusters cannot hold the hull in it while the tool works
     NO_CLEAR_WAY = "no clear way"  # hull or arm would come too near to the object or the seabed
     HULL_NOT_AT_REST = "hull not at rest"  # within its time
     HULL_LATE = "hull late"  # it lags behind its move

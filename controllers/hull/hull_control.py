@@ -27,7 +27,7 @@ from controllers.hull.allocation import PRIORITIES, PRIORITIES_AFTER_LOSS, Alloc
 from controllers.hull.station_keeping import StationKeeping, StationKeepingState
 from controllers.tuning import HULL
 from models.vehicle import Vehicle
-from models.water.thruster_curves import reach_at, thrust_at
+from models.water.thruster_curves import command_in_flow, thrust_at, thrust_in_flow
 from models.water.thrusters import INFLOW_LOSS, SLEW_RATE, TIME_CONSTANT, TORQUE, curves
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.kernels import keyed_by_imports
@@ -92,6 +92,23 @@ class ThrusterLead:
         m = self._thrusters
         return ThrusterLeadState(np.zeros(m), np.zeros(m), np.zeros(6))
 
+    def static(self, thrust: Array, nu_r_B: Array) -> Array:
+        """Static commands (m,) [-] that give `thrust` (m,) [N] in the inflow of the hull's motion through the water.
+
+        Args:
+            thrust: (m,) [N] wanted.
+            nu_r_B: (6,) [m/s, rad/s] velocity of the hull relative to the water, hull axes.
+
+        Returns:
+            The commands, in [-1, 1]; the nearest where a thrust is out of reach.
+
+        Raises:
+            ConfigurationError: another shape, or a number that is not finite.
+        """
+        thrust = fitting(thrust, (self._thrusters,), "thrusts wanted [N]")
+        nu_r_B = fitting(nu_r_B, (6,), "motion through the water")
+        return _static(self._model, thrust, nu_r_B)
+
     def step(self, state: ThrusterLeadState, wanted: Array, nu_r_B: Array, dt: float) -> Array:
         """Commands (m,) for the next `dt` that replace the static ones `wanted`.
 
@@ -117,6 +134,25 @@ class ThrusterLead:
 
 
 @numba.njit(cache=True)
+def _inflow(advance, i, nu_r_B):
+    """Speed of advance [m/s] of thruster `i` through the water, along its thrust."""
+    total = 0.0
+    for k in range(6):
+        total += advance[k, i] * nu_r_B[k]
+    return total
+
+
+@numba.njit(cache=True)
+@keyed_by_imports
+def _static(model, thrust, nu_r_B):
+    curve, figures, _, advance, _ = model
+    command = np.empty(thrust.shape[0])
+    for i in range(thrust.shape[0]):
+        command[i] = command_in_flow(curve[i], figures[i, 2], _inflow(advance, i, nu_r_B), thrust[i])
+    return command
+
+
+@numba.njit(cache=True)
 @keyed_by_imports
 def _lead(model, wanted, nu_r_B, dt, state, command):
     """Commands for the next `dt`; `model` is `_Propellers`, `state` is passed, speed and given_B of the state."""
@@ -131,18 +167,12 @@ def _lead(model, wanted, nu_r_B, dt, state, command):
         command[i] = min(max(u, -1.0), 1.0)
         most = slew * dt if slew > 0.0 else np.inf
         passed[i] += min(max(command[i] - passed[i], -most), most)
-        inflow = 0.0
-        for k in range(6):
-            inflow += advance[k, i] * nu_r_B[k]
-        mean = 0.0
+        inflow, mean = _inflow(advance, i, nu_r_B), 0.0
         for part in range(_PARTS):
             n = passed[i]
             if lag > 0.0:
                 n += (speed[i] - n) * np.exp(-(part + 0.5) / _PARTS * dt / lag)
-            thrust = thrust_at(curve[i], n)
-            if thrust != 0.0:
-                thrust -= loss * reach_at(curve[i], n) * inflow
-            mean += thrust / _PARTS
+            mean += thrust_in_flow(curve[i], loss, inflow, n) / _PARTS
         speed[i] = passed[i] + (speed[i] - passed[i]) * np.exp(-dt / lag) if lag > 0.0 else passed[i]
         for k in range(6):
             given_B[k] += B[k, i] * mean
@@ -230,8 +260,8 @@ class HullControl:
         # Kept level under a thruster that pushes down, the hull sinks onto the object: there depth comes first.
         pushing = pushing and stuck_B[2] > -1.0
         allocation = self.allocation(r.lost_thrusters, pushing=pushing)
-        command = allocation.command(allocation.thrust(state.wanted_B - stuck_B))
         through_water = self.station.through_water(state.station, estimate)
+        command = self._lead.static(allocation.thrust(state.wanted_B - stuck_B), through_water)
         state.thrusters = self._lead.step(state.propellers, command, through_water, dt)
         state.station.given_B = state.propellers.given_B + stuck_B
         return state.thrusters

@@ -131,6 +131,48 @@ def command_for(curve, thrust):
 
 
 @numba.njit(cache=True)
+def thrust_in_flow(curve, loss, inflow, command):
+    """Steady thrust [N] in moving water: less by `loss` [N s/m], times the reach of the command, times `inflow` [m/s].
+
+    The inflow is the speed of advance through the water along the thrust.
+    """
+    thrust = thrust_at(curve, command)
+    return thrust - loss * reach_at(curve, command) * inflow if thrust != 0.0 else 0.0
+
+
+@numba.njit(cache=True)
+def command_in_flow(curve, loss, inflow, thrust):
+    """Command whose steady thrust in moving water is `thrust` [N], or the nearest to it in the direction of `thrust`.
+
+    Args:
+        curve: of the thruster.
+        loss: [N s/m] as in `thrust_in_flow`.
+        inflow: [m/s] speed of advance through the water along the thrust.
+        thrust: [N] wanted.
+    """
+    still = command_for(curve, thrust)
+    if thrust == 0.0 or thrust_at(curve, still) == 0.0 or loss * inflow == 0.0:
+        return still
+    sign = np.sign(thrust)
+    # Sought is the larger root: between the command in still water and full speed where the flow takes thrust away,
+    # else between the least thrust and the command in still water.
+    taken = loss * inflow * sign > 0.0
+    end = sign if taken else command_for(curve, sign * curve[_LEAST])
+    low, high = (still, end) if taken else (end, still)
+    if taken and sign * (thrust_in_flow(curve, loss, inflow, end) - thrust) <= 0.0:
+        return end
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        if middle == low or middle == high:
+            break
+        if sign * (thrust_in_flow(curve, loss, inflow, middle) - thrust) < 0.0:
+            low = middle
+        else:
+            high = middle
+    return high
+
+
+@numba.njit(cache=True)
 def _closer(low, high, x, error, slope):
     """One step of Newton's method on a rising function, bisection outside the bracket.
 

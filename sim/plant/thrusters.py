@@ -3,7 +3,7 @@
 import numba
 import numpy as np
 
-from models.water.thruster_curves import reach_at, thrust_at
+from models.water.thruster_curves import thrust_at, thrust_in_flow
 from models.water.thrusters import HEADER, INFLOW_LOSS, SLEW_RATE, TIME_CONSTANT, TORQUE, curves
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.kernels import keyed_by_imports
@@ -41,9 +41,7 @@ def advance_thrusters(curve, table, command, R_WB, v_WB_W, w_WB_B, current_W, st
         inflow = 0.0  # [m/s] advance speed: water through the propeller along the thrust
         for k in range(6):
             inflow += advance[k, i] * nu_r_B[k]
-        thrust[i] = thrust_at(curve[i], speed[i])
-        if thrust[i] != 0.0:
-            thrust[i] -= inflow_loss[i] * reach_at(curve[i], speed[i]) * inflow
+        thrust[i] = thrust_in_flow(curve[i], inflow_loss[i], inflow, speed[i])
     return saturated
 
 

@@ -1,8 +1,8 @@
 """Thrust margin: the largest share of thrust used by a level, stationary hull while its arm pushes on a surface.
 
 Loads are weight and buoyancy, the arm's weight in water, the set force, and the surface's friction; in a current also
-its drag on hull and arm. Hull placement (`controllers.planning.hull_placement`) counts the share that remains as one of
-its margins.
+its drag on hull and arm, and the hull's Munk moment. Hull placement (`controllers.planning.hull_placement`) counts the
+share that remains as one of its margins.
 """
 
 from copy import copy
@@ -61,6 +61,7 @@ class ThrustMargin:
         self._parameters, self._still = tuple(arm.parameters), np.zeros(arm.n)
         self._linear = np.zeros((6, 6)) if water is None else np.array(water.linear_damping)
         self._quadratic = np.zeros(6) if water is None else np.array(water.quadratic_damping)
+        self._added = np.zeros((6, 6)) if water is None else np.array(water.added_mass)
         self._current_W = np.zeros(3)
 
     @classmethod
@@ -99,5 +100,6 @@ class ThrustMargin:
         arm_B = inverse_dynamics(self._parameters, joints, hull, wrench)[1]
         past_B = np.concatenate([-(R_WB.T @ self._current_W), np.zeros(3)])  # of the hull through the water
         drag_B = -(self._linear @ past_B + self._quadratic * np.abs(past_B) * past_B)
+        drag_B[3:] -= np.cross(past_B[:3], (self._added @ past_B)[:3])  # Munk moment
         shares = self._shares @ -(arm_B + self._static + drag_B)
         return float(np.where(shares > 0.0, shares * self._forward, -shares * self._reverse).max())

@@ -535,9 +535,7 @@ class PathStanding:
     search: PlacementSearch | None = None  # hull placements that are tried
     holding: ThrustMargin | None = None  # thrust margin of the hull beside the object; None: not tested
 
-    def __call__(
-        self, target: Target, whole: ToolPath, current_W: Array = _STILL
-    ) -> tuple[Placement, ToolPath, float]:
+    def __call__(self, target: Target, whole: ToolPath, current_W: Array = _STILL) -> tuple[Placement, ToolPath, float]:
         """Best placement, the part of the path worked from it, and its share.
 
         A placement without thrust margin against the worst friction is accepted as a second choice, marked

@@ -161,10 +161,8 @@ def command_in_flow(curve, loss, inflow, thrust):
     low, high = (still, end) if taken else (end, still)
     if taken and sign * (thrust_in_flow(curve, loss, inflow, end) - thrust) <= 0.0:
         return end
-    for _ in range(60):
+    for _ in range(52):  # halves: to rounding
         middle = 0.5 * (low + high)
-        if middle == low or middle == high:
-            break
         if sign * (thrust_in_flow(curve, loss, inflow, middle) - thrust) < 0.0:
             low = middle
         else:

@@ -44,6 +44,7 @@ SHOWN = {
     "cross_max_m": Shown("across the path, peak", "mm", 1e3),
     "along_rms_m": Shown("along the path, RMS", "mm", 1e3),
     "along_max_m": Shown("along the path, peak", "mm", 1e3),
+    "object_deviation_max_m": Shown("tip off the ideal path on the object, peak", "mm", 1e3),
     "estimate_rms_n": Shown("estimate of the normal force, RMS error", "N", 1.0),
     "estimate_vector_rms_n": Shown("estimate of the force vector, RMS error", "N", 1.0),
     "tool_tilt_max_rad": Shown("tool tilt, peak", "deg", float(np.degrees(1.0))),
@@ -253,6 +254,12 @@ def ablations(rows: Sequence[Row]) -> list[dict[str, Any]]:
     return table
 
 
+def kept_on_object(rows: Sequence[Row], bounds: StudyBounds) -> int:
+    """Number of kept runs whose true tip stayed within the path's bound of the ideal path on the true object."""
+    off = [row["figures"].get("object_deviation_max_m") for row in rows if row["class"] == KEPT]
+    return sum(within(value, bounds.deviation) for value in off)
+
+
 def summary(rows: Sequence[Row], bounds: StudyBounds, settings: Mapping[str, Any]) -> dict[str, Any]:
     """Contents of metrics.json.
 
@@ -274,15 +281,18 @@ def summary(rows: Sequence[Row], bounds: StudyBounds, settings: Mapping[str, Any
         "runs": len(main),
         "kept": kept,
         "share_kept": kept / len(main) if main else None,
+        "kept_on_object": kept_on_object(main, bounds),
         "damaged_or_diverged": worst,
         "outcomes": outcomes(main),
         "distributions": distributions(main, bounds),
         "by_path": {
             path: {
-                "runs": sum(row["path"] == path for row in main),
-                "kept": sum(row["path"] == path and row["class"] == KEPT for row in main),
+                "runs": len(of_path),
+                "kept": sum(row["class"] == KEPT for row in of_path),
+                "kept_on_object": kept_on_object(of_path, bounds),
             }
             for path in dict.fromkeys(row["path"] for row in main)
+            for of_path in [[row for row in main if row["path"] == path]]
         },
         "reliability": reliability(main),
         "drivers": drivers(main),
@@ -324,9 +334,9 @@ def tables(metrics: Mapping[str, Any]) -> Iterator[Table]:
     )
     yield _table(
         "By path",
-        ("path", "runs", "kept", "share"),
+        ("path", "runs", "kept", "share", "and on the object"),
         [
-            (path, str(row["runs"]), str(row["kept"]), f"{row['kept'] / row['runs']:.1%}")
+            (path, str(row["runs"]), str(row["kept"]), f"{row['kept'] / row['runs']:.1%}", str(row["kept_on_object"]))
             for path, row in metrics["by_path"].items()
         ],
     )

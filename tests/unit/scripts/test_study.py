@@ -259,6 +259,15 @@ def row(run: int, without: str = "", **figures: Any) -> dict[str, Any]:
     }
 
 
+def test_a_kept_run_is_also_judged_by_the_true_object(told, study):
+    off = [0.0, 0.003, 0.0031, None]
+    rows = [{**row(k), "figures": {**GOOD, "object_deviation_max_m": at}} for k, at in enumerate(off)]
+    rows.append({**row(4, object_deviation_max_m=0.0), "class": "missed"})
+    metrics = told.summary(rows, study.StudyBounds(), {})
+    assert (metrics["kept"], metrics["kept_on_object"]) == (4, 2)
+    assert metrics["by_path"] == {"longitudinal": {"runs": 5, "kept": 4, "kept_on_object": 2}}
+
+
 def test_distributions_count_a_run_without_a_figure_as_not_within(told, study):
     rows = [row(i, force_peak_n=float(i)) for i in range(10)]
     rows.append(row(10, force_peak_n=None))

@@ -9,8 +9,8 @@ import models
 from controllers.hull.allocation import Allocation
 from controllers.hull.hull_control import HullControl, ThrusterLead
 from models.vehicle import Vehicle
-from models.water.thruster_curves import thrust_at
-from models.water.thrusters import SLEW_RATE, TIME_CONSTANT, curves
+from models.water.thruster_curves import thrust_in_flow
+from models.water.thrusters import INFLOW_LOSS, LEAST, SLEW_RATE, TIME_CONSTANT, curves
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import Reference, StateEstimate, WorkState
 from sim.interfaces.spatial import Array
@@ -114,6 +114,42 @@ def test_noise_of_the_command_grows_by_the_ratio_of_the_lags(vehicle, within):
     within("growth of noise", commands[100:].std() / 0.01 / gain - 1.0, 0.03)  # 120 000 numbers: 3e-3
 
 
+def test_the_static_command_gives_the_thrust_wanted_in_any_inflow(vehicle, rng, within):
+    """Against the plant's own thrusters, run to their end; where full speed gives less, full speed."""
+    lead, low = ThrusterLead(vehicle), vehicle.thruster_table[:, LEAST]
+    reached = full = 0
+    for _ in range(200):
+        nu_r_B = rng.normal(size=6) * [0.5, 0.5, 0.5, 0.2, 0.2, 0.2]
+        wanted = rng.uniform(-1.0, 1.0, 6) * rng.choice([20.0, 250.0])
+        wanted[np.abs(wanted) < low] = 0.0
+        command = lead.static(wanted, nu_r_B)
+        plant = Thrusters(vehicle.thruster_table, vehicle.thruster_wrench, STEP)
+        for _ in range(round(40.0 * vehicle.thruster_table[:, TIME_CONSTANT].max() / STEP)):
+            plant.step(command, np.eye(3), nu_r_B[:3], nu_r_B[3:], np.zeros(3))
+        assert np.all(np.sign(command) == np.sign(wanted))
+        inside = np.abs(command) < 1.0
+        # The flow may drive a slow propeller to more than is wanted: then the least thrust is the nearest.
+        helped = (
+            inside
+            & (np.abs(plant.thrust) > np.abs(wanted))
+            & (np.abs(np.abs(thrust_of(vehicle, command)) - low) < 1e-6)
+        )
+        exact = inside & ~helped
+        within("thrust [N]", (plant.thrust - wanted)[exact], 1e-7)
+        assert np.all(np.abs(plant.thrust[~inside]) <= np.abs(wanted[~inside]) + 1e-7)
+        reached, full = reached + int(exact.sum()), full + int((~inside).sum())
+    assert reached > 1000
+    assert full > 20
+
+
+def thrust_of(vehicle: Vehicle, command: Array, v_B: Array = STILL[:3]) -> Array:
+    """Steady thrust of a hull that moves at `v_B` through the water."""
+    table = vehicle.thruster_table
+    inflow = vehicle.thruster_wrench[:3].T @ v_B
+    each = zip(curves(table), table[:, INFLOW_LOSS], inflow, command, strict=True)
+    return np.array([thrust_in_flow(curve, loss, speed, u) for curve, loss, speed, u in each])
+
+
 def test_thrusters_without_a_lag_get_what_is_wanted(vehicle):
     quick = changed(vehicle, TIME_CONSTANT, 0.0)
     speeds, commands, _, _ = follow(quick, ThrusterLead(quick), steps(0.4))
@@ -175,7 +211,7 @@ def test_a_stuck_thruster_is_borne_by_the_others(within):
     command = np.zeros(len(vehicle.thruster_names))
     for step in range(200):
         command = control.step(state, replace(rest, time=0.02 * step), hold, np.zeros(6))
-    given = np.array([thrust_at(curve, u) for curve, u in zip(curves(vehicle.thruster_table), command, strict=True)])
+    given = thrust_of(vehicle, command, control.station.through_water(state.station, rest)[:3])
     assert given[stuck] == 0.0
     left = (B @ given + thrust * B[:, stuck])[[2, 3, 4]]  # what comes first after a loss
     within("heave, roll, pitch [N, N m]", float(np.abs(left - state.wanted_B[[2, 3, 4]]).max()), 8.0)

@@ -1,20 +1,27 @@
 """What the thrusters must give while the arm stands and pushes, checked by MuJoCo's own inverse dynamics."""
 
+from copy import copy
+
 import mujoco
 import numpy as np
 import pytest
+from numpy.typing import ArrayLike
 
 import models
 from controllers.hull.thrust_margin import ThrustMargin
 from models import hydrodynamics
 from models.vehicle import Vehicle
 from models.water.thrusters import FORWARD, REVERSE
+from sim.hydrodynamics import install
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array
 
 
-def needed(model: mujoco.MjModel, q: Array, f_tip_G: Array) -> Array:
-    """Wrench (6,) of the thrusters on the hull at its origin, level and still: MuJoCo's, and buoyancies."""
+def needed(model: mujoco.MjModel, q: Array, f_tip_G: Array, current_W: ArrayLike = (0.0, 0.0, 0.0)) -> Array:
+    """Wrench (6,) of the thrusters on the hull at its origin, level and still: MuJoCo's, buoyancies, and drags.
+
+    The drags are those of the plant's passive callback in a current, less those in still water.
+    """
     data, vehicle = mujoco.MjData(model), Vehicle.of(model)
     data.qpos[3:7] = [1.0, 0.0, 0.0, 0.0]
     data.qpos[vehicle.qpos] = q
@@ -32,7 +39,18 @@ def needed(model: mujoco.MjModel, q: Array, f_tip_G: Array) -> Array:
     f_W = data.site_xmat[tip].reshape(3, 3) @ f_tip_G
     body = int(model.site_bodyid[tip])
     mujoco.mj_applyFT(model, data, f_W, np.zeros(3), data.site_xpos[tip], body, generalized)
+    generalized[:6] += drag(model, q, current_W) - drag(model, q)
     return -generalized[:6]
+
+
+def drag(model: mujoco.MjModel, q: Array, current_W: ArrayLike = (0.0, 0.0, 0.0)) -> Array:
+    """Passive force (6,) on the free joint of a vehicle at rest in a current, by the plant's callback."""
+    moved, data, vehicle = copy(model), mujoco.MjData(model), Vehicle.of(model)
+    moved.opt.wind[:] = current_W
+    data.qpos[3:7] = [1.0, 0.0, 0.0, 0.0]
+    data.qpos[vehicle.qpos] = q
+    mujoco.mj_forward(moved, data)
+    return data.qfrc_passive[:6].copy()
 
 
 @pytest.mark.parametrize("name", ["uuv_puma", "uuv_puma_side"])
@@ -46,6 +64,22 @@ def test_share_of_the_strongest_used_thruster(name, rng, within):
         thrust = np.linalg.solve(vehicle.thruster_wrench, needed(model, q, f_tip_G))  # six thrusters: one way only
         shares = np.where(thrust > 0.0, thrust / table[:, FORWARD], -thrust / table[:, REVERSE])
         within("share", holding.used(q, np.eye(3), f_tip_G) - shares.max(), 1e-9)
+
+
+@pytest.mark.parametrize("name", ["uuv_puma", "uuv_puma_side"])
+def test_share_used_in_a_current(name, rng, within):
+    """Drag of hull and arm is that which the plant's callback gives."""
+    install()
+    model = models.load(name).compile()
+    vehicle, holding = Vehicle.of(model), ThrustMargin.of(model)
+    table = vehicle.thruster_table
+    for _ in range(20):
+        q = rng.uniform(vehicle.q_limits[:, 0], vehicle.q_limits[:, 1])
+        f_tip_G, current_W = rng.normal(size=3) * 60.0, rng.normal(size=3) * 0.3
+        thrust = np.linalg.solve(vehicle.thruster_wrench, needed(model, q, f_tip_G, current_W))
+        shares = np.where(thrust > 0.0, thrust / table[:, FORWARD], -thrust / table[:, REVERSE])
+        within("share", holding.in_current(current_W).used(q, np.eye(3), f_tip_G) - shares.max(), 1e-9)
+    assert holding.used(q, np.eye(3), f_tip_G) != holding.in_current(current_W).used(q, np.eye(3), f_tip_G)
 
 
 @pytest.mark.parametrize("drag", [-0.1, np.nan])

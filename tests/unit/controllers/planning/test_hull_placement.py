@@ -9,8 +9,10 @@ from controllers.hull.thrust_margin import ThrustMargin
 from controllers.mkps import Chain, solve
 from controllers.planning import hull_path
 from controllers.planning.hull_placement import (
+    PathStanding,
     Placement,
     PlacementSearch,
+    StandingLimits,
     Surroundings,
     middle_part,
     place_hull,
@@ -20,8 +22,8 @@ from models.naming import ARM_BASE_BODY, TIP_SITE
 from models.objects.targets import TargetModel, barrel, pile, ring, vertical
 from models.site import scenes
 from models.vehicle import Vehicle
-from sim.interfaces.errors import ReachError
-from sim.interfaces.messages import ToolPath
+from sim.interfaces.errors import ReachError, StrongCurrentError
+from sim.interfaces.messages import Target, ToolPath
 from sim.interfaces.spatial import Array, exp_so3, inverse, pose, quat_wxyz_from_rotation, transform_points
 
 HULL_BOX = np.array([[-0.8, -0.45, -0.4], [0.8, 0.45, 0.28]])  # [m] of the geom "hull_box"
@@ -174,6 +176,39 @@ def test_hull_stands_where_its_thrusters_can_bear_the_push():
     of_free, of_kept = (most_used(name, path, placement, holding) for placement in (free, kept))
     assert of_kept < of_free - 0.2  # measured 0.52 against 0.92 with the finer search of a job
     assert kept.margin <= (1.0 - of_kept) / 0.4 + 0.02  # 15 poses were looked at, here 40
+
+
+@pytest.fixture(scope="module")
+def standing(own) -> PathStanding:
+    """Beside a barrel with its usual line, for 90 N."""
+    return PathStanding(
+        vehicle=Vehicle.of(own),
+        chain=Chain.from_mjcf(own, ARM_BASE_BODY, TIP_SITE, exclude=["pad"]),
+        model=barrel(line_length=0.2),
+        hull_box=HULL_BOX,
+        limits=StandingLimits(force=90.0, standoff=STANDOFF),
+        search=COARSE,
+        holding=ThrustMargin.of(own),
+    )
+
+
+def on_barrel(path: ToolPath) -> Target:
+    return Target(time=0.0, X_WT=X_WT, accepted=True, check_m=0.0, range_m=1.0, reason="", path=path)
+
+
+def test_a_current_turns_the_hull_only_where_it_must_and_is_refused_where_nothing_helps(standing):
+    path = tool_path(standing.model, "longitudinal")
+    target, still = on_barrel(path), standing.holding.without_friction()
+    calm = standing(target, path)[0]
+    weak = standing(target, path, 0.2 * calm.X_WB[:3, 1])[0]
+    assert np.array_equal(weak.X_WB, calm.X_WB)
+    across = 0.62 * calm.X_WB[:3, 1]  # along the single sway thruster
+    assert standing.used(calm, path, still.in_current(across)) > standing.limits.thrust
+    turned = standing(target, path, across)[0]
+    assert standing.used(turned, path, still.in_current(across)) <= standing.limits.thrust
+    assert abs(turned.X_WB[:3, 1] @ calm.X_WB[:3, 1]) < 0.9
+    with pytest.raises(StrongCurrentError, match=r"current of 1\.50 m/s is too strong: .* \d+% of a thruster, 90% may"):
+        standing(target, path, 1.5 * calm.X_WB[:3, 1])
 
 
 def test_a_push_that_no_place_lets_the_thrusters_bear(own):

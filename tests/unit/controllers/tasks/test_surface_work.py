@@ -21,7 +21,7 @@ from controllers.tasks.surface_work import SurfaceTaskConfig, SurfaceWork
 from models.naming import ARM_BASE_BODY, TIP_SITE
 from models.objects.targets import barrel
 from models.vehicle import Vehicle
-from sim.interfaces.errors import ConfigurationError, ReachError
+from sim.interfaces.errors import ConfigurationError, ReachError, StrongCurrentError
 from sim.interfaces.messages import (
     AbortCode,
     Command,
@@ -354,13 +354,13 @@ def test_without_force_control_the_work_begins_all_the_same():
 @pytest.mark.parametrize("state", IN_CONTACT)
 def test_too_much_force_ends_in_a_retreat(state):
     def felt(reference: Reference) -> float:
-        return 161.0 if reference.state is state else obedient(reference)
+        return 119.0 if reference.state is state else obedient(reference)
 
     script = Script(felt=felt).run()
     reached = JOURNEY[: JOURNEY.index(state) + 1]
     assert script.states == [*reached, WorkState.RETREAT, WorkState.ABORT]
     assert len(script.of(state)) <= 2  # at once
-    assert "161 N is above the limit of 160 N" in script.end.note
+    assert "119 N is above the limit of 118 N" in script.end.note  # 90 N, a quarter more, and the touch
     lifted = tip(script.end) - tip(script.of(WorkState.RETREAT)[0])
     assert lifted[2] >= 0.95 * script.job.approach.standoff
     assert script.end.force == 0.0
@@ -453,6 +453,17 @@ def test_thrusters_that_may_not_hold_against_friction_are_told_and_that_cannot_h
     assert asked[0] == 0.6
     assert asked[-1] == 0.0
     assert ("thrusters may not hold" in script.end.note) == bears
+
+
+def test_a_current_that_is_too_strong_is_refused_before_the_arm_unfolds(monkeypatch):
+    def stand(*_: Any) -> tuple[Placement, ToolPath, float]:
+        raise StrongCurrentError("the current of 0.90 m/s is too strong")
+
+    monkeypatch.setattr(hull_placement.PathStanding, "__call__", stand)
+    script = Script().run()
+    assert script.states == [WorkState.SETTLE, WorkState.SCAN, WorkState.ABORT]
+    assert script.end.abort is AbortCode.CURRENT
+    assert all(np.array_equal(r.q, script.references[0].q) for r in script.references)
 
 
 @pytest.mark.parametrize("wrong", [{"finds": 0}, {"finds": True}, {"interval": -1.0}, {"interval": np.nan}])

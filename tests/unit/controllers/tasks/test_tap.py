@@ -48,9 +48,7 @@ class World(Told):
         place = Placement(
             X_WB=pose(p=[-0.6, 0.0, 0.3]), travel_W=np.zeros(3), roll=0.0, q_start=vehicle.q_ready, margin=1, reached=1
         )
-        site = WorkSite(
-            own=own, X_WB_scan=pose(p=[-1.0, 0.2, 0.5]), stand=lambda _, path, *current: (place, path, 1.0)
-        )
+        site = WorkSite(own=own, X_WB_scan=pose(p=[-1.0, 0.2, 0.5]), stand=lambda _, path, _current: (place, path, 1.0))
         planner = tap(site, JOB, tuple(HEIGHTS), lambda _: self.tip, hold=2.0)
         X_WB, seen, command, state, zero, joints = site.X_WB_scan, None, None, None, np.zeros(3), np.zeros(6)
         for tick in range(20_000):

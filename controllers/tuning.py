@@ -92,7 +92,7 @@ class ArmTuning:
     )
     joint_integral_time: float = tuned(0.2, "[s] of the servo's integral, for friction at the tool and model errors")
     integral_limit: float = tuned(0.01, "[rad s] limit of the integral, each way")
-    joint_speed_limit: float = tuned(0.8, "[rad/s] of every joint")
+    joint_speed_limit: float = tuned(1.6, "[rad/s] of the fastest joint; only a tool that must get away comes near it")
     force_filter: float = tuned(0.012, "[s] first-order filter of the force estimate")
     observer_lag: float = tuned(0.012, "[s] lag of the load observer, which is also its filter")
     acceleration_filter: float = tuned(0.015, "[s] of the joint acceleration, taken from the encoders' speed")

@@ -5,8 +5,8 @@
 | vision too old | the path waits at half the force until vision is back; after `blind_time` retreat |
 | one torque sensor wrong | the work goes on with the motor's torque in its place (`safety_wrapper`); two: retreat |
 | an encoder wrong | the arm holds its joint angles, the hull withdraws the tool along its axis |
-| a thruster lost or stuck | no more push, ascent off the object at once on the other thrusters; the arm gives way |
-| hull off its place | the same, with all thrusters |
+| a thruster lost or stuck | ascent off the object at once on the other thrusters; the arm draws the tool off |
+| hull off its place, or force above its limit on the way back | the same, with all thrusters |
 | force above its limit, long above the set one, or not felt; contact lost | retreat along the tool axis |
 | estimate or command not finite | arm braked, thrusters off (`safety_wrapper`), abort |
 

@@ -1,18 +1,20 @@
 """The lead against the plant's own thrusters: closed form of what comes, what it costs, and what a wrong lag leaves."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 
 import models
+from at_rest import at_rest
 from controllers.hull.allocation import Allocation
 from controllers.hull.hull_control import HullControl, ThrusterLead
 from models.vehicle import Vehicle
 from models.water.thruster_curves import thrust_in_flow
 from models.water.thrusters import INFLOW_LOSS, LEAST, SLEW_RATE, TIME_CONSTANT, curves
 from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.messages import Reference, StateEstimate, WorkState
+from sim.interfaces.messages import Reference, WorkState
 from sim.interfaces.spatial import Array
 from sim.plant.thrusters import Thrusters
 
@@ -180,37 +182,49 @@ def test_commands_that_cannot_be(vehicle):
         lead.step(lead.init(), np.zeros(6), np.full(6, np.nan), DT)
 
 
+def hold(**changed: Any) -> Reference:
+    """Keep the hull at the origin, the arm at its zero."""
+    three = np.zeros(3)
+    still = dict.fromkeys(("v_WB_W", "v_WG_W", "w_WG_W"), three)
+    off = dict.fromkeys(("force_control", "tare", "scan"), False)
+    joints = {name: np.zeros(6) for name in ("q", "qd")}
+    return Reference(
+        time=0.0,
+        state=WorkState.DONE,
+        X_WB=np.eye(4),
+        X_WG=None,
+        force=0.0,
+        path_s=0.0,
+        **still,
+        **off,
+        **joints,
+        **changed,
+    )
+
+
+def test_what_is_asked_for_in_a_current_is_what_comes(vehicle, within):
+    """A hull at rest in a current of 0.45 m/s that it knows of: commands for still water miss the wrench by 20 N."""
+    control = HullControl(models.load("uuv_puma").compile())
+    state, rest, reference = control.init(), at_rest(), hold()
+    state.station.observer.current_W[:] = [0.4, -0.2, 0.0]
+    for step in range(100):
+        state.station.observer.current_W[:] = [0.4, -0.2, 0.0]
+        command = control.step(state, replace(rest, time=0.02 * step), reference, np.zeros(6))
+    given = thrust_of(vehicle, command, control.station.through_water(state.station, rest)[:3])
+    within("wrench [N, N m]", vehicle.thruster_wrench @ given - state.wanted_B, 0.5)
+    assert np.abs(vehicle.thruster_wrench @ thrust_of(vehicle, command) - state.wanted_B).max() > 20.0
+
+
 def test_a_stuck_thruster_is_borne_by_the_others(within):
     """A heave thruster that gives 15 N whatever is commanded: with what the others are told the hull feels nothing."""
     model = models.load("uuv_puma").compile()
     vehicle = Vehicle.of(model)
     control, stuck, thrust = HullControl(model), vehicle.thruster_names.index("heave_left"), 15.0
-    n, six = len(vehicle.joints), np.zeros(3)
-    rest = StateEstimate(
-        time=0.0, X_WB=np.eye(4), v_WB_B=six, w_WB_B=six, a_WB_B=six, q=np.zeros(n), qd=np.zeros(n), tau=np.zeros(n)
-    )
-    hold = Reference(
-        time=0.0,
-        state=WorkState.DONE,
-        X_WB=np.eye(4),
-        v_WB_W=six,
-        X_WG=None,
-        v_WG_W=six,
-        w_WG_W=six,
-        q=np.zeros(n),
-        qd=np.zeros(n),
-        force=0.0,
-        force_control=False,
-        tare=False,
-        scan=False,
-        path_s=0.0,
-        lost_thrusters=(stuck,),
-        lost_thrust=(thrust,),
-    )
+    rest, reference = at_rest(), hold(lost_thrusters=(stuck,), lost_thrust=(thrust,))
     state, B = control.init(), vehicle.thruster_wrench
     command = np.zeros(len(vehicle.thruster_names))
     for step in range(200):
-        command = control.step(state, replace(rest, time=0.02 * step), hold, np.zeros(6))
+        command = control.step(state, replace(rest, time=0.02 * step), reference, np.zeros(6))
     given = thrust_of(vehicle, command, control.station.through_water(state.station, rest)[:3])
     assert given[stuck] == 0.0
     left = (B @ given + thrust * B[:, stuck])[[2, 3, 4]]  # what comes first after a loss

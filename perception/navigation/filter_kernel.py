@@ -70,6 +70,7 @@ FILTER = np.dtype(
             ("clock", np.float64),  # newest time of any measurement
             ("given", np.float64),  # of the last estimate
             ("imu_time", np.float64),  # of the newest sound IMU sample
+            ("jumped", np.float64),  # when the accelerometer's bias was last found to have jumped; -inf: never
             ("used", np.float64, 2),  # of the newest fix used, by kind
             ("interval", np.float64),  # shortest interval between IMU samples so far
             # Attitude
@@ -533,6 +534,7 @@ def put_out(memory, joints, out):
             out.tau[j] = joints.tau[j]
     out.time[0] = f.clock
     out.ages[0], out.ages[1], out.ages[2] = f.clock - f.used[VISION], f.clock - f.used[DVL], f.clock - f.imu_time
+    out.ages[3] = f.clock - f.jumped
     f.given = f.clock
 
 

@@ -162,6 +162,7 @@ class Fixes:
             return -1  # older than the stored past
         past[at, JUMP] += float(innovation @ innovation) / ago**2
         self.bias_jumps += 1
+        self.memory["jumped"][0] = time
         watch.mean, watch.mean_variance = np.zeros(3), 0.0
         for blamed in self.watches:  # their errors were the accelerometer's
             blamed.scale, blamed.agreeing = 1.0, 0

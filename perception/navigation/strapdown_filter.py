@@ -278,6 +278,7 @@ def _set_states(
         P[wander, wander] = of_vision.wander**2 * np.eye(3)
         P[:3, wander] = P[wander, :3] = -(of_vision.wander**2) * np.eye(3)
     f.time = f.clock = f.given = f.imu_time = imu.time
+    f.jumped = -math.inf
     f.interval, f.used[:] = math.inf, (vision.time, speed.time if speed else -math.inf)
     f.R_WB[:], f.gyro[:] = R, (of_imu.attitude**2, 0.0, of_imu.rate_bias**2)
     f.force[:] = f.seen_force[:] = imu.specific_force_B

@@ -246,6 +246,9 @@ class StateEstimate:
     vision_age: float = math.nan  # [s] since exposure of the newest image that was used; NaN: not known
     dvl_age: float = math.nan  # [s] the same for the DVL; inf: none was ever used
     imu_age: float = math.nan  # [s] the same for the IMU
+    imu_jump_age: float = (
+        math.nan
+    )  # [s] since the accelerometer's bias was found to have jumped; inf: never; NaN: not known
     ground: GroundPlane | None = None  # under the hull; None: not known
 
 
@@ -355,6 +358,7 @@ class FaultKind(StrEnum):
     TORQUE_SENSOR = "torque sensor"  # of one joint
     ENCODER = "encoder"  # of one joint
     THRUSTER = "thruster"  # one gives another thrust than commanded
+    IMU = "IMU"  # the accelerometer's bias jumped, and is estimated anew
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

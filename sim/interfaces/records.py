@@ -41,7 +41,7 @@ class EstimateRecord(NamedTuple):
     qd: Array  # (n,) [rad/s]
     tau: Array  # (n,) [N m]
     position_sigma: Array  # (3,) [m]
-    ages: Array  # (3,) [s] since the newest vision, DVL and IMU measurement that was used
+    ages: Array  # (4,) [s] since the newest vision, DVL and IMU measurement that was used, and since a jump of the IMU
 
 
 def imu_record() -> ImuRecord:
@@ -56,13 +56,13 @@ def joint_record(joints: int) -> JointRecord:
 
 def estimate_record(joints: int) -> EstimateRecord:
     """Record of a vehicle at rest at the origin of the world, with so many joints."""
-    v, w, a, sigma, ages = np.zeros((5, 3))
-    return EstimateRecord(np.zeros(1), np.eye(4), v, w, a, *joint_record(joints), sigma, ages)
+    v, w, a, sigma = np.zeros((4, 3))
+    return EstimateRecord(np.zeros(1), np.eye(4), v, w, a, *joint_record(joints), sigma, np.zeros(4))
 
 
 def state_estimate(record: EstimateRecord) -> StateEstimate:
     """Message with copies of the arrays of `record`."""
-    vision_age, dvl_age, imu_age = record.ages.tolist()
+    vision_age, dvl_age, imu_age, imu_jump_age = record.ages.tolist()
     return StateEstimate(
         time=record.time.item(),
         X_WB=record.X_WB.copy(),
@@ -76,4 +76,5 @@ def state_estimate(record: EstimateRecord) -> StateEstimate:
         vision_age=vision_age,
         dvl_age=dvl_age,
         imu_age=imu_age,
+        imu_jump_age=imu_jump_age,
     )

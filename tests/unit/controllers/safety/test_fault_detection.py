@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import models
+from at_rest import at_rest
 from controllers.hull.station_keeping import hull_inertia
 from controllers.safety.fault_detection import FaultDetection
 from controllers.tuning import FaultLimits
@@ -219,6 +220,19 @@ def test_old_vision_is_a_fault_until_it_is_new_again():
     )
     assert [look(age) for age in (0.3, 1.1, 2.0, 0.2)] == [[], [FaultKind.VISION], [FaultKind.VISION], []]
     assert look(float("nan")) == []
+
+
+def test_a_jump_of_the_accelerometer_is_told_once_at_its_time_and_stays():
+    health, ages = FaultDetection(MODEL, period=DT), (np.nan, np.inf, 0.5, 1.5)
+    state, told = health.init(at_rest()), []
+    for k, age in enumerate(ages):
+        load = HullLoad(arm_wrench_B=np.zeros(6))
+        command = Command(time=float(k), joint_torque=np.zeros(N), thrusters=np.zeros(M), scan=False, hull_load=load)
+        told.append(health.step(state, at_rest(time=float(k), imu_jump_age=age), command))
+    assert told[:2] == [(), ()]
+    (fault,) = told[2]
+    assert (fault.kind, fault.part, fault.time) == (FaultKind.IMU, "accelerometer", 1.5)
+    assert told[3] == told[2]
 
 
 def test_limits_are_positive():

@@ -68,7 +68,7 @@ class Ship:
 
 
 def flat(e: StateEstimate) -> Array:
-    ages = [e.vision_age, e.dvl_age, e.imu_age]
+    ages = [e.vision_age, e.dvl_age, e.imu_age, e.imu_jump_age]
     parts = (e.X_WB.ravel(), e.v_WB_B, e.w_WB_B, e.a_WB_B, e.q, e.qd, e.tau, e.position_sigma, ages)
     return np.concatenate([[e.time], *parts])
 
@@ -142,4 +142,5 @@ def test_a_message_has_copies_of_the_record() -> None:
         array[:] = 0.0
     for name in ("X_WB", "v_WB_B", "w_WB_B", "a_WB_B", "q", "qd", "tau", "position_sigma"):
         np.testing.assert_array_equal(getattr(message, name), getattr(expected, name))
-    assert [message.time, message.vision_age, message.dvl_age, message.imu_age] == [*expected.time, *expected.ages]
+    ages = [message.vision_age, message.dvl_age, message.imu_age, message.imu_jump_age]
+    assert [message.time, *ages] == [*expected.time, *expected.ages]

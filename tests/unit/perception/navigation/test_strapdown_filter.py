@@ -249,6 +249,9 @@ def test_an_accelerometer_whose_bias_jumps_is_learnt_anew(size: float, rig: dict
 
     course = slow(**rig).run(30.0, rng, spoil=spoil)
     assert course.state.fixes.bias_jumps >= 1
+    ages = np.array([e.imu_jump_age for e in course.estimates])
+    assert np.isinf(ages[:1500]).all()
+    assert 0.0 <= ages[-1] < np.inf
     within("place from the jump on [m]", np.abs(course.error[1500:]).max(), 0.08)
     within("bias at the end [m/s^2]", np.abs(course.state.x[6:9] - course.bias_B - way).max(), 3e-3)
 
@@ -259,6 +262,7 @@ def test_a_sound_accelerometer_is_not_thought_to_jump(rng: np.random.Generator):
     jump = with_pictures(lambda tick, m: None if 1000 < tick < 1300 else replace(m, p_WB=m.p_WB + 0.05 * (tick > 2000)))
     spoilt = slow().run(40.0, rng, spoil=jump)
     assert (course.state.fixes.bias_jumps, spoilt.state.fixes.bias_jumps) == (0, 0)
+    assert course.estimates[-1].imu_jump_age == np.inf
 
 
 def test_outliers_are_refused():

@@ -9,7 +9,7 @@ import numpy as np
 from scenarios.arm_camera import ArmCameraSetup
 from scenarios.assembly import assemble
 from scenarios.options import barrel
-from scenarios.perturbations.loop import MisplacedSurface
+from scenarios.perturbations.loop import MisplacedSurface, WanderingVision
 from scenarios.perturbations.pad import Pad
 from scenarios.perturbations.vehicle import Gears, Payload, ThrusterSpread, Water
 from scenarios.runner import Run, run
@@ -65,6 +65,8 @@ class Ranges:
     """Delay of the vision measurement [s]."""
     vision_noise: tuple[float, float] = (0.001, 0.005)
     """Standard deviation of the vision measurement [m]."""
+    vision_wander: float = 0.0
+    """Standard deviation of a slow error of the vision measurement [m], correlated over a minute; 0: none."""
     torque_noise: float = 0.01
     """White noise of each torque sensor, share of its reading."""
     torque_bias: float = 0.5
@@ -145,6 +147,7 @@ def draw(task: RunTask) -> Scenario:
         Gears(spread=ranges.gears),
         pad,
         surface,
+        *((WanderingVision(sigma=ranges.vision_wander),) if ranges.vision_wander > 0.0 else ()),
     )
     return replace(
         scenario,

@@ -19,6 +19,7 @@ import models
 from models.vehicle import Vehicle
 from scenarios import assemble, barrel
 from scenarios import run as run_of
+from scenarios.perturbations.loop import WanderingVision
 from scenarios.perturbations.pad import Pad
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import AbortCode, WorkState
@@ -52,6 +53,13 @@ def test_a_run_depends_on_its_number_and_the_seed_alone(study):
     assert replace(again, control=scenario.control) == scenario
     for other in (task(study, 6), task(study, 5, seed=4)):
         assert study.draw(other).perturbations != scenario.perturbations
+
+
+def test_vision_wanders_only_where_it_is_asked_to_and_changes_no_other_draw(study):
+    plain = study.draw(task(study, 3))
+    wandering = study.draw(task(study, 3, ranges=study.Ranges(vision_wander=0.01)))
+    assert wandering.perturbations == (*plain.perturbations, WanderingVision(sigma=0.01))
+    assert replace(wandering, perturbations=plain.perturbations) == plain
 
 
 def test_draws_fill_their_ranges_and_no_more(study):

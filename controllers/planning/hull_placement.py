@@ -18,7 +18,8 @@ import itertools
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from enum import Enum, auto
+from typing import NamedTuple, cast
 
 import numba
 import numpy as np
@@ -47,6 +48,8 @@ _FEW_STEPS = IkOptions(max_iterations=60)
 _STANDOFF_STEPS = 3  # number of poses tried between the stand-off and the surface
 _ROUNDING = 1e-9  # [m] far above the rounding of a distance
 _BETTER = 1e-4  # share by which a margin must be larger to count: a round tool turned by half has the same one
+_LARGEST_STEP = 0.8  # [rad] of a joint between two poses of a path
+_AT_LIMIT = 0.02  # [rad] from its limit a joint counts as at it, in a message
 _ROOMY_THRUST = 0.4  # [-] unused share of thrust, left for the current, that gives a margin of 1
 
 
@@ -298,7 +301,7 @@ def place_hull(
     mounting = _Mounting.of(vehicle.X_BA)
     ways = (-0.5, 0.0, 0.5) if travel else (0.0,)
     best: Placement | None = None
-    best_yaw, furthest = 0.0, 0.0
+    best_yaw, furthest = 0.0, cast("Dropped | None", None)
 
     def too_close(X_WB: Array, away_W: Array) -> bool:
         """True if the hull, displaced by `away_W` (3,) [m], is nearer to the object than its clearance."""
@@ -319,11 +322,13 @@ def place_hull(
         better = False
         for roll, track in zip(rolls, tracks, strict=True):
             to_beat = (1.0 + _BETTER) * best.margin if best else 0.0
-            margin, reached, q_start = arm.along(track, X_WB, to_beat)
-            furthest = max(furthest, reached)
-            if q_start is not None and margin > to_beat:
+            found = arm.along(track, X_WB, to_beat)
+            if isinstance(found, Dropped):
+                if best is None and (furthest is None or found.reached > furthest.reached):
+                    furthest = found
+            elif found.margin > to_beat:
                 best = Placement(
-                    X_WB=X_WB, travel_W=travel_W, roll=roll, q_start=q_start, margin=margin, reached=reached
+                    X_WB=X_WB, travel_W=travel_W, roll=roll, q_start=found.q_start, margin=found.margin, reached=1.0
                 )
                 best_yaw, better = yaw, True
         return better
@@ -338,9 +343,12 @@ def place_hull(
                 break
     if best is None:
         held = " while the thrusters hold it" if holding else ""
+        where = "0%: nowhere is there room for the hull"
+        if furthest is not None:
+            at = float(shares[min(max(furthest.index - _STANDOFF_STEPS, 0), search.samples - 1)])
+            where = f"{furthest.reached:.0%}, up to {at:.2f} m, where {arm.said(furthest)}"
         raise ReachError(
-            f"the tool path is out of reach: no place of the hull lets the arm take all of it{held}, at best "
-            f"{furthest:.0%}"
+            f"the tool path is out of reach: no place of the hull lets the arm take all of it{held}, at best {where}"
         )
     start = best.X_WB.copy()
     start[:3, 3] -= 0.5 * travel_W
@@ -409,6 +417,34 @@ class ToolTrack:
     loads: Array | None = None  # (k, 3) [N] force of the world on the tip at each, tool axes; None: thrust is left out
 
 
+class Limit(Enum):
+    """What ends a path for the arm."""
+
+    REACH = auto()  # no inverse kinematics
+    TURN = auto()  # a joint would turn too far between two poses
+    JOINT = auto()  # of a joint's angle
+    TORQUE = auto()
+    SINGULAR = auto()
+    OBJECT = auto()  # nearness of the arm to the object
+    THRUST = auto()
+
+
+class Worked(NamedTuple):
+    """Path that the arm takes from a hull pose."""
+
+    margin: float  # [-] smallest along it
+    q_start: Array  # (n,) [rad] joint angles at its first pose
+
+
+class Dropped(NamedTuple):
+    """First pose of a path that fails from a hull pose."""
+
+    index: int
+    reached: float  # share of the poses before it
+    limit: Limit
+    q: Array  # (n,) joint angles there [rad]; for TURN the steps to them [rad], for TORQUE those per newton [m]
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ArmMargins:
     """Margins of the arm at work from a hull pose."""
@@ -420,7 +456,7 @@ class ArmMargins:
     clearance: float  # [m] distance of joint centres to the object that gives a margin of 1
     holding: ThrustMargin | None = None  # thrust margin of the vehicle; None leaves thrust out
 
-    def along(self, track: ToolTrack, X_WB: Array, to_beat: float) -> tuple[float, float, Array | None]:
+    def along(self, track: ToolTrack, X_WB: Array, to_beat: float) -> "Worked | Dropped":
         """Smallest margin of a hull pose along tool poses, by inverse kinematics on one branch.
 
         Args:
@@ -429,7 +465,7 @@ class ArmMargins:
             to_beat: [-] margin to be exceeded, but at least 0.05; otherwise the candidate is dropped.
 
         Returns:
-            The margin, the share of the poses reached, and the first joint angles (n,) [rad]; None if a pose fails.
+            The margin with the first joint angles; or the first pose that fails, and why.
         """
         X_AW = inverse(X_WB @ self.vehicle.X_BA)
         low, high = self.vehicle.q_limits[:, 0], self.vehicle.q_limits[:, 1]
@@ -437,37 +473,69 @@ class ArmMargins:
         q, q_start = self.vehicle.q_ready, None
         slides = np.array([kind == "p" for kind in self.chain.joint_types])
         for i, X_WG in enumerate(track.poses):
-            dropped = 0.0, i / len(track.poses), None
+            share = i / len(track.poses)
             result = solve(self.chain, X_AW @ X_WG, q, 1e-4, 1e-3, branch="keep", options=_FEW_STEPS)
             jump, room = _step_and_room(q, result.q, low, high)
-            if not result.converged or (i and jump > 0.8):
-                return dropped
+            if not result.converged:
+                return Dropped(i, share, Limit.REACH, result.q)
+            if i and jump > _LARGEST_STEP:
+                return Dropped(i, share, Limit.TURN, result.q - q)
             q = result.q
             margin = min(margin, room / 0.5)
             if margin <= floor:  # cheap margins first: most candidates are rejected here
-                return dropped
+                return Dropped(i, share, Limit.JOINT, q)
             X_AG, J = self.chain.kinematics(q)
             # These two, and the gap, seldom are the smallest margin: kernels, equal but for rounding, tell where.
             if not _are_above(margin, J, X_AG[:3, 2] * self.force, self.vehicle.torque_limits):
                 torque = 1.0 - np.abs(J[:3].T @ (X_AG[:3, 2] * self.force) / self.vehicle.torque_limits).max()
                 margin = min(margin, 3.0 * torque)
                 if margin <= floor:
-                    return dropped
+                    return Dropped(i, share, Limit.TORQUE, J[:3].T @ X_AG[:3, 2])
                 margin = min(margin, np.linalg.svd(J * _SCALE, compute_uv=False)[-1] / _SINGULAR)
                 if margin <= floor:
-                    return dropped
+                    return Dropped(i, share, Limit.SINGULAR, q)
             centres = joint_centres_kernel(slides, self.chain.axes, self.chain.points, q)[2 : self.chain.n - 2]
             if joint_gap_kernel(centres, X_AW, self.planes, track.gone[i]) < margin * self.clearance + _ROUNDING:
                 margin = min(margin, arm_gap(self.chain, q, X_AW, self.planes, track.gone[i]) / self.clearance)
                 if margin <= floor:
-                    return dropped
+                    return Dropped(i, share, Limit.OBJECT, q)
             if self.holding is not None and track.loads is not None:
                 margin = min(margin, (1.0 - self.holding.used(q, X_WB[:3, :3], track.loads[i])) / _ROOMY_THRUST)
                 if margin <= floor:
-                    return dropped
+                    return Dropped(i, share, Limit.THRUST, q)
             if i == 0:
                 q_start = q
-        return float(margin), 1.0, q_start
+        assert q_start is not None
+        return Worked(float(margin), q_start)
+
+    def said(self, dropped: "Dropped") -> str:
+        """What ends the path where a candidate was dropped, in a few words."""
+        vehicle = self.vehicle
+
+        def joint(sizes: Array) -> str:
+            return vehicle.joint_names[int(np.argmax(sizes))]
+
+        match dropped.limit:
+            case Limit.REACH:
+                low, high = vehicle.q_limits[:, 0], vehicle.q_limits[:, 1]
+                at_limit = np.flatnonzero(np.minimum(dropped.q - low, high - dropped.q) < _AT_LIMIT)
+                names = ", ".join(vehicle.joint_names[j] for j in at_limit)
+                return (
+                    f"{names} {'is' if len(at_limit) == 1 else 'are'} at the limit" if names else "the arm is too short"
+                )
+            case Limit.TURN:
+                return f"{joint(np.abs(dropped.q))} would turn by {np.degrees(np.abs(dropped.q).max()):.0f} deg at once"
+            case Limit.JOINT:
+                low, high = vehicle.q_limits[:, 0], vehicle.q_limits[:, 1]
+                return f"{joint(-np.minimum(dropped.q - low, high - dropped.q))} comes to its limit"
+            case Limit.TORQUE:
+                return f"{joint(np.abs(dropped.q) / vehicle.torque_limits)} cannot bear the push"
+            case Limit.SINGULAR:
+                return "the arm is stretched, or its wrist"
+            case Limit.OBJECT:
+                return "the arm comes too near to the object"
+            case Limit.THRUST:
+                return "the thrusters cannot bear push and friction"
 
 
 def tool_poses(path: ToolPath, shares: Array, roll: float, standoff: float) -> list[Array]:

@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 
 from controllers.mkps import Chain, IkOptions, solve
 from controllers.planning.hull_path import joint_centres
-from controllers.planning.hull_placement import ArmMargins, Placement, ToolTrack, reach, tool_poses
+from controllers.planning.hull_placement import ArmMargins, Dropped, Placement, ToolTrack, reach, tool_poses
 from controllers.planning.work_vehicle import WorkVehicle
 from sim.interfaces.errors import ConfigurationError, ReachError
 from sim.interfaces.messages import ToolPath
@@ -135,22 +135,21 @@ def choose_height(
                 room, silt = min(gap - search.clearance, over - calm), over - calm < gap - search.clearance
             while gap >= search.clearance and over >= calm:
                 for roll, tool in zip(rolls, poses, strict=True):
-                    margin, reached, q_start = arm.along(
-                        ToolTrack(poses=tool, gone=still), X, best.placement.margin if best else search.margin
-                    )
-                    furthest = max(furthest, reached)
-                    if q_start is None or margin < search.margin:
+                    to_beat = best.placement.margin if best else search.margin
+                    worked = arm.along(ToolTrack(poses=tool, gone=still), X, to_beat)
+                    furthest = max(furthest, worked.reached if isinstance(worked, Dropped) else 1.0)
+                    if isinstance(worked, Dropped) or worked.margin < search.margin:
                         continue
-                    if arm_gap(chain, X @ vehicle.X_BA, tool, q_start, tree) < search.arm_clearance:
+                    if arm_gap(chain, X @ vehicle.X_BA, tool, worked.q_start, tree) < search.arm_clearance:
                         hit = True
                         continue
                     found = Placement(
                         X_WB=readonly(X),
                         travel_W=readonly(np.zeros(3)),
                         roll=roll,
-                        q_start=q_start,
-                        margin=margin,
-                        reached=reached,
+                        q_start=worked.q_start,
+                        margin=worked.margin,
+                        reached=1.0,
                     )
                     best = WorkHeight(
                         placement=found, aside=aside, hull_gap=gap, jet_height=over, shear=jet_shear(search.jet, over)

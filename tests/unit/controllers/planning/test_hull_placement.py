@@ -9,11 +9,15 @@ from controllers.hull.thrust_margin import ThrustMargin
 from controllers.mkps import Chain, solve
 from controllers.planning import hull_path
 from controllers.planning.hull_placement import (
+    ArmMargins,
+    Dropped,
     PathStanding,
     Placement,
     PlacementSearch,
     StandingLimits,
     Surroundings,
+    ToolTrack,
+    Worked,
     middle_part,
     place_hull,
     tool_pose,
@@ -214,14 +218,14 @@ def test_a_current_turns_the_hull_only_where_it_must_and_is_refused_where_nothin
 def test_a_push_that_no_place_lets_the_thrusters_bear(own):
     target = barrel(line_length=0.2)
     holding = ThrustMargin.of(own, drag=20.0)
-    with pytest.raises(ReachError, match="out of reach"):
+    with pytest.raises(ReachError, match=r"out of reach.* where the thrusters cannot bear push and friction"):
         found(own, target, tool_path(target, "longitudinal"), holding=holding)
 
 
 def test_path_out_of_reach(own):
     """From beyond the arm's length there is nothing to be had."""
     target = barrel()
-    with pytest.raises(ReachError, match=r"out of reach.*at best \d+%"):
+    with pytest.raises(ReachError, match=r"out of reach.*at best 0%, up to 0\.00 m, where the arm is too short"):
         found(
             own,
             target,
@@ -232,8 +236,43 @@ def test_path_out_of_reach(own):
 
 def test_no_room_for_the_hull(own):
     target = barrel(line_length=0.2)
-    with pytest.raises(ReachError, match="out of reach"):
+    with pytest.raises(ReachError, match=r"out of reach.*at best 0%: nowhere is there room for the hull"):
         found(own, target, tool_path(target, "longitudinal"), PlacementSearch(clearance=5.0))
+
+
+def margins(own: mujoco.MjModel, force: float = 90.0, clearance: float = 0.06) -> ArmMargins:
+    """Of an arm far from any object."""
+    chain = Chain.from_mjcf(own, ARM_BASE_BODY, TIP_SITE, exclude=["pad"])
+    far = np.array([[1.0, 0.0, 0.0, 10.0]])
+    return ArmMargins(vehicle=Vehicle.of(own), chain=chain, planes=far, force=force, clearance=clearance)
+
+
+def track(own: mujoco.MjModel, *postures: Array) -> ToolTrack:
+    """Tool poses of joint angles, from a hull at the origin."""
+    chain, X_BA = Chain.from_mjcf(own, ARM_BASE_BODY, TIP_SITE, exclude=["pad"]), Vehicle.of(own).X_BA
+    return ToolTrack(poses=[X_BA @ chain.kinematics(q)[0] for q in postures], gone=np.zeros((len(postures), 3)))
+
+
+def test_what_ends_a_path_is_named_with_its_joint(own):
+    ready, vehicle = Vehicle.of(own).q_ready, Vehicle.of(own)
+    near, nearer = ready.copy(), ready.copy()
+    near[4], nearer[4] = vehicle.q_limits[4, 1] - [0.4, 0.01]
+    turned = ready.copy()
+    turned[0] += 1.5
+    beyond = track(own, ready)
+    beyond.poses[0][2, 3] -= 5.0
+    cases = (
+        (margins(own), track(own, near, nearer), 1, "joint5 comes to its limit"),
+        (margins(own), track(own, ready, turned), 1, "joint1 would turn by 86 deg at once"),
+        (margins(own), beyond, 0, "the arm is too short"),
+        (margins(own, force=2000.0), track(own, ready), 0, "cannot bear the push"),
+    )
+    for arm, way, index, said in cases:
+        dropped = arm.along(way, np.eye(4), 0.0)
+        assert isinstance(dropped, Dropped)
+        assert (dropped.index, dropped.reached) == (index, index / len(way.poses))
+        assert said in arm.said(dropped)
+    assert isinstance(margins(own).along(track(own, ready), np.eye(4), 0.0), Worked)
 
 
 def test_hull_keeps_off_the_seabed():

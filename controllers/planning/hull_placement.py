@@ -345,7 +345,7 @@ def place_hull(
         held = " while the thrusters hold it" if holding else ""
         where = "0%: nowhere is there room for the hull"
         if furthest is not None:
-            at = float(shares[min(max(furthest.index - _STANDOFF_STEPS, 0), search.samples - 1)])
+            at = float(shares[min(max(furthest.at - _STANDOFF_STEPS, 0), search.samples - 1)])
             where = f"{furthest.reached:.0%}, up to {at:.2f} m, where {arm.said(furthest)}"
         raise ReachError(
             f"the tool path is out of reach: no place of the hull lets the arm take all of it{held}, at best {where}"
@@ -439,7 +439,7 @@ class Worked(NamedTuple):
 class Dropped(NamedTuple):
     """First pose of a path that fails from a hull pose."""
 
-    index: int
+    at: int  # its index
     reached: float  # share of the poses before it
     limit: Limit
     q: Array  # (n,) joint angles there [rad]; for TURN the steps to them [rad], for TORQUE those per newton [m]

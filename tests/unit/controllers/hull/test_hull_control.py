@@ -206,7 +206,7 @@ def test_what_is_asked_for_in_a_current_is_what_comes(vehicle, within):
     """A hull at rest in a current of 0.45 m/s that it knows of: commands for still water miss the wrench by 20 N."""
     control = HullControl(models.load("uuv_puma").compile())
     state, rest, reference = control.init(), at_rest(), hold()
-    state.station.observer.current_W[:] = [0.4, -0.2, 0.0]
+    command = np.zeros(len(vehicle.thruster_names))
     for step in range(100):
         state.station.observer.current_W[:] = [0.4, -0.2, 0.0]
         command = control.step(state, replace(rest, time=0.02 * step), reference, np.zeros(6))

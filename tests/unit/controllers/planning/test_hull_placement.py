@@ -267,10 +267,10 @@ def test_what_ends_a_path_is_named_with_its_joint(own):
         (margins(own), beyond, 0, "the arm is too short"),
         (margins(own, force=2000.0), track(own, ready), 0, "cannot bear the push"),
     )
-    for arm, way, index, said in cases:
+    for arm, way, at, said in cases:
         dropped = arm.along(way, np.eye(4), 0.0)
         assert isinstance(dropped, Dropped)
-        assert (dropped.index, dropped.reached) == (index, index / len(way.poses))
+        assert (dropped.at, dropped.reached) == (at, at / len(way.poses))
         assert said in arm.said(dropped)
     assert isinstance(margins(own).along(track(own, ready), np.eye(4), 0.0), Worked)
 

@@ -221,8 +221,7 @@ class Leash:
         p = _within(X_WB[:3, 3] - X_now[:3, 3], self.place)
         v_now = R_now @ estimate.v_WB_B
         v = _within(v_WB_W - v_now, self.speed)
-        off = heading(R_now) - heading(X_WB[:3, :3])
-        off = math.remainder(off, math.tau)
+        off = math.remainder(heading(R_now) - heading(X_WB[:3, :3]), math.tau)
         turned = off - min(max(off, -self.heading), self.heading)
         spin = float((R_now @ estimate.w_WB_B)[2])
         w = np.array([0.0, 0.0, spin - min(max(spin, -self.turn), self.turn)])
@@ -289,18 +288,11 @@ class Escape(Phase):
     def enter(self, held: Held, now: Context) -> EscapeState:
         """Begin the ascent at the estimated position."""
         p_WB_from = np.array(now.estimate.X_WB[:3, 3])
-        level = pose(held.X_WB[:3, :3], p_WB_from)
+        held.X_WB = pose(held.X_WB[:3, :3], p_WB_from)
         X_WG = held.tool(way_back(held, self._clearance))[0]
         up_W = ascent_direction(-X_WG[:3, 2])
-        clear = pose(level[:3, :3], p_WB_from + self._limits.rise * up_W)
-        move = PoseMove.between(
-            now.time,
-            level,
-            clear,
-            speed=self._limits.motion.speed,
-            acceleration=self._limits.motion.acceleration,
-            turn_rate=self._limits.motion.turn_rate,
-        )
+        clear = pose(held.X_WB[:3, :3], p_WB_from + self._limits.rise * up_W)
+        move = self._limits.motion.to(clear, held, now)
         return EscapeState(now.time, move, p_WB_from, up_W / np.linalg.norm(up_W), X_WG, ZERO, ZERO)
 
     def step(self, state: EscapeState, held: Held, now: Context) -> Outcome:

@@ -246,8 +246,9 @@ class EscapeLimits:
 
     rise: float = 0.6  # [m] length of the ascent, as a factor of `ascent_direction`
     draw: float = 0.35  # [m] by which the tool is drawn up beyond that, from the clearance on
-    free: float = 0.45  # [m] ascent after which the arm folds
     draw_speed: float = 0.4  # [m/s] at which that is done
+    free: float = 0.45  # [m] ascent after which the arm folds
+    patience: float = 20.0  # [s] after which a hull that cannot ascend is given up, the arm held as it is
     fold_speed: float = 0.8  # [rad/s] of the joints
     motion: HullMotion = field(default_factory=lambda: HullMotion(speed=0.4, acceleration=0.2, behind=None))
     leash: Leash = field(default_factory=Leash)
@@ -296,7 +297,7 @@ class Escape(Phase):
         return EscapeState(now.time, move, p_WB_from, up_W / np.linalg.norm(up_W), X_WG, ZERO, ZERO)
 
     def step(self, state: EscapeState, held: Held, now: Context) -> Outcome:
-        """Done at the end of the ascent, with the arm folded."""
+        """Done at the end of the ascent with the arm folded, or when it is given up."""
         limits, estimate = self._limits, now.estimate
         held.X_WB, state.v_WB_W, state.w_WB_W = limits.leash.pull(*state.move.at(now.time), estimate)
         drawn = limits.draw_speed * (now.time - state.since)
@@ -305,6 +306,9 @@ class Escape(Phase):
             X_WG = held.tool(way_back(held, self._clearance))[0]
             X_WG[:3, 3] += (min(drawn, limits.draw) + risen) * state.up_W
             state.X_WG = X_WG
+            if now.time - state.since > limits.patience:
+                held.q = np.array(estimate.q)
+                return PhaseEvent.DONE
             if risen < limits.free:
                 return None
             state.fold = JointMove.between(now.time, np.array(estimate.q), self._q_fold, speed=limits.fold_speed)

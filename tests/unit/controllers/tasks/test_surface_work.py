@@ -103,6 +103,7 @@ class Script(Told):
     holding: ThrustMargin | None = None
     side: bool = False  # the vehicle with its arm on the side
     fastest: float = np.inf  # [m/s] of the hull, whatever is asked of it
+    fastest_after: float = np.inf  # [m/s] the same once a thruster is dead
     dead: int | None = None  # thruster that is found dead
     dead_from: Callable[[Reference], bool] = lambda reference: reference.path_s > 0.06  # half-way along the path
     sigma: float = np.inf  # [N] stated standard deviation of the normal force; inf: none
@@ -146,6 +147,7 @@ class Script(Told):
             scanning = reference.scan
             if self.dead is not None and not faults and self.dead_from(reference):
                 faults = (Fault(kind=FaultKind.THRUSTER, part="", index=self.dead, time=time),)
+                self.fastest = min(self.fastest, self.fastest_after)
             command = Command(
                 time=time,
                 joint_torque=np.zeros(6),
@@ -563,6 +565,15 @@ def test_a_tool_stays_off_the_object_while_the_hull_rises_on_what_thrusters_are_
     assert turns.max() == 0.0
     assert script.end.X_WG is None
     assert script.end.q == pytest.approx(script.references[0].q)  # folded as at the start
+
+
+def test_a_hull_that_cannot_ascend_is_given_up_with_the_tool_off_the_surface():
+    script = Script(dead=3, fastest_after=0.0).run()
+    assert script.states == [*JOURNEY, WorkState.ABORT]
+    back = script.of(WorkState.RETREAT)
+    assert back[-1].time - back[0].time == pytest.approx(script.job.escape.patience, abs=0.1)
+    assert tip(back[-1])[2] == pytest.approx(script.job.approach.standoff + script.job.escape.draw, abs=0.01)
+    assert script.end.X_WG is None
 
 
 def test_a_thruster_that_is_lost_on_the_way_back_makes_the_vehicle_leave_at_once():

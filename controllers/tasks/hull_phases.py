@@ -11,6 +11,8 @@ from controllers.tasks.phase import ZERO, Abort, Context, Held, Outcome, Phase, 
 from sim.interfaces.messages import AbortCode, StateEstimate
 from sim.interfaces.spatial import Array, exp_so3, pose
 
+_STEEP = 0.3  # [-] vertical part of a direction from which on depth alone tells how far a hull has come along it
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RestLimits:
@@ -302,7 +304,7 @@ class Escape(Phase):
         held.X_WB, state.v_WB_W, state.w_WB_W = limits.leash.pull(*state.move.at(now.time), estimate)
         drawn = limits.draw_speed * (now.time - state.since)
         if state.fold is None:
-            risen = max(0.0, float((estimate.X_WB[:3, 3] - state.p_WB_from) @ state.up_W))
+            risen = _ascent(estimate.X_WB[:3, 3] - state.p_WB_from, state.up_W)
             X_WG = held.tool(way_back(held, self._clearance))[0]
             X_WG[:3, 3] += (min(drawn, limits.draw) + risen) * state.up_W
             state.X_WG = X_WG
@@ -376,6 +378,12 @@ class Halt(Phase):
         del held
         state.left -= now.period
         return PhaseEvent.DONE if state.left <= 0.0 else None
+
+
+def _ascent(gone_W: Array, up_W: Array) -> float:
+    """Length [m] of the ascent along `up_W` (3,) of a hull displaced by `gone_W` (3,), whatever its drift."""
+    steep = abs(up_W[2]) > _STEEP
+    return max(0.0, float(gone_W[2] / up_W[2] if steep else gone_W @ up_W))
 
 
 def ascent_direction(normal_W: Array) -> Array:

@@ -134,6 +134,7 @@ class ThrusterLead:
 
 
 @numba.njit(cache=True)
+@keyed_by_imports
 def _inflow(advance, i, nu_r_B):
     """Speed of advance [m/s] of thruster `i` through the water, along its thrust."""
     total = 0.0

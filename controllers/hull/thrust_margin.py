@@ -1,8 +1,8 @@
 """Thrust margin: the largest share of thrust used by a level, stationary hull while its arm pushes on a surface.
 
 Loads are weight and buoyancy, the arm's weight in water, the set force, and the surface's friction; in a current also
-its drag on hull and arm, and the hull's Munk moment. Hull placement (`controllers.planning.hull_placement`) counts the
-share that remains as one of its margins.
+its drag on hull and arm, the hull's Munk moment, and the inflow of the thrusters. Hull placement
+(`controllers.planning.hull_placement`) counts the share that remains as one of its margins.
 """
 
 from copy import copy
@@ -17,7 +17,7 @@ from controllers.hull.station_keeping import StationKeeping
 from models import hydrodynamics
 from models.hydrodynamics import BodyHydrodynamics
 from models.vehicle import Vehicle
-from models.water.thrusters import FORWARD, REVERSE
+from models.water.thrusters import FORWARD, INFLOW_LOSS, REVERSE
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array, checked
 
@@ -52,12 +52,12 @@ class ThrustMargin:
             raise ConfigurationError("the vehicle has no thrusters to hold it")
         self.drag = drag
         self._static = checked(static_B, (6,), "static_B").copy()
-        forward, reverse = vehicle.thruster_table[:, FORWARD], vehicle.thruster_table[:, REVERSE]
-        most = np.maximum(forward, reverse)
+        table = vehicle.thruster_table
+        self._forward, self._reverse, self._loss = table[:, FORWARD], table[:, REVERSE], table[:, INFLOW_LOSS]
+        most = np.maximum(self._forward, self._reverse)
         # Least-norm allocation in shares of each thruster's own strength; six thrusters leave a single solution.
-        self._shares = np.linalg.pinv(vehicle.thruster_wrench * most)
-        with np.errstate(divide="ignore"):
-            self._forward, self._reverse = most / forward, most / reverse
+        self._thrust = most[:, None] * np.linalg.pinv(vehicle.thruster_wrench * most)
+        self._advance = np.array(vehicle.thruster_wrench[:3])
         self._parameters, self._still = tuple(arm.parameters), np.zeros(arm.n)
         self._linear = np.zeros((6, 6)) if water is None else np.array(water.linear_damping)
         self._quadratic = np.zeros(6) if water is None else np.array(water.quadratic_damping)
@@ -101,5 +101,8 @@ class ThrustMargin:
         past_B = np.concatenate([-(R_WB.T @ self._current_W), np.zeros(3)])  # of the hull through the water
         drag_B = -(self._linear @ past_B + self._quadratic * np.abs(past_B) * past_B)
         drag_B[3:] -= np.cross(past_B[:3], (self._added @ past_B)[:3])  # Munk moment
-        shares = self._shares @ -(arm_B + self._static + drag_B)
-        return float(np.where(shares > 0.0, shares * self._forward, -shares * self._reverse).max())
+        thrust = self._thrust @ -(arm_B + self._static + drag_B)
+        taken = self._loss * (past_B[:3] @ self._advance)  # by the inflow, at full speed ahead
+        most = np.where(thrust > 0.0, self._forward - taken, self._reverse + taken)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return float(np.where(thrust == 0.0, 0.0, np.abs(thrust) / np.maximum(most, 0.0)).max())

@@ -587,7 +587,8 @@ class StandingLimits:
     least_share: float = 1.0  # share of the path that must be reached; the rest is cut off equally at both ends
     roomy: float = 0.8  # placement margin under which the hull travels with the tool
     cramped: float = 0.6  # placement margin under which part of the path is left out
-    thrust: float = 0.9  # share of full thrust that push and steady current may take
+    spared: float = 0.7  # share of full thrust for push and steady current up to which the hull is not turned
+    thrust: float = 0.95  # share that they may take at most
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -607,8 +608,8 @@ class PathStanding:
         """Best placement, the part of the path worked from it, and its share.
 
         A placement without thrust margin against the worst friction is accepted as a second choice, marked
-        `held=False`. The place is first chosen in still water. Where the thrusters would not hold it in the current,
-        it is chosen anew in the current, which turns the hull.
+        `held=False`. The place is first chosen in still water. Where push and current would ask for much of a thruster
+        there, it is chosen anew in the current, which turns the hull.
 
         Args:
             target: the object.
@@ -630,16 +631,19 @@ class PathStanding:
             chosen = replace(placement, held=False), path, worked
         if self.holding is None or not np.any(current_W):
             return chosen
-        moved = self.holding.without_friction().in_current(current_W)
-        used = self.used(chosen[0], chosen[1], moved)
+        moved = self.holding.in_current(current_W)
+        smooth = moved.without_friction()
+        used = self.used(chosen[0], chosen[1], smooth)
+        if used <= self.limits.spared:
+            return chosen
+        for holding in (moved, smooth):
+            with suppress(ReachError):
+                turned, path, worked = self._best(obstacle, whole, holding)
+                if (least := self.used(turned, path, smooth)) < used:
+                    chosen, used = (replace(turned, held=holding is moved), path, worked), least
+                break
         if used <= self.limits.thrust:
             return chosen
-        with suppress(ReachError):
-            turned, path, worked = self._best(obstacle, whole, moved)
-            least = self.used(turned, path, moved)
-            if least <= self.limits.thrust:
-                return replace(turned, held=chosen[0].held), path, worked
-            used = min(used, least)
         raise StrongCurrentError(
             f"the current of {np.linalg.norm(current_W):.2f} m/s is too strong: the tool's push and it ask for "
             f"{used:.0%} of a thruster, {self.limits.thrust:.0%} may be used"

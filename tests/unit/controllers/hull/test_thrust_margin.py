@@ -11,7 +11,7 @@ import models
 from controllers.hull.thrust_margin import ThrustMargin
 from models import hydrodynamics
 from models.vehicle import Vehicle
-from models.water.thrusters import FORWARD, REVERSE
+from models.water.thrusters import FORWARD, INFLOW_LOSS, REVERSE
 from sim.hydrodynamics import install
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array
@@ -68,7 +68,7 @@ def test_share_of_the_strongest_used_thruster(name, rng, within):
 
 @pytest.mark.parametrize("name", ["uuv_puma", "uuv_puma_side"])
 def test_share_used_in_a_current(name, rng, within):
-    """Drag of hull and arm is that which the plant's callback gives."""
+    """Drag of hull and arm is that which the plant's callback gives; the inflow takes from the strength."""
     install()
     model = models.load(name).compile()
     vehicle, holding = Vehicle.of(model), ThrustMargin.of(model)
@@ -78,7 +78,8 @@ def test_share_used_in_a_current(name, rng, within):
         q = rng.uniform(vehicle.q_limits[:, 0], vehicle.q_limits[:, 1])
         f_tip_G, current_W = rng.normal(size=3) * 60.0, rng.normal(size=3) * 0.3
         thrust = np.linalg.solve(vehicle.thruster_wrench, needed(model, q, f_tip_G, current_W))
-        shares = np.where(thrust > 0.0, thrust / table[:, FORWARD], -thrust / table[:, REVERSE])
+        taken = table[:, INFLOW_LOSS] * (vehicle.thruster_wrench[:3].T @ -current_W)
+        shares = np.where(thrust > 0.0, thrust / (table[:, FORWARD] - taken), -thrust / (table[:, REVERSE] + taken))
         within("share", holding.in_current(current_W).used(q, np.eye(3), f_tip_G) - shares.max(), 1e-9)
 
 

@@ -65,8 +65,8 @@ class PayloadIdentification:
             arm: believed dynamics of the arm.
             spread: [-] prior of a part's mass error, as a share of its mass.
             bias: [N m] prior of a torque sensor's bias.
-            doubt: [N m] standard deviation of all other errors of a torque in a posture. They are some 0.4 N m, but
-                alike over six postures in a row, which count as one.
+            doubt: [N m] standard deviation of all other errors of a torque in a posture; more than in a single one, for
+                neighbouring postures share these errors and are counted as independent.
             water: [-] prior of the common relative error of the arm's drag and added mass.
             step: [rad] change of a joint from which on a posture counts as a new one.
         """

@@ -10,7 +10,7 @@ from controllers.planning.hull_path import HullPath
 from controllers.planning.hull_placement import Placement
 from controllers.planning.promise import NAVIGATION_TIME, PromiseLimits, promise
 from controllers.planning.work_vehicle import WorkVehicle
-from controllers.tasks.hull_phases import HullMotion, MoveHull, RestLimits, Settle, Unfold
+from controllers.tasks.hull_phases import HullMotion, MoveHull, RestLimits, Settle, Unfold, heading
 from controllers.tasks.monitors import Reaction
 from controllers.tasks.phase import Abort, Context, Decide, Held, Outcome, Phase, PhaseEvent, Setpoint, ToolLine
 from controllers.tasks.task import TaskRow, at_once
@@ -317,7 +317,7 @@ def arrival(
     def other_view(held: Held) -> Array:
         if held.next_X_WB is not None:  # proposed by perception
             X, to = np.array(held.X_WB), held.next_X_WB
-            ahead = np.arctan2(to[1, 0], to[0, 0]) - np.arctan2(X[1, 0], X[0, 0])
+            ahead = heading(to[:3, :3]) - heading(X[:3, :3])
             return pose(exp_so3([0.0, 0.0, ahead]) @ X[:3, :3], [to[0, 3], to[1, 3], X[2, 3]])
         side = 0.3 * (1.0 if held.views % 2 else -1.0)
         X = np.array(held.X_WB_scan)

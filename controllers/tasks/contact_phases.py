@@ -324,8 +324,8 @@ class Retreat(Phase):
         self._speed, self._clearance = speed, clearance
 
     def enter(self, held: Held, now: Context) -> Since:
-        """Begin at the surface."""
-        del held
+        """Begin at the surface, with no force set any more."""
+        held.force = 0.0
         return Since(now.time)
 
     def step(self, state: Since, held: Held, now: Context) -> Outcome:

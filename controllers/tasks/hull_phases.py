@@ -274,8 +274,9 @@ class EscapeState:
 class Escape(Phase):
     """The hull ascends off the object from where it is, while the arm draws the tool off and folds.
 
-    A hull that has lost a thruster tilts, turns and drifts. The tool is drawn off along its axis in W, and goes along
-    with the ascent but not with the drift: a tool fixed to the hull would swing into the object.
+    A hull that has lost a thruster tilts, turns and drifts. The tool is taken off along its axis at once and drawn up,
+    both in W. It goes along with the ascent but not with the drift: a tool fixed to the hull would swing into the
+    object.
     """
 
     def __init__(self, limits: EscapeLimits, clearance: float, q_fold: Array) -> None:

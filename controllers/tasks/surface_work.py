@@ -238,6 +238,10 @@ def surface_monitors(job: SurfaceTaskConfig) -> tuple[Monitor, ...]:
         del held
         return "" if now.normal > 0.5 * touch else f"contact lost for {limits.lost_time} s"
 
+    def leaving_force(held: Held, now: Context) -> float:
+        """In any direction once the tool is released; until then the surface's friction may act across it."""
+        return normal_force(held, now) if held.force > touch else contact_force(held, now)
+
     return (
         *fault_monitors(job.arrival.blind_time),
         Monitor(
@@ -262,7 +266,7 @@ def surface_monitors(job: SurfaceTaskConfig) -> tuple[Monitor, ...]:
             during=IN_CONTACT,
         ),
         Monitor(
-            condition=too_much_force(job.force_limit, contact_force),
+            condition=too_much_force(job.force_limit, leaving_force),
             reaction=Reaction.RISE,
             code=AbortCode.FORCE_LIMIT,
             during=LEAVING,

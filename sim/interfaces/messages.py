@@ -246,9 +246,7 @@ class StateEstimate:
     vision_age: float = math.nan  # [s] since exposure of the newest image that was used; NaN: not known
     dvl_age: float = math.nan  # [s] the same for the DVL; inf: none was ever used
     imu_age: float = math.nan  # [s] the same for the IMU
-    imu_jump_age: float = (
-        math.nan
-    )  # [s] since the accelerometer's bias was found to have jumped; inf: never; NaN: not known
+    imu_jump_age: float = math.nan  # [s] since the accelerometer's bias was found to jump; inf: never, NaN: not known
     ground: GroundPlane | None = None  # under the hull; None: not known
 
 

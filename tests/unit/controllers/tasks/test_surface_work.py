@@ -107,6 +107,7 @@ class Script(Told):
     dead: int | None = None  # thruster that is found dead
     dead_from: Callable[[Reference], bool] = lambda reference: reference.path_s > 0.06  # half-way along the path
     sigma: float = np.inf  # [N] stated standard deviation of the normal force; inf: none
+    friction: float | None = None  # share of the felt force that is felt across the tool too; None: that is not known
     hollow: tuple[float, float] | None = None  # [m] part of the path on which the tool does not fit
 
     def run(self, seconds: float = 120.0) -> "Script":
@@ -153,12 +154,16 @@ class Script(Told):
                 joint_torque=np.zeros(6),
                 thrusters=np.zeros(6),
                 scan=reference.scan,
-                contact=ContactEstimate(normal=self.felt(reference), sigma_G=np.array([1.0, 1.0, self.sigma])),
+                contact=self._contact(self.felt(reference)),
                 faults=faults,
             )
             if reference.state in (WorkState.DONE, WorkState.ABORT) and len(self.of(reference.state)) > 20:
                 break
         return self
+
+    def _contact(self, felt: float) -> ContactEstimate:
+        known = {} if self.friction is None else {"force_W": felt * np.array([self.friction, 0.0, 1.0])}
+        return ContactEstimate(normal=felt, sigma_G=np.array([1.0, 1.0, self.sigma]), **known)
 
     def _moved(self, X_WB: Array, wanted: Array) -> Array:
         way = wanted[:3, 3] - X_WB[:3, 3]
@@ -595,6 +600,19 @@ def test_a_tool_that_is_pressed_on_the_way_back_makes_the_vehicle_leave_at_once(
     assert script.end.abort is AbortCode.FORCE_LIMIT
     assert "140 N" in script.end.note
     assert Script(felt=lambda r: 100.0 if caught(r) > 100.0 else caught(r)).run().end.state is WorkState.DONE
+
+
+def test_friction_across_the_tool_does_not_count_until_it_is_released():
+    """Forces of 90 N with friction 0.9 are 121 N in all, above the limit of 118 N: the job ends as any other."""
+    job = SurfaceTaskConfig(forces=(90.0,))
+    assert Script(job=job, friction=0.9).run().end.state is WorkState.DONE
+
+    def caught(reference: Reference) -> float:
+        back = reference.state is WorkState.RETREAT and not reference.force_control and reference.abort is None
+        return 60.0 if back else obedient(reference)
+
+    caught_aside = Script(job=job, felt=caught, friction=2.0).run()  # 134 N in all, 60 N along the axis
+    assert caught_aside.end.abort is AbortCode.FORCE_LIMIT
 
 
 def test_path_out_of_reach(monkeypatch):

@@ -11,6 +11,7 @@ import mujoco
 import numpy as np
 
 from models.hydrodynamics import BodyHydrodynamics, cylinder
+from models.keyframes import keyframes_kept
 from models.naming import PAD_BODY, PAD_JOINT, TIP_SITE, TOOL_GEOM
 from models.registry import Registry
 from sim.interfaces.errors import ConfigurationError
@@ -67,8 +68,14 @@ def fit(spec: mujoco.MjSpec, tool: Tube | Box = SAMPLER) -> dict[str, BodyHydrod
         raise ConfigurationError(
             f"a sampler takes the place of a body {PAD_BODY!r} on one slide, at a site {TIP_SITE!r}"
         )
-    nq = spec.copy().compile().nq
-    at_keys = {key.name: np.array(key.qpos) for key in spec.keys}  # deleting a joint empties them
+    with keyframes_kept(spec):
+        return _exchange(spec, pad, tip, tool)
+
+
+def _exchange(
+    spec: mujoco.MjSpec, pad: mujoco.MjsBody, tip: mujoco.MjsSite, tool: Tube | Box
+) -> dict[str, BodyHydrodynamics]:
+    """Delete `pad`, add the tool in its mount, move `tip` to its end, and return the tool's hydrodynamics."""
     link, place, turn = pad.parent, np.array(pad.pos), np.array(pad.quat)
     along = np.array(pad.joints[0].axis)
     R = np.empty(9)
@@ -114,9 +121,6 @@ def fit(spec: mujoco.MjSpec, tool: Tube | Box = SAMPLER) -> dict[str, BodyHydrod
         geom.fromto = np.concatenate([dome * along, (tool.length - dome) * along])
         water = cylinder(tool.radius, dome * along, tool.length * along)
     held.add_site(name="pad_face", pos=tool.length * along, quat=tip.quat, group=4)
-    for key in spec.keys:
-        if len(at_keys[key.name]) == nq:
-            key.qpos = np.concatenate([at_keys[key.name][: nq - 1], np.zeros(3)])
     return {PAD_BODY: water}
 
 

@@ -15,6 +15,7 @@ import numba
 import numpy as np
 from numpy.typing import ArrayLike
 
+from models.site.sliding_contact import TARGET_BODY
 from models.vehicle import Vehicle
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import AbortCode, Command, ObjectMotion, Promise, Reference, Target, WorkState
@@ -54,6 +55,7 @@ _REFERENCE: _Columns = {
     "v_command": (_XYZ, "m/s"),
     "p_WB_reference": (_XYZ, "m"),
 }
+_OBJECT: _Columns = {"p_WT": (_XYZ, "m"), "quat_WT_wxyz": (("w", "x", "y", "z"), "")}  # true, if it can move
 EVERY_STEP = (*_SCALARS, *_VECTORS, *_REFERENCE)  # series of every recording, full or not
 
 
@@ -206,7 +208,8 @@ class Recorder:
     """Observer of `sim.loop.rollout` that keeps a run in memory.
 
     At the loop's rate it keeps what the metrics need. If `full`, it also keeps joints, torques, thrusts, current, the
-    estimate and the controller's internal values every `period`, and the poses of all bodies every `pose_period`.
+    estimate and the controller's internal values every `period`, and the poses of all bodies every `pose_period`. Of an
+    object that can move it keeps the true pose at the loop's rate.
     """
 
     def __init__(
@@ -253,6 +256,9 @@ class Recorder:
         self._references = _Block(1 + _total_width(_REFERENCE))
         self._slow = _Block(1 + _total_width(self._slow_columns))
         self._poses = _Block(1 + 7 * model.nbody)
+        movable = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, TARGET_BODY)
+        self._object = movable if movable >= 0 and model.body_jntnum[movable] else -1
+        self._object_poses = _Block(1 + 7)
         self._believed: dict[str, _Block] = {}
         self._record: tuple[np.ndarray, ...] = ()  # RecorderRecord; a plain tuple goes to a kernel faster
         self._truth: Any = None
@@ -290,6 +296,9 @@ class Recorder:
             self._motions.append(moment.motion)
         scalars = truth.contact_normal, truth.contact_least, truth.contact_most, truth.saturated, truth.collision
         write_row(self._record, truth.time, scalars, self.refer(moment.reference), contact.force_W, contact.normal)
+        if self._object >= 0:
+            row = self._object_poses.row()
+            row[0], row[1:4], row[4:] = truth.time, truth.xpos[self._object], truth.xquat[self._object]
         if not self._full:
             return
         if moment.tick % self._ticks == 0:
@@ -344,6 +353,9 @@ class Recorder:
             slow, poses = self._slow.table(), self._poses.table()
             series |= _split(slow[:, 0], slow[:, 1:], self._slow_columns)
             series["body_pose"] = Series(time=poses[:, 0], value=poses[:, 1:], unit="m, wxyz", labels=self._bodies)
+        if self._object >= 0:
+            poses = self._object_poses.table()
+            series |= _split(poses[:, 0], poses[:, 1:], _OBJECT)
         for name, block in self._believed.items():
             table = block.table()
             labels = tuple(map(str, range(block.width - 1))) if block.width > 2 else ()

@@ -3,7 +3,6 @@
 - `FaultyPlant`: a thruster that fails, sticks or weakens.
 - `FaultySensor`: any sensor that falls silent, freezes, drifts, jumps, spikes or gives NaN.
 - `MisplacedFinder`: a finder that reports the wrong place with full confidence.
-- `DisplacedPlant`: an object of the scene that is displaced.
 - `changing`: a current that changes, for `sim.water.current.Current`.
 
 Each acts while its `Onset` is active. Perception and control learn of a fault through measurements only. A wrapped part
@@ -14,7 +13,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, fields, replace
 from typing import Any, Protocol
 
-import mujoco
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -23,7 +21,7 @@ from models.water.thrusters import curves
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import Command, Measurement, Target, WorkState
 from sim.interfaces.protocols import Sensor, TargetFinder
-from sim.interfaces.spatial import Array, checked, exp_so3, number, quat_wxyz_from_rotation, rotation_from_quat_wxyz
+from sim.interfaces.spatial import Array, checked, number
 from sim.loop.rollout import Moment
 from sim.plant.plant import Plant, Truth
 
@@ -283,56 +281,6 @@ class FaultyPlant:
                 thrusters[i] = command_for(self._curves[i], fault.share * thrust_at(self._curves[i], wanted))
         self._last = thrusters
         self.plant.step(replace(command, thrusters=thrusters))
-
-
-class DisplacedPlant:
-    """Plant (`sim.loop.rollout.SteppedPlant`) in which a body is displaced at the onset, and stays there."""
-
-    def __init__(self, plant: Any, body: str, by: ArrayLike, turn: ArrayLike, onset: Onset, ramp: float) -> None:
-        """Wrap `plant`, a `Plant` or a wrapper of one.
-
-        Args:
-            plant: The plant.
-            body: Name of a mocap body of its model.
-            by: (3,) [m] displacement in W.
-            turn: (3,) [rad] rotation vector in W, about the body's origin.
-            onset: Time at which it begins to move.
-            ramp: [s] that the smooth motion takes.
-
-        Raises:
-            ConfigurationError: There is no such mocap body, or a number is not finite or out of range.
-        """
-        sound = plant
-        while not isinstance(sound, Plant):
-            sound = sound.plant
-        self.plant, self._sound, self.timestep = plant, sound, plant.timestep
-        number = mujoco.mj_name2id(sound.model, mujoco.mjtObj.mjOBJ_BODY, body)
-        self._mocap = int(sound.model.body_mocapid[number]) if number >= 0 else -1
-        if self._mocap < 0:
-            raise ConfigurationError(f"push: the scene has no body {body!r} that can be displaced")
-        self._by, self._turn = checked(by, (3,), "push by [m]"), checked(turn, (3,), "push turn [rad]")
-        if not (np.isfinite(ramp) and ramp > 0.0):
-            raise ConfigurationError(f"push: it must take longer than 0 s, got {ramp}")
-        self._onset, self._ramp = onset, ramp
-        X = sound.model.body_pos[number], sound.model.body_quat[number]
-        self._p, self._R = np.array(X[0]), rotation_from_quat_wxyz(X[1])
-
-    def observe(self) -> Truth:
-        """As `Plant.observe`, with the body where it is now."""
-        data = self._sound.data
-        x = min(max(self._onset.elapsed(float(data.time)) / self._ramp, 0.0), 1.0)
-        share = x * x * (3.0 - 2.0 * x)
-        data.mocap_pos[self._mocap] = self._p + share * self._by
-        data.mocap_quat[self._mocap] = quat_wxyz_from_rotation(exp_so3(share * self._turn) @ self._R)
-        return self.plant.observe()
-
-    def spans(self) -> str:
-        """As `Plant.spans`: the push is in Python."""
-        return "an object is pushed"
-
-    def step(self, command: Command) -> None:
-        """As `Plant.step`."""
-        self.plant.step(command)
 
 
 def changing(onset: Onset, factor: float, ramp: float) -> Callable[[float], tuple[float, float]]:

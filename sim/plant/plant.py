@@ -7,6 +7,7 @@ import numpy as np
 
 from models.hydrodynamics import LAYOUT, world_row
 from models.naming import HOME_KEY, TOOL_GEOM
+from models.site.sliding_contact import TARGET_BODY
 from models.vehicle import Vehicle
 from sim import hydrodynamics
 from sim.interfaces.errors import ConfigurationError
@@ -341,6 +342,11 @@ class Plant:
             return "the plant has soil"
         if self._current.profile is not None:
             return "the current has a profile"
+        if _spacing(self.vehicle.dof) > 1:
+            return "the arm's joints have others between them"
+        target = mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_BODY, TARGET_BODY)
+        if target >= 0 and self.model.body_jntnum[target]:
+            return "the object can move"
         return ""
 
     def ready(self) -> int:
@@ -420,13 +426,23 @@ def _rows_of_friction(model: mujoco.MjModel, vehicle: Vehicle) -> np.ndarray:
 
 
 def _view(array: Array, addresses: np.ndarray) -> Array:
-    """Slice of `array` at `addresses`, which must be consecutive so that it stays a view."""
+    """Slice of `array` at `addresses`, which must be evenly spaced so that it stays a view."""
     if not len(addresses):
         return np.zeros(0)
-    first = int(addresses[0])
-    if not np.array_equal(addresses, np.arange(first, first + len(addresses))):
-        raise ConfigurationError("the driven joints of the arm must follow each other without others between them")
-    return array[first : first + len(addresses)]
+    first, step = int(addresses[0]), _spacing(addresses)
+    if not step:
+        raise ConfigurationError(
+            "between the driven joints of the arm there must be equally many others, none or one after each"
+        )
+    return array[first : first + step * len(addresses) : step]
+
+
+def _spacing(addresses: np.ndarray) -> int:
+    """Difference of neighbouring `addresses`; 0 if it is not the same for all, or not positive."""
+    steps = np.diff(addresses)
+    if not len(steps):
+        return 1
+    return int(steps[0]) if np.all(steps == steps[0]) and steps[0] > 0 else 0
 
 
 def _block(addresses: np.ndarray) -> slice | np.ndarray:

@@ -7,7 +7,7 @@ import pytest
 
 from scenarios.assembly import assemble
 from scenarios.options import barrel
-from scenarios.perturbations.loop import PushedObject
+from scenarios.perturbations.target import PushedObject
 from scenarios.runner import assessed, run_through
 from sim.interfaces.errors import ConfigurationError
 

@@ -9,8 +9,9 @@ import numpy as np
 from scenarios.arm_camera import ArmCameraSetup
 from scenarios.assembly import assemble
 from scenarios.options import barrel
-from scenarios.perturbations.loop import MisplacedSurface, WanderingVision
+from scenarios.perturbations.loop import MisplacedSurface
 from scenarios.perturbations.pad import Pad
+from scenarios.perturbations.sensing import WanderingVision
 from scenarios.perturbations.vehicle import Gears, Payload, ThrusterSpread, Water
 from scenarios.runner import Run, run
 from scenarios.scenario import Belief, Method, Scenario, Sensing

@@ -1,30 +1,17 @@
-"""Perturbations of the loop: misplaced surface, pushed object, failure of a thruster or of a sensor."""
+"""Perturbations of the loop: misplaced surface, failure of a thruster or of a sensor."""
 
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
-import mujoco
 import numpy as np
 
-from models.site.sliding_contact import TARGET_BODY
 from scenarios.perturbations.perturbation import Loop, Perturbation
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import Measurement, StateEstimate, Target, WorkState
 from sim.interfaces.protocols import TargetFinder
-from sim.interfaces.spatial import checked, finite_number, readonly, shown
+from sim.interfaces.spatial import finite_number, readonly, shown
 from sim.loop.rollout import Observer
-from sim.plant.faults import (
-    DisplacedPlant,
-    FaultyPlant,
-    FaultySensor,
-    Fixed,
-    Frozen,
-    Lost,
-    Offset,
-    Onset,
-    SensorFault,
-    ThrusterFault,
-)
+from sim.plant.faults import FaultyPlant, FaultySensor, Fixed, Frozen, Lost, Offset, Onset, SensorFault, ThrusterFault
 from sim.plant.plant import Plant
 from sim.sensors.proprioception import Dvl, Encoders, Imu, JointTorqueSensors, VisionDrift
 
@@ -82,27 +69,7 @@ class ShiftedFinder:
 
 
 @dataclass(frozen=True, kw_only=True)
-class WanderingVision(Perturbation):
-    """The position from vision has a slow error beside its white noise (first-order Gauss-Markov)."""
-
-    sigma: float = 3e-3  # [m] standard deviation per axis
-    time: float = 60.0  # [s] correlation time
-
-    def __post_init__(self) -> None:
-        finite_number(self.sigma, "WanderingVision sigma [m]", least=0.0)
-        finite_number(self.time, "WanderingVision time [s]", above=0.0)
-
-    def on_loop(self, loop: Loop) -> Loop:
-        """Replaces the vision sensor; its messages state the wander."""
-        sensors = [
-            replace(sensor, bias=self.sigma, bias_time=self.time) if isinstance(sensor, VisionDrift) else sensor
-            for sensor in loop.parts.sensors
-        ]
-        return replace(loop, parts=replace(loop.parts, sensors=sensors))
-
-
-@dataclass(frozen=True, kw_only=True)
-class _Failure(Perturbation):
+class Failure(Perturbation):
     """Failure that begins at a time, or when the planner enters a state."""
 
     at: float | None = None  # [s]
@@ -135,37 +102,7 @@ class _Failure(Perturbation):
 
 
 @dataclass(frozen=True, kw_only=True)
-class PushedObject(_Failure):
-    """The object is displaced at a time, or after the planner enters a state, and stays where it is then."""
-
-    by: tuple[float, float, float] = (0.0, 0.0, 0.0)  # [m] in W
-    turn: tuple[float, float, float] = (0.0, 0.0, 0.0)  # [rad] rotation vector in W, about the origin of its model
-    ramp: float = 0.5  # [s] that it takes
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        checked(self.by, (3,), "PushedObject by [m]")
-        checked(self.turn, (3,), "PushedObject turn [rad]")
-        finite_number(self.ramp, "PushedObject ramp [s]", above=0.0)
-        if self.duration is not None:
-            raise ConfigurationError("PushedObject duration: the object stays where it was pushed to; leave it out")
-
-    def on_scene(self, scene: mujoco.MjSpec) -> None:
-        """Makes the object a body that can be displaced."""
-        body = scene.body(TARGET_BODY)
-        if body is None:
-            raise ConfigurationError("PushedObject: there is no object at this site")
-        body.mocap = True
-
-    def on_loop(self, loop: Loop) -> Loop:
-        """Wraps the plant."""
-        onset = self.onset()
-        plant = DisplacedPlant(loop.plant, TARGET_BODY, self.by, self.turn, onset, self.ramp)
-        return replace(loop, plant=plant, observers=(*loop.observers, *self._observers(onset)))
-
-
-@dataclass(frozen=True, kw_only=True)
-class ThrusterFailure(_Failure):
+class ThrusterFailure(Failure):
     """A thruster gives `share` of the commanded thrust, or keeps its last command.
 
     The command is changed, ahead of the thruster's lag, slew and saturation.
@@ -197,7 +134,7 @@ class ThrusterFailure(_Failure):
 
 
 @dataclass(frozen=True, kw_only=True)
-class SensorFailure(_Failure):
+class SensorFailure(Failure):
     """A sensor falls silent, or a field of its messages freezes, takes a value, or is off by it."""
 
     sensor: Literal["encoders", "torque", "imu", "dvl", "vision"]

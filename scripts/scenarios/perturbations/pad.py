@@ -69,7 +69,10 @@ class Pad(Perturbation):
         # The damping ratio is the same on any surface.
         ratio = np.sqrt(spring / old_spring) if old_spring > 0.0 else 1.0
         damping = ratio * old_damping
-        joint.stiffness, joint.damping = _first(joint.stiffness, spring), _first(joint.damping, damping)
+        joint.stiffness, joint.damping = (
+            first_coefficient(joint.stiffness, spring),
+            first_coefficient(joint.damping, damping),
+        )
 
 
 def _contact_stiffness(model: mujoco.MjModel, geom: mujoco.MjsGeom, solref: float) -> float:
@@ -103,7 +106,7 @@ def _sunk(force: float, geom: mujoco.MjsGeom, light: float) -> float:
     return float(brentq(excess, 0.0, force / light, xtol=1e-12))
 
 
-def _first(old: float | Array, value: float) -> float | Array:
+def first_coefficient(old: float | Array, value: float) -> float | Array:
     """`value` in the shape of `old`: newer MuJoCo stores polynomials for these numbers."""
     if np.ndim(old) == 0:
         return value

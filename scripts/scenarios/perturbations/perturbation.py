@@ -82,7 +82,7 @@ def perturb(spec: mujoco.MjSpec, perturbations: Iterable[Perturbation], seed: in
 @cache
 def registry() -> Registry[Perturbation]:
     """All kinds of perturbation, those of other packages included."""
-    from scenarios.perturbations import loop, pad, vehicle
+    from scenarios.perturbations import elastic_gears, loop, pad, sensing, target, vehicle
 
     kinds: dict[str, type[Perturbation]] = {
         "Water": vehicle.Water,
@@ -90,9 +90,14 @@ def registry() -> Registry[Perturbation]:
         "Thrusters": vehicle.ThrusterSpread,
         "Gears": vehicle.Gears,
         "Pad": pad.Pad,
-        "WanderingVision": loop.WanderingVision,
+        "ElasticGears": elastic_gears.ElasticGears,
+        "WanderingVision": sensing.WanderingVision,
+        "DriftingTorque": sensing.DriftingTorque,
+        "AttitudeError": sensing.AttitudeError,
+        "MovingObject": target.MovingObject,
+        "MountedObject": target.MountedObject,
         "MisplacedSurface": loop.MisplacedSurface,
-        "PushedObject": loop.PushedObject,
+        "PushedObject": target.PushedObject,
         "ThrusterFailure": loop.ThrusterFailure,
         "SensorFailure": loop.SensorFailure,
     }

@@ -14,9 +14,9 @@ from models.water import thrusters
 from scenarios.assembly import assemble
 from scenarios.options import barrel
 from scenarios.perturbations import pad
-from scenarios.perturbations.loop import WanderingVision
 from scenarios.perturbations.pad import Pad
 from scenarios.perturbations.perturbation import perturb
+from scenarios.perturbations.sensing import WanderingVision
 from scenarios.perturbations.vehicle import Gears, Payload, ThrusterSpread, Water
 from scenarios.scenario import Sensing
 from sim import hydrodynamics as hydrodynamics_of_plant

@@ -19,8 +19,8 @@ import models
 from models.vehicle import Vehicle
 from scenarios import assemble, barrel
 from scenarios import run as run_of
-from scenarios.perturbations.loop import WanderingVision
 from scenarios.perturbations.pad import Pad
+from scenarios.perturbations.sensing import WanderingVision
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import AbortCode, WorkState
 from sim.loop.recording import STATES, Event, Recording, Series

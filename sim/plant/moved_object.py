@@ -1,0 +1,116 @@
+"""Plant in which an object of the scene moves as prescribed: pushed once, or swinging."""
+
+from collections.abc import Callable
+from typing import Any
+
+import mujoco
+import numpy as np
+from numpy.typing import ArrayLike
+
+from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.messages import Command
+from sim.interfaces.spatial import (
+    Array,
+    checked,
+    exp_so3,
+    finite_number,
+    log_so3,
+    quat_wxyz_from_rotation,
+    rotation_from_quat_wxyz,
+)
+from sim.plant.faults import Onset
+from sim.plant.plant import Plant, Truth
+
+Motion = Callable[
+    [float], tuple[Array, Array]
+]  # displacement (3,) [m] and rotation vector (3,) [rad] in W, by time [s]
+
+
+def push(onset: Onset, by: ArrayLike, turn: ArrayLike, ramp: float) -> Motion:
+    """Motion that begins at `onset`, and ends after `ramp` [s].
+
+    Args:
+        onset: Time at which it begins.
+        by: (3,) [m] displacement in W.
+        turn: (3,) [rad] rotation vector in W, about the body's origin.
+        ramp: [s] that the smooth motion takes.
+
+    Raises:
+        ConfigurationError: A number is not finite or out of range.
+    """
+    p, phi = checked(by, (3,), "push by [m]"), checked(turn, (3,), "push turn [rad]")
+    finite_number(ramp, "push: ramp [s]", above=0.0)
+
+    def motion(time: float) -> tuple[Array, Array]:
+        x = min(max(onset.elapsed(time) / ramp, 0.0), 1.0)
+        share = x * x * (3.0 - 2.0 * x)
+        return share * p, share * phi
+
+    return motion
+
+
+def swing(amplitude: ArrayLike, frequency: float) -> Motion:
+    """Oscillation along a line, from its middle at time 0.
+
+    Args:
+        amplitude: (3,) [m] in W.
+        frequency: [Hz]
+
+    Raises:
+        ConfigurationError: A number is not finite or out of range.
+    """
+    a, omega = checked(amplitude, (3,), "swing amplitude [m]"), 2.0 * np.pi * finite_number(frequency, "swing [Hz]")
+
+    def motion(time: float) -> tuple[Array, Array]:
+        return np.sin(omega * time) * a, np.zeros(3)
+
+    return motion
+
+
+class MovedObjectPlant:
+    """Plant (`sim.loop.rollout.SteppedPlant`) in which a body on a free joint moves as prescribed.
+
+    Position and velocity of its joint are set before every step of the loop, so that contact and friction see how fast
+    the surface moves.
+    """
+
+    def __init__(self, plant: Any, body: str, motion: Motion) -> None:
+        """Wrap `plant`, a `Plant` or a wrapper of one.
+
+        Args:
+            plant: The plant.
+            body: Name of a body of its model with a free joint.
+            motion: How it moves.
+
+        Raises:
+            ConfigurationError: There is no such body.
+        """
+        sound = plant
+        while not isinstance(sound, Plant):
+            sound = sound.plant
+        self.plant, self._sound, self.timestep = plant, sound, plant.timestep
+        model, number = sound.model, mujoco.mj_name2id(sound.model, mujoco.mjtObj.mjOBJ_BODY, body)
+        joint = int(model.body_jntadr[number]) if number >= 0 else -1
+        if joint < 0 or model.jnt_type[joint] != mujoco.mjtJoint.mjJNT_FREE:
+            raise ConfigurationError(f"moved object: the scene has no body {body!r} on a free joint")
+        self._qpos, self._dof, self._motion = int(model.jnt_qposadr[joint]), int(model.jnt_dofadr[joint]), motion
+        self._p, self._R = np.array(model.body_pos[number]), rotation_from_quat_wxyz(model.body_quat[number])
+
+    def observe(self) -> Truth:
+        """As `Plant.observe`, with the body where it is now."""
+        data, dt = self._sound.data, self.timestep
+        (p, phi), (p_next, phi_next) = (self._motion(t) for t in (float(data.time), float(data.time) + dt))
+        R, R_next = exp_so3(phi) @ self._R, exp_so3(phi_next) @ self._R
+        data.qpos[self._qpos : self._qpos + 3] = self._p + p
+        data.qpos[self._qpos + 3 : self._qpos + 7] = quat_wxyz_from_rotation(R)
+        data.qvel[self._dof : self._dof + 3] = (p_next - p) / dt
+        data.qvel[self._dof + 3 : self._dof + 6] = log_so3(R.T @ R_next) / dt
+        return self.plant.observe()
+
+    def spans(self) -> str:
+        """As `Plant.spans`: the motion is in Python."""
+        return "the object moves"
+
+    def step(self, command: Command) -> None:
+        """As `Plant.step`."""
+        self.plant.step(command)

@@ -1,0 +1,59 @@
+"""Joint torque sensors with coloured noise and drift, around sensors with white noise and a constant bias."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from sim.interfaces.messages import TorqueMeasurement
+from sim.interfaces.spatial import Array, finite_number
+from sim.plant.plant import Truth
+from sim.sensors.proprioception import FastState, JointTorqueSensors
+
+
+@dataclass(slots=True, eq=False)
+class DriftState:
+    """State of drifting torque sensors."""
+
+    sensors: FastState
+    walk: np.random.Generator
+    rate: Array | None = None  # (n,) [N m/s] drift of this run; drawn with the first sample
+    coloured: Array | None = None  # (n,) [N m] present coloured error
+
+
+class DriftingTorqueSensors:
+    """Torque sensors (`sim.interfaces.protocols.Sensor`) whose reading also wanders and drifts."""
+
+    def __init__(self, sensors: JointTorqueSensors, *, sigma: float, time: float, drift: float) -> None:
+        """Wrap `sensors`.
+
+        Args:
+            sensors: Sensors with white noise and bias; they draw as without the wrapper.
+            sigma: [N m] standard deviation of the coloured noise (first-order Gauss-Markov), each sensor its own.
+            time: [s] its correlation time.
+            drift: [N m/s] standard deviation of a constant rate of change, each sensor its own.
+
+        Raises:
+            ConfigurationError: A number is not finite or out of range.
+        """
+        self.sound, self.period, self.delay = sensors, sensors.period, sensors.delay
+        self._sigma = finite_number(sigma, "torque sensors: sigma [N m]", least=0.0)
+        self._kept = float(np.exp(-sensors.period / finite_number(time, "torque sensors: time [s]", above=0.0)))
+        self._drift = finite_number(drift, "torque sensors: drift [N m/s]", least=0.0)
+
+    def init(self, rng: np.random.Generator) -> DriftState:
+        """Draw the biases of this run."""
+        inner = self.sound.init(rng)
+        return DriftState(inner, rng.spawn(1)[0])
+
+    def step(self, state: DriftState, truth: Truth) -> tuple[DriftState, TorqueMeasurement]:
+        """Measure the torques at the gear outputs, and advance the slow errors."""
+        state.sensors, sound = self.sound.step(state.sensors, truth)
+        count = len(sound.tau)
+        if state.coloured is None or state.rate is None:
+            state.rate = self._drift * state.walk.standard_normal(count)
+            state.coloured = self._sigma * state.walk.standard_normal(count)
+        error = state.coloured + state.rate * sound.time
+        state.coloured = self._kept * state.coloured + self._sigma * np.sqrt(
+            1.0 - self._kept**2
+        ) * state.walk.standard_normal(count)
+        return state, replace(sound, tau=sound.tau + error)

@@ -275,6 +275,10 @@ class SafetyTuning:
     gentle_force: float = tuned(50.0, "[N] at the tip, above which the arm gives way once the work is broken off")
 
 
+# A gear that twists hides its link's inertia from the motor at high frequency: with the full gains the servo oscillates
+# on gears of up to 1e6 N m/rad, with these down to 1e4 N m/rad it does not.
+ELASTIC_GEARS = ArmTuning(joint_frequency=30.0, joint_damping=1.0)
+
 # Softer servo than for work on a stiff surface; filters, noise and friction as there (same sensors and gears).
 _DRIVES = ArmTuning(joint_frequency=40.0, joint_damping=1.0, joint_integral_time=0.3)
 

@@ -91,7 +91,8 @@ class KnownObjectFinder:
             tool_radius: [m] of the ball at the end of the tool; 0: a point.
             looks: Number of consecutive frames or pings whose median depth the path is planned on.
             seed: Of all random samples.
-            attitude_sigma: [rad] standard deviation of the estimated attitude of the hull, about any axis.
+            attitude_sigma: [rad] standard deviation of the hull's attitude, about any axis, where the estimate states
+                none.
             loose: [m] standard deviation, of the centre or of the surface under the path, above which an accepted find
                 asks for a look from another place.
 
@@ -221,7 +222,8 @@ class KnownObjectFinder:
             return None, readonly(np.zeros((6, 6)))
         doubt = found.covariance.in_frame(X_WC)
         position = np.nan_to_num(estimate.position_sigma, nan=0.0)
-        of_hull = doubt.of_carrier(estimate.X_WB[:3, 3], position, self._attitude_sigma)
+        attitude = self._attitude_sigma if np.isnan(estimate.attitude_sigma) else estimate.attitude_sigma
+        of_hull = doubt.of_carrier(estimate.X_WB[:3, 3], position, attitude)
         both = doubt.plus(of_hull)
         return both, readonly(both.matrix - doubt.matrix)
 

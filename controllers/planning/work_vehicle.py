@@ -6,6 +6,7 @@ import numpy as np
 
 from controllers.mkps import Chain
 from models.vehicle import Vehicle
+from sim.interfaces.messages import StateEstimate
 from sim.interfaces.spatial import Array, readonly
 
 _AHEAD = readonly([[0.0, 0.0, 1.0, 0.0], [-1.0, 0.0, 0.0, 0.0], [0.0, -1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
@@ -25,3 +26,7 @@ class WorkVehicle:
         """Horizontal direction (3,) of the camera's view; ahead for one that looks straight down."""
         ahead = self.X_BC[:3, 2] * [1.0, 1.0, 0.0]
         return ahead / np.linalg.norm(ahead) if np.linalg.norm(ahead) > 1e-6 else np.array([1.0, 0.0, 0.0])
+
+    def tip(self, estimate: StateEstimate) -> Array:
+        """Place (3,) [m] of the tool's tip in W, by the estimated hull pose and joint angles."""
+        return (estimate.X_WB @ self.vehicle.X_BA @ self.chain.forward(estimate.q))[:3, 3]

@@ -37,6 +37,8 @@ class ScanLimits:
     finds: int = 6  # identifications of a known object per view, of which the mean is used
     interval: float = 4.0  # [s] between them
     frame_within: float = 5.0  # [s] in which a requested frame must arrive
+    agree: float = 0.7  # share of the finds from one view that must be of one pose, or else the object moves
+    lost: int = 3  # looks without a find at the end of a view, from which on its earlier finds do not count
 
     def __post_init__(self) -> None:
         if isinstance(self.finds, bool) or self.finds < 1:
@@ -51,6 +53,7 @@ class ScanState:
 
     look_from: float  # [s] earliest time of the next depth frame
     looks: int = 0  # depth frames from this view
+    in_vain: int = 0  # the last of them, without a find
     finds: tuple[Target, ...] = ()  # accepted identifications from this view
 
 
@@ -74,13 +77,21 @@ class ScanTarget(Phase):
                 return Abort(AbortCode.NO_FRAME, f"no depth frame arrived within {limits.frame_within:g} s")
             return None
         state.looks += 1
+        state.in_vain += 1
         if target.accepted and (target.path is not None or not self._path):
-            state.finds = (*state.finds, target)
+            state.finds, state.in_vain = (*state.finds, target), 0
         if state.finds and state.looks < limits.finds:
             state.look_from = now.time + limits.interval
             return None
         held.next_X_WB = target.next_X_WB
         again = held.views < limits.views
+        if moving := self._moving(state.finds):
+            return Abort(AbortCode.OBJECT_MOVES, moving)
+        if state.finds and state.in_vain >= limits.lost:
+            if again:
+                return PhaseEvent.REFUSED
+            said = f"the object was found, but in none of the {state.in_vain} looks after that: it moves, or was another"
+            return Abort(AbortCode.OBJECT_MOVES, said)
         if state.finds and not (again and target.accepted and target.next_X_WB is not None):
             held.target = fuse_poses((*held.finds, *state.finds))
             return PhaseEvent.DONE
@@ -92,6 +103,17 @@ class ScanTarget(Phase):
             return PhaseEvent.DONE
         views = f" in {limits.views} views" if limits.views > 1 else ""
         return Abort(AbortCode.NOT_IDENTIFIED, f"not identified{views}: {target.reason}")
+
+    def _moving(self, finds: Sequence[Target]) -> str:
+        """Sentence if too few of the finds from one view are of one pose; empty if the object rests."""
+        same = _agreeing(finds)
+        if len(same) >= self._limits.agree * len(finds):
+            return ""
+        way = max(float(np.linalg.norm(one.X_WT[:3, 3] - other.X_WT[:3, 3])) for one in finds for other in finds)
+        return (
+            f"the object moves: {len(finds)} finds within {finds[-1].time - finds[0].time:.0f} s lie up to "
+            f"{1e3 * way:.0f} mm apart, {len(same)} of them agree"
+        )
 
     def setpoint(self, state: ScanState, held: Held, now: Context) -> Setpoint:
         """Ask for a frame when it is time."""

@@ -1,7 +1,7 @@
 """Phases of work on a surface: approach, press, follow the path, release, retreat. Depths count from the stand-off."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, fields
 
 from controllers.planning.hull_placement import stretches
@@ -9,7 +9,7 @@ from controllers.planning.trajectories import BEND, Progress, SpeedLaw, progress
 from controllers.tasks.arrival import Since
 from controllers.tasks.phase import ZERO, Abort, Context, Held, Outcome, Phase, PhaseEvent, Setpoint, towards, way_back
 from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.messages import AbortCode
+from sim.interfaces.messages import AbortCode, StateEstimate
 from sim.interfaces.spatial import Array, finite_number
 
 
@@ -101,6 +101,7 @@ class PressLimits:
     noise: float = 3.0  # standard deviations of the estimate, where they are more than that
     held: float = 0.5  # [s] for which the force must be within it
     within: float = 6.0  # [s] limit for that
+    gives_way: float = 0.03  # [m] by which the surface may yield; 136 N on the softest one allowed, 5e3 N/m, are 27 mm
 
 
 @dataclass(slots=True)
@@ -108,13 +109,22 @@ class PressState:
     """State of `Press`."""
 
     since: float  # [s] later by every pause
+    p_WG: Array | None = None  # (3,) [m] believed tip when it touched; None: not watched
     set_since: float = math.inf  # [s] time since when the force is reached; inf: it is not
 
 
 class Press(Phase):
     """Ramp the force to its set value, and wait until it is reached; no motion along the path yet."""
 
-    def __init__(self, limits: PressLimits, force: float, rate: float, *, insist: bool = True) -> None:
+    def __init__(
+        self,
+        limits: PressLimits,
+        force: float,
+        rate: float,
+        *,
+        insist: bool = True,
+        tip: Callable[[StateEstimate], Array] | None = None,
+    ) -> None:
         """Set up the phase.
 
         Args:
@@ -122,13 +132,15 @@ class Press(Phase):
             force: [N] set force.
             rate: [N/s] of its change.
             insist: False: done at any force when the time is over (ablation).
+            tip: place (3,) [m] of the tip in W, by the estimate; None: a surface that gives way is pressed on all the
+                same.
         """
-        self._limits, self._force, self._rate, self._insist = limits, force, rate, insist
+        self._limits, self._force, self._rate, self._insist, self._tip = limits, force, rate, insist, tip
 
     def enter(self, held: Held, now: Context) -> PressState:
         """Begin at the force that is felt."""
         del held
-        return PressState(now.time)
+        return PressState(now.time, None if self._tip is None else self._tip(now.estimate))
 
     def step(self, state: PressState, held: Held, now: Context) -> Outcome:
         """Done once the force has been reached for long enough."""
@@ -137,6 +149,11 @@ class Press(Phase):
         if now.paused:
             state.since += now.period
         held.force = towards(held.force, force, self._rate * now.period)
+        if self._tip is not None and state.p_WG is not None:
+            yielded = float((self._tip(now.estimate) - state.p_WG) @ held.tool()[0][:3, 2])
+            if yielded > limits.gives_way:
+                said = f"the surface gives way: {1e3 * yielded:.0f} mm under {max(felt, 0.0):.0f} N"
+                return Abort(AbortCode.GIVES_WAY, said)
         noise = limits.noise * now.normal_sigma if math.isfinite(now.normal_sigma) else 0.0
         if abs(felt - force) > max(limits.tolerance * force, noise) or held.force != force:
             state.set_since = math.inf
@@ -146,7 +163,7 @@ class Press(Phase):
         if now.time - state.set_since > limits.held or (late and not self._insist):
             return PhaseEvent.DONE
         if late:
-            said = f"the force of {force} N was not reached in {limits.within} s: {felt:.1f} N"
+            said = f"the force did not settle at {force:g} N within {limits.within:g} s: {felt:.1f} N"
             return Abort(AbortCode.FORCE_NOT_REACHED, said)
         return None
 

@@ -173,7 +173,7 @@ def surface_rows(site: WorkSite, job: SurfaceTaskConfig) -> Iterable[tuple[str, 
         Names and rows.
     """
     approach, states = job.approach, WorkState
-    press = Press(job.press, job.forces[0], job.force_rate, insist=job.force_control)
+    press = Press(job.press, job.forces[0], job.force_rate, insist=job.force_control, tip=site.own.tip)
     follow = FollowPath(FollowLimits(speed=job.speed), job.forces if job.contactless is None else (), job.force_rate)
     tare = CertainPlace(TareSensors(), job.promise, job.speed)
     stand_off = -approach.standoff

@@ -42,7 +42,7 @@ def tap(
         yield from arrival(site, job.arrival, then="approach", depth=0.0, offset=-clear, broken=BREAK_OFF)
         table: tuple[tuple[str, Phase, WorkState, str], ...] = (
             ("approach", contact.GuardedApproach(approach), states.APPROACH, "press"),
-            ("press", contact.Press(job.press, job.forces[0], job.force_rate), states.PRESS, "dwell"),
+            ("press", contact.Press(job.press, job.forces[0], job.force_rate, tip=tip), states.PRESS, "dwell"),
             ("dwell", contact.Dwell(hold), states.WORK, at_once("mark")),
             ("mark", Decide(mark, AbortCode.OUT_OF_REACH), states.WORK, "let go"),
             ("let go", contact.Unload(job.force_rate, approach.touch), states.RETREAT, "lift"),

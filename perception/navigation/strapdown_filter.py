@@ -177,6 +177,7 @@ class Navigation:
         )
         for record in (state.joints, state.estimate):
             record.q[:], record.qd[:], record.tau[:] = encoders.q, encoders.qd, torque.tau
+        state.estimate.attitude_sigma[0] = stated[0].attitude_bias
         return state
 
     def _set_constants(self, f: np.record, imu: ImuNoise, vision: VisionNoise, dvl: DvlNoise) -> None:

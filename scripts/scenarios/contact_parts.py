@@ -3,6 +3,7 @@
 import importlib
 import traceback
 from collections.abc import Callable, Set
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -17,7 +18,7 @@ from controllers.estimation.closed_form_force import ClosedFormForce
 from controllers.hull.hull_control import Term, WithoutCompensation, WithoutTerms
 from controllers.safety.safety_wrapper import SafetyWrapper
 from controllers.tool_control import FromReference
-from controllers.tuning import DRIVE_PERIOD, ArmTuning
+from controllers.tuning import DRIVE_PERIOD, ELASTIC_GEARS, ArmTuning
 from controllers.work_controller import WorkController
 from models.arms import dh_geometry
 from models.naming import ARM_BASE_BODY, HULL_BODY, TIP_SITE
@@ -159,7 +160,8 @@ def controller(control: Control, own: mujoco.MjModel, *, water_error: float) -> 
 
     Args:
         control: The name, one of CONTROLLERS or MODULE:CLASS, and the methods that other objects take the place of
-            (`ablated`, `as_published`). Another inverse kinematics than "hybrid" goes to it in its tuning.
+            (`ablated`, `as_published`). Another inverse kinematics than "hybrid", and a servo for elastic gears, go to
+            it in its tuning.
         own: The vehicle's model of itself.
         water_error: Share by which the controller's hydrodynamic coefficients are wrong.
 
@@ -171,8 +173,9 @@ def controller(control: Control, own: mujoco.MjModel, *, water_error: float) -> 
     kind = partial(CONTROLLERS.load, name) if ":" not in name else _class(name, _CONTROLLER)
     if ":" not in name:
         CONTROLLERS.resolve(name)
-    if control.ik != "hybrid":
-        parts["tuning"] = ArmTuning(inverse_kinematics=control.ik)
+    tuning = replace(ELASTIC_GEARS if control.elastic_gears else ArmTuning(), inverse_kinematics=control.ik)
+    if tuning != ArmTuning():
+        parts["tuning"] = tuning
     made = _made(partial(kind, own, water_error=water_error, **parts), name, _CONTROLLER)
     return SafetyWrapper(made, own)
 

@@ -89,6 +89,7 @@ class Control:
     without: tuple[AblatedMethod, ...] = ()
     ik: IkMethod = "hybrid"  # inverse kinematics that tracks the tool pose
     published: tuple[PublishedMethod, ...] = ()  # methods as in [Konoplin 2022], in place of the default ones
+    elastic_gears: bool = False  # the softer joint servo for gears that twist under load
 
     def __post_init__(self) -> None:
         laws = {"force-law", "normal-force-law"} & {*self.published}

@@ -46,6 +46,7 @@ class AbortCode(StrEnum):
     NOT_IDENTIFIED = "not identified"  # neither the object nor a place on the seabed was accepted
     NO_GROUND = "no ground"  # the ground under the hull does not allow the descent
     PLACE_UNCERTAIN = "place uncertain"  # the chance to keep the path's tolerance is too small
+    OBJECT_MOVES = "object moves"  # finds of it, some seconds apart, are not of one pose
     OUT_OF_REACH = "out of reach"  # from no hull pose does the tool reach its path
     CURRENT = "current too strong"  # the thrusters cannot hold the hull in it while the tool works
     NO_CLEAR_WAY = "no clear way"  # hull or arm would come too near to the object or the seabed
@@ -54,6 +55,7 @@ class AbortCode(StrEnum):
     HULL_ADRIFT = "hull adrift"  # it is further off its place than `lost_place` of the limits in `controllers.tasks`
     NO_CONTACT = "no contact"  # there is no surface where one is expected
     OBSTACLE = "obstacle"  # contact where none is expected
+    GIVES_WAY = "surface gives way"  # the tool follows it farther than any work allows for
     FORCE_NOT_REACHED = "force not reached"  # the estimated force stays below the first set one
     FORCE_NOT_HELD = "force not held"  # the estimated force stays above the set one
     FORCE_LIMIT = "force limit"  # the estimated force is above its limit
@@ -243,6 +245,7 @@ class StateEstimate:
     tau: Array  # (n,) [N m] measured at the gear outputs
     tau_doubt: Array | None = None  # (n,) [N m] standard deviation beyond the sensors' noise; None: none
     position_sigma: Array = field(default_factory=lambda: _UNKNOWN)  # (3,) [m] of the hull position, W; NaN: not known
+    attitude_sigma: float = math.nan  # [rad] of the hull's attitude, about any axis; NaN: not known
     vision_age: float = math.nan  # [s] since exposure of the newest image that was used; NaN: not known
     dvl_age: float = math.nan  # [s] the same for the DVL; inf: none was ever used
     imu_age: float = math.nan  # [s] the same for the IMU

@@ -41,6 +41,7 @@ class EstimateRecord(NamedTuple):
     qd: Array  # (n,) [rad/s]
     tau: Array  # (n,) [N m]
     position_sigma: Array  # (3,) [m]
+    attitude_sigma: Array  # (1,) [rad]
     ages: Array  # (4,) [s] since the newest vision, DVL and IMU measurement that was used, and since a jump of the IMU
 
 
@@ -57,7 +58,9 @@ def joint_record(joints: int) -> JointRecord:
 def estimate_record(joints: int) -> EstimateRecord:
     """Record of a vehicle at rest at the origin of the world, with so many joints."""
     v, w, a, sigma = np.zeros((4, 3))
-    return EstimateRecord(np.zeros(1), np.eye(4), v, w, a, *joint_record(joints), sigma, np.zeros(4))
+    return EstimateRecord(
+        np.zeros(1), np.eye(4), v, w, a, *joint_record(joints), sigma, np.full(1, math.nan), np.zeros(4)
+    )
 
 
 def state_estimate(record: EstimateRecord) -> StateEstimate:
@@ -73,6 +76,7 @@ def state_estimate(record: EstimateRecord) -> StateEstimate:
         qd=record.qd.copy(),
         tau=record.tau.copy(),
         position_sigma=record.position_sigma.copy(),
+        attitude_sigma=record.attitude_sigma.item(),
         vision_age=vision_age,
         dvl_age=dvl_age,
         imu_age=imu_age,

@@ -34,7 +34,7 @@ _FIELDS: dict[str, tuple[int, ...]] = {
     "qd": (),
     "tau": (),
 }
-_NUMBERS = ("time", "vision_age", "dvl_age", "imu_age", "imu_jump_age")
+_NUMBERS = ("time", "attitude_sigma", "vision_age", "dvl_age", "imu_age", "imu_jump_age")
 
 
 class EntryError(UuvError):

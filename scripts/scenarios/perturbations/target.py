@@ -17,7 +17,8 @@ from sim.plant.moved_object import MovedObjectPlant, push, swing
 
 ADDED_MASS = 0.5  # share of the displaced water's mass: a sphere, exact in potential flow
 DRAG = 0.47  # coefficient of a sphere
-_HEAVY = 1e6  # [kg, kg m^2] of an object that moves as prescribed: nothing pushes it aside
+_HEAVY = 1e3  # [kg, kg m^2] of an object that moves as prescribed: 60 N change its speed by 0.1 mm/s in a step. A far
+# heavier body would coarsen the tolerance of the solver, which MuJoCo scales by the mean inertia.
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -154,7 +154,7 @@ def record_row(world):
 @numba.njit(cache=True, **_WITHIN)
 def _copy(one, other):
     """Copy one EstimateRecord into another, by loops: numba compiles them in a tenth of the time of slices."""
-    other.time[0] = one.time[0]
+    other.time[0], other.attitude_sigma[0] = one.time[0], one.attitude_sigma[0]
     for i in range(4):
         for j in range(4):
             other.X_WB[i, j] = one.X_WB[i, j]

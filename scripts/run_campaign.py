@@ -6,13 +6,15 @@
 
 from scenarios.start import parse, run_scenario  # isort: skip
 
+import itertools
 import shlex
 import time
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
+from typing import Annotated
 
-from tyro.conf import Positional
+from tyro.conf import Positional, UseAppendAction
 
 from scenarios.campaigns.campaign import CampaignRun, crashed_row, one_run, read_campaign
 from scenarios.campaigns.campaign_report import summarise
@@ -33,6 +35,8 @@ class Options(HarnessOptions):
     """Seed instead of that in the file."""
     cases: int | None = None
     """Number of cases instead of that in the file."""
+    set: Annotated[tuple[tuple[str, ...], ...], UseAppendAction] = ()
+    """KEY=VALUE for the same value in all runs, VALUE in TOML; the other draws stay, so that runs can be compared."""
     only: int | None = None
     """Do only the run of this number, if it is missing."""
     replay: int | None = None
@@ -50,10 +54,12 @@ class Options(HarnessOptions):
 def main() -> int:
     """Runs or resumes the campaign, or replays one of its runs; returns the exit code."""
     started, options = time.perf_counter(), parse(Options)
-    campaign = read_campaign(options.file)
+    values = tuple(itertools.chain(*options.set))
+    campaign = read_campaign(options.file, values)
     changed = {name: value for name in ("seed", "cases") if (value := getattr(options, name)) is not None}
     campaign = replace(campaign, **changed)
     given = [f"--{name} {value}" for name, value in changed.items()]
+    given += ["--set", *map(shlex.quote, values)] if values else []
     runs = campaign.runs()
     if options.replay is not None:
         run = one_of(runs, options.replay)

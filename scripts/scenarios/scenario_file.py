@@ -42,6 +42,7 @@ from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import shown
 from sim.runs.saving import write_whole
 
+PERTURBATIONS = "perturbations"
 KIND = "kind"
 _MOST = 1_000_000  # [characters] of a file
 
@@ -91,28 +92,64 @@ def with_values(scenario: Scenario, assignments: Iterable[str]) -> Scenario:
 
     Args:
         scenario: The base.
-        assignments: Each `KEY=VALUE`: a dotted key such as task.speed, and a TOML value; what is none is text.
+        assignments: As for `assigned`.
 
     Raises:
         ConfigurationError: A key or value is none of those allowed.
     """
     nested = as_dict(scenario)
-    for assignment in assignments:
-        key, equals, text = assignment.partition("=")
-        *tables, last = key.strip().split(".")
-        table: Any = nested
-        for name in tables:
-            table = table.setdefault(name, {}) if isinstance(table, dict) else None
-        if not equals or not isinstance(table, dict):
-            raise ConfigurationError(f"--set: allowed KEY=VALUE with a key of a scenario file, got {shown(assignment)}")
-        try:
-            table[last] = tomllib.loads(f"value = {text}")["value"]
-        except tomllib.TOMLDecodeError:
-            table[last] = text
     try:
+        for key, value in assigned(assignments).items():
+            put(nested, key, value)
         return from_dict(nested)
     except ConfigurationError as error:
         raise ConfigurationError(f"--set: {str(error).removeprefix('--')}") from error
+
+
+def assigned(assignments: Iterable[str]) -> dict[str, Any]:
+    """Values by dotted key.
+
+    Args:
+        assignments: Each `KEY=VALUE`: a dotted key such as task.speed, and a TOML value; what is none is text.
+
+    Raises:
+        ConfigurationError: One has no =.
+    """
+    values: dict[str, Any] = {}
+    for assignment in assignments:
+        key, equals, text = assignment.partition("=")
+        if not equals:
+            raise ConfigurationError(f"allowed KEY=VALUE with a key of a scenario file, got {shown(assignment)}")
+        try:
+            values[key.strip()] = tomllib.loads(f"value = {text}")["value"]
+        except tomllib.TOMLDecodeError:
+            values[key.strip()] = text
+    return values
+
+
+def put(nested: dict[str, Any], key: str, value: Any) -> None:
+    """Sets the value at a dotted key of a scenario's tables; a perturbation that is missing is appended.
+
+    Raises:
+        ConfigurationError: The key is in no table of a scenario.
+    """
+    *tables, last = key.split(".")
+    table: Any = nested
+    if tables[:1] == [PERTURBATIONS]:
+        if len(tables) != 2:
+            raise ConfigurationError(f"no parameter {shown(key)}: perturbations.KIND.FIELD")
+        several = table.setdefault(PERTURBATIONS, [])
+        found = [each for each in several if each[KIND] == tables[1]]
+        if not found:
+            several.append({KIND: tables[1]})
+            found = several[-1:]
+        table = found[0]
+    else:
+        for name in tables:
+            table = table.setdefault(name, {}) if isinstance(table, dict) else None
+    if not isinstance(table, dict):
+        raise ConfigurationError(f"no parameter {shown(key)}: it is in no table of a scenario")
+    table[last] = value
 
 
 def as_dict(scenario: Scenario) -> dict[str, Any]:

@@ -21,7 +21,7 @@ docs/campaigns.md lists all keys.
 import copy
 import tomllib
 import traceback
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cache
 from pathlib import Path
@@ -41,7 +41,7 @@ from scenarios.options import (
 )
 from scenarios.runner import run
 from scenarios.scenario import Scenario
-from scenarios.scenario_file import KIND, as_dict, from_dict, read_scenario
+from scenarios.scenario_file import KIND, as_dict, assigned, from_dict, put, read_scenario
 from scenarios.study.worker import Limits
 from sim.evaluation import schema_files
 from sim.interfaces.errors import ConfigurationError, UuvError
@@ -55,7 +55,6 @@ BASES: Mapping[str, Any] = {
     "seabed": SeabedOptions,
     "inspection": InspectionOptions,
 }
-PERTURBATIONS = "perturbations"
 _SCHEMAS = {"Insertion": "insertion", "Inspection": "inspection", "SeabedSampling": "seabed_work"}  # others: metrics
 _MOST_CASES = 10_000_000  # runs of a campaign: 10 GB of rows
 _TRACE = 2000  # characters of a traceback that a row keeps
@@ -124,12 +123,16 @@ class CampaignRun:
         """
         nested = copy.deepcopy(dict(self.base))
         for name, value in self.values.items():
-            _put(nested, name, value)
+            put(nested, name, value)
         return from_dict(nested)
 
 
-def read_campaign(file: str | Path) -> Campaign:
+def read_campaign(file: str | Path, changed: Sequence[str] = ()) -> Campaign:
     """The campaign in a TOML file.
+
+    Args:
+        file: The file.
+        changed: As for `scenario_file.assigned`, beside the values of its table [set], and in place of draws.
 
     Raises:
         ConfigurationError: The file cannot be read, or a key or value is none of those allowed; the message names them.
@@ -141,7 +144,10 @@ def read_campaign(file: str | Path) -> Campaign:
         said = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
         raise ConfigurationError(f"campaign {path}: cannot be read ({said})") from error
     try:
-        return _campaign(given, path)
+        entries = assigned(changed)
+        if "distributions" in given:  # a value that is set is no longer drawn
+            given["distributions"] = {k: v for k, v in _table(given, "distributions").items() if k not in entries}
+        return _campaign({**given, "set": {**_table(given, "set"), **entries}}, path)
     except ConfigurationError as error:
         raise ConfigurationError(f"campaign {path}: {str(error).removeprefix('--')}") from error
 
@@ -216,32 +222,11 @@ def _at(nested: Any, name: str) -> Any:
     return nested
 
 
-def _put(nested: dict[str, Any], name: str, value: Any) -> None:
-    """Sets the value at a dotted key of a scenario's tables; a perturbation that is missing is appended."""
-    *tables, last = name.split(".")
-    table: Any = nested
-    if tables[:1] == [PERTURBATIONS]:
-        if len(tables) != 2:
-            raise ConfigurationError(f"no parameter {shown(name)}: perturbations.KIND.FIELD")
-        several = table.setdefault(PERTURBATIONS, [])
-        found = [each for each in several if each[KIND] == tables[1]]
-        if not found:
-            several.append({KIND: tables[1]})
-            found = several[-1:]
-        table = found[0]
-    else:
-        for key in tables:
-            table = table.setdefault(key, {}) if isinstance(table, dict) else None
-    if not isinstance(table, dict):
-        raise ConfigurationError(f"no parameter {shown(name)}: it is in no table of a scenario")
-    table[last] = value
-
-
 def _checked_key(base: Scenario, name: str) -> None:
     """Refuses a parameter that the campaign sets itself, or that lies in no table of the scenario."""
     if name in ("seed", "perturbation_seed", "name"):
         raise ConfigurationError(f"{name!r} cannot be drawn: the campaign's seed gives it")
-    _put(as_dict(base), name, None)
+    put(as_dict(base), name, None)
 
 
 def _campaign(given: dict[str, Any], path: Path) -> Campaign:
@@ -258,7 +243,7 @@ def _campaign(given: dict[str, Any], path: Path) -> Campaign:
         raise ConfigurationError(f"name: must be letters, digits, - and _, got {shown(name)}")
     nested = as_dict(base)
     for key, value in _table(given, "set").items():
-        _put(nested, key, value)
+        put(nested, key, value)
     distributions = {}
     for key, value in _table(given, "distributions").items():
         try:

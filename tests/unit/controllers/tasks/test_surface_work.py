@@ -14,7 +14,7 @@ from controllers.mkps import Chain
 from controllers.planning import hull_placement
 from controllers.planning.hull_placement import Placement
 from controllers.planning.work_vehicle import WorkVehicle
-from controllers.tasks.arrival import ScanLimits
+from controllers.tasks.arrival import ArrivalLimits, ScanLimits
 from controllers.tasks.contact_phases import ApproachLimits
 from controllers.tasks.hull_phases import Settle, ascent_direction
 from controllers.tasks.surface_work import SurfaceTaskConfig, SurfaceWork
@@ -429,8 +429,8 @@ def test_another_view_when_the_first_shows_nothing():
     ("looks", "finds", "mean"),
     [
         ((True,) * 6, (0.0, 4e-3, 0.0, 8e-3, 0.0, 6e-3), 3e-3),
-        ((True, False, True, False, False, False), (0.0, 4e-3), 2e-3),  # what is not found at a look is left out
-        ((True, *(False,) * 5), (5e-3,), 5e-3),
+        ((True, False, True, False, True, False), (0.0, 4e-3, 2e-3), 2e-3),  # what is not found at a look is left out
+        ((True, False, False, True, False, False), (5e-3, 5e-3), 5e-3),
     ],
 )
 def test_mean_of_several_finds_is_worked(looks, finds, mean):
@@ -441,6 +441,26 @@ def test_mean_of_several_finds_is_worked(looks, finds, mean):
     assert np.diff(asked) == pytest.approx(np.full(5, script.job.arrival.scan.interval), abs=0.05)
     worked = np.array([tip(r)[0] for r in script.of(WorkState.WORK)])
     assert worked[0] == pytest.approx(mean, abs=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("looks", "finds", "said"),
+    [
+        ((True,) * 6, (0.0, 0.2, 0.4, 0.0, 0.2, 0.4), "6 finds within 20 s lie up to 400 mm apart, 2 of them agree"),
+        ((True, True, *(False,) * 4), (0.0, 0.0), "found, but in none of 4 looks after that"),
+    ],
+)
+def test_an_object_that_moves_is_not_worked(looks, finds, said):
+    job = SurfaceTaskConfig(forces=(60.0,), arrival=ArrivalLimits(scan=ScanLimits(views=1)))
+    script = Script(looks=looks, finds=finds, job=job).run()
+    assert script.end.abort is AbortCode.OBJECT_MOVES
+    assert said in script.end.note
+    assert WorkState.CLOSE_IN not in script.states
+
+
+def test_finds_that_are_not_repeated_ask_for_another_view():
+    script = Script(looks=(True, *(False,) * 5, *(True,) * 6), finds=(0.0,) * 7).run()
+    assert script.states == [WorkState.SETTLE, WorkState.SCAN, *JOURNEY, WorkState.DONE]
 
 
 @pytest.mark.parametrize("bears", [True, False])

@@ -137,6 +137,7 @@ def stretches(path: ToolPath) -> tuple[tuple[float, float], ...]:
 
 _SCALE = np.array([1.0, 1.0, 1.0, 0.4, 0.4, 0.4])[:, None]  # [m/rad] weights rotation against translation
 _SINGULAR = 0.12  # smallest singular value of the weighted Jacobian that gives a margin of 1
+_MOST_TURN = 0.3  # [rad] of the tool between two samples of its path
 _HALF_STEP = 2e-3  # [m] half step of the central differences along the path
 
 
@@ -272,14 +273,16 @@ def place_hull(
         ReachError: no candidate reaches all of the path; the message gives the largest share reached.
     """
     search = search or PlacementSearch()
-    shares = np.linspace(0.0, float(path.s[-1]), search.samples)
+    shares = samples_along(path, search.samples)
     middle = 0.5 * (path.p.min(axis=0) + path.p.max(axis=0))
     hull = ConvexHull(around.obstacle)
     skin = skin_of(around.obstacle, hull)
     rolls = [2.0 * np.pi / search.rolls * i for i in range(1 if path.keeps_x else search.rolls)]
     travel_W = travel * (path.p[-1] - path.p[0])
     # The poses relative to the travelling hull: its displacement since mid-path is subtracted.
-    done = np.pad(np.linspace(-0.5, 0.5, search.samples), _STANDOFF_STEPS, mode="edge")
+    even = np.linspace(0.0, float(path.s[-1]), search.samples)
+    done = np.interp(shares, even, np.linspace(-0.5, 0.5, search.samples))
+    done = np.pad(done, _STANDOFF_STEPS, mode="edge")
     gone = done[:, None] * travel_W
     drag = holding.drag if holding else 0.0
     tracks = [
@@ -345,7 +348,7 @@ def place_hull(
         held = " while the thrusters hold it" if holding else ""
         where = "0%: nowhere is there room for the hull"
         if furthest is not None:
-            at = float(shares[min(max(furthest.at - _STANDOFF_STEPS, 0), search.samples - 1)])
+            at = float(shares[min(max(furthest.at - _STANDOFF_STEPS, 0), len(shares) - 1)])
             where = f"{furthest.reached:.0%}, up to {at:.2f} m, where {arm.said(furthest)}"
         raise ReachError(
             f"the tool path is out of reach: no place of the hull lets the arm take all of it{held}, at best {where}"
@@ -538,6 +541,21 @@ class ArmMargins:
                 return "the thrusters cannot bear push and friction"
 
 
+def samples_along(path: ToolPath, count: int) -> Array:
+    """Arc lengths [m] at which a path is tested: `count` even ones, and more where the tool turns over an edge."""
+    even = np.linspace(0.0, float(path.s[-1]), count)
+    frame = np.hstack([path.x, np.cross(path.z, path.x), path.z])
+    turned = np.concatenate([[0.0], np.cumsum(np.sqrt(0.5 * np.sum(np.diff(frame, axis=0) ** 2, axis=1)))])  # [rad]
+    at = np.interp(even, path.s, turned)
+    more = np.maximum(np.ceil(np.diff(at) / _MOST_TURN) - 1, 0).astype(np.int64)
+    if not more.any():
+        return even
+    between = [
+        np.interp(np.linspace(a, b, k + 2)[1:-1], turned, path.s) for a, b, k in zip(at, at[1:], more, strict=False)
+    ]
+    return np.sort(np.concatenate([even, *between]))
+
+
 def tool_poses(path: ToolPath, shares: Array, roll: float, standoff: float) -> list[Array]:
     """Tool poses (4, 4) from the stand-off to the surface, along the path, and back off the surface.
 
@@ -661,10 +679,11 @@ class PathStanding:
             The share [-].
         """
         count = (self.search or PlacementSearch()).samples
-        shares = np.linspace(0.0, float(path.s[-1]), count)
+        shares = samples_along(path, count)
         poses = tool_poses(path, shares, placement.roll, self.limits.standoff)
         loads = _loads(path, shares, placement.roll, self.limits.force, holding.drag)
-        done = np.pad(np.linspace(0.0, 1.0, count), _STANDOFF_STEPS, mode="edge")
+        done = np.interp(shares, np.linspace(0.0, float(path.s[-1]), count), np.linspace(0.0, 1.0, count))
+        done = np.pad(done, _STANDOFF_STEPS, mode="edge")
         q, most = placement.q_start, 0.0
         for X_WG, load, share in zip(poses, loads, done, strict=True):
             X_WB = placement.hull_at(share)

@@ -10,6 +10,7 @@ from sim.interfaces.spatial import Array, exp_so3, finite_number, log_so3, reado
 
 SLOWEST, FASTEST = 1e-4, 1.0  # [m/s] of a tool along its path
 BEND = 0.05  # [m/s^2] of a tool across its path, where nothing else is said
+TURN = 0.35  # [rad/s] of a tool on its path: faster, joints near the wrist come to their speed limit
 
 # Peak speed and acceleration of the quintic 10 t^3 - 15 t^4 + 6 t^5 for a unit move in unit time.
 _PEAK_SPEED, _PEAK_ACCELERATION = 1.875, 10.0 / np.sqrt(3.0)
@@ -175,7 +176,7 @@ class SpeedLaw:
 def speed_law(path: ToolPath, speed: float, bend: float = BEND, along: float | None = None) -> SpeedLaw:
     """Fastest motion along a path within limits of speed and of tangential and normal acceleration.
 
-    The normal limit v^2 kappa <= `bend` slows the tool down in bends.
+    The normal limit v^2 kappa <= `bend` slows the tool down in bends, and TURN where its axes turn: over edges.
 
     Args:
         path: The tool path.
@@ -192,7 +193,7 @@ def speed_law(path: ToolPath, speed: float, bend: float = BEND, along: float | N
     speed = finite_number(speed, "speed law: speed [m/s]", least=SLOWEST, most=FASTEST)
     bend = finite_number(bend, "speed law: acceleration across the path [m/s^2]", above=0.0, most=1e3)
     along = finite_number(bend if along is None else along, "speed law: acceleration [m/s^2]", above=0.0, most=1e3)
-    return _law(path.s - path.s[0], np.minimum(speed, np.sqrt(bend / np.maximum(_curvature(path), 1e-9))), along)
+    return _law(path.s - path.s[0], np.minimum(speed, _limit(path, bend)), along)
 
 
 def progress_along(
@@ -212,12 +213,18 @@ def progress_along(
         The motion; its arc length counts from `begin`.
     """
     inside = (path.s > begin) & (path.s < end)
-    curvature = _curvature(path)
-    if not inside.any() or speed * speed * curvature[inside].max() <= bend:
+    limit = _limit(path, bend)
+    if not inside.any() or speed <= limit[inside].min():
         return Progress(end - begin, speed, ramp)
     s = np.concatenate([[begin], path.s[inside], [end]])
-    limit = np.sqrt(bend / np.maximum(np.interp(s, path.s, curvature), 1e-9))
-    return _law(s - begin, np.minimum(speed, limit), speed / ramp)
+    return _law(s - begin, np.minimum(speed, np.interp(s, path.s, limit)), speed / ramp)
+
+
+def _limit(path: ToolPath, bend: float) -> Array:
+    """Largest speed (n,) [m/s] at the samples of a path: of `bend` [m/s^2] across it, and of TURN."""
+    frame = np.hstack([path.x, np.cross(path.z, path.x), path.z])
+    turning = np.sqrt(0.5 * np.sum(np.gradient(frame, path.s, axis=0) ** 2, axis=1))  # [rad/m]
+    return np.minimum(np.sqrt(bend / np.maximum(_curvature(path), 1e-9)), TURN / np.maximum(turning, 1e-9))
 
 
 def _curvature(path: ToolPath) -> Array:

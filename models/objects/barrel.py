@@ -6,7 +6,7 @@ import numpy as np
 from models.meshes.closed_shells import joined, revolve
 from models.objects.target_model import PATH_STEP, ModelPath, Solid, Symmetry, TargetModel
 from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.spatial import exp_so3, pose, rotation_from_z, transform_points
+from sim.interfaces.spatial import exp_so3, finite_number, pose, rotation_from_z, transform_points
 
 BARREL_DIAMETER = 0.6  # [m] of the shell; our choice
 BARREL_LENGTH = 0.9  # [m] our choice
@@ -14,6 +14,7 @@ RIM_WIDTH = 0.03  # [m], along the axis, at each end
 RIM_MARGIN = 0.05  # [m] from a rim to the end of an axial path: half a pad plus the identification error
 RIM_HEIGHT = 0.01  # [m], above the shell
 BUNG = (0.035, 0.025, 0.15)  # [m] radius, height above the shell, and x_T of a bung
+_LARGEST_CORNER = float(np.radians(150.0))
 BARREL_SIDES = 256  # sagitta of a side 0.02 mm, negligible for a camera; contact uses an exact cylinder
 
 
@@ -66,6 +67,32 @@ def transverse(arc: float = np.pi, azimuth: float = 0.0, x: float = 0.0) -> Mode
     )
 
 
+def around_corner(corner: float = 0.5 * np.pi, length: float = 0.2) -> ModelPath:
+    """Along the top generator for `length` [m], then on around the shell: the way turns by `corner` [rad] on the top.
+
+    Both parts are straight on the unrolled shell, and as long.
+
+    Raises:
+        ConfigurationError: a corner beyond 150 degrees either way, or a path that meets a rim.
+    """
+    finite_number(corner, "barrel corner [rad]", least=-_LARGEST_CORNER, most=_LARGEST_CORNER)
+    limit = 0.5 * BARREL_LENGTH - RIM_WIDTH - RIM_MARGIN
+    if not 0.0 < length <= limit:
+        raise ConfigurationError(f"corner path: length must lie between 0 and {limit:.2f} m, got {length}")
+    s = np.linspace(-length, length, 2 * max(4, round(length / PATH_STEP)) + 1)
+    ahead, around = np.minimum(s, 0.0) + np.maximum(s, 0.0) * np.cos(corner), np.maximum(s, 0.0) * np.sin(corner)
+    radius, zero = 0.5 * BARREL_DIAMETER, np.zeros_like(s)
+    angle = -around / radius
+    outward = np.column_stack([zero, -np.sin(angle), np.cos(angle)])
+    onward = np.column_stack([zero, np.cos(angle), np.sin(angle)])
+    turned = np.where(s > 0.0, corner, 0.0)[:, None]
+    return ModelPath(
+        p=radius * outward + ahead[:, None] * [1.0, 0.0, 0.0],
+        a=-outward,
+        b=np.cos(turned) * [1.0, 0.0, 0.0] + np.sin(turned) * onward,
+    )
+
+
 def barrel(
     line_length: float = 0.6,
     line_azimuth: float = 0.0,
@@ -73,11 +100,12 @@ def barrel(
     arc_azimuth: float = 0.0,
     stand_height: float = 0.45,
     bung_azimuth: float | None = None,
+    corner: float = 0.5 * np.pi,
 ) -> TargetModel:
     """Barrel as a target, after [Konoplin 2022, fig. 3]: 0.6 m in diameter, 0.9 m long, with a rim at each end.
 
-    The sizes are ours. x_T is the axis and the origin the centre. The paths are "longitudinal" and "transverse". The
-    declared symmetry is that of the body, with or without a bung.
+    The sizes are ours. x_T is the axis and the origin the centre. The paths are "longitudinal", "transverse" and
+    "corner". The declared symmetry is that of the body, with or without a bung.
 
     Args:
         line_length: [m] of the longitudinal path.
@@ -86,6 +114,7 @@ def barrel(
         arc_azimuth: [rad] of the middle of the transverse path.
         stand_height: [m] from the axis down (-z_T) to the stand's feet.
         bung_azimuth: [rad] about x_T from the top (+z_T) of a bung in the shell; None: no bung.
+        corner: [rad] by which the path "corner" turns.
 
     Returns:
         The target with stand.
@@ -141,7 +170,11 @@ def barrel(
         vertices=vertices,
         triangles=triangles,
         symmetry=Symmetry(axis=np.array([1.0, 0.0, 0.0]), rotations=np.stack([np.eye(3), np.diag([-1.0, -1.0, 1.0])])),
-        paths={"longitudinal": longitudinal(line_length, line_azimuth), "transverse": transverse(arc, arc_azimuth)},
+        paths={
+            "longitudinal": longitudinal(line_length, line_azimuth),
+            "transverse": transverse(arc, arc_azimuth),
+            "corner": around_corner(corner),
+        },
         solids=solids,
         stand=stand,
     )

@@ -11,6 +11,7 @@ from types import MappingProxyType
 import mujoco
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy import ndimage
 
 from models.meshes import convex_parts
 from models.meshes.cloud_mesh import CloudMesh, mesh_of_cloud
@@ -36,6 +37,8 @@ _LEAST_SINE = 0.05  # between the axes that a tool keeps
 SMALLEST = 1e-3  # [m] smallest extent across, below tool and sensor resolution
 FARTHEST_VERTEX = 1e5  # [m] bound of vertices and path points from the origin
 PATH_STEP = 0.005  # [m] spacing of the points of a model path
+_SHARPEST = 0.04  # [m] of a path over which a tool turns in a corner; the planner's splines would swing beyond a jump
+_CORNER = 0.2  # [rad] of turn between two points, from which on there is a corner
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -127,11 +130,35 @@ class ModelPath:
         if self.keeps_b and not np.linalg.norm(np.cross(self.a, self.b), axis=1).min() > _LEAST_SINE:
             raise ConfigurationError("model path b: the axis that the tool keeps must not lie along its axis a")
 
-    def turned(self, angle: float) -> "ModelPath":
-        """The path of a tool that is not round: its x axis stays `angle` [rad] from `b`, right-handed about `a`."""
+    def turned(self, angle: float, blend: float = 0.0) -> "ModelPath":
+        """The path of a tool that is not round: its x axis stays at an angle from `b`, right-handed about `a`.
+
+        Args:
+            angle: [rad] from `b`.
+            blend: [m] of the path over which the tool turns at a corner: its angle is averaged over so much, and over
+                _SHARPEST at least, which the motion takes as slowly as the tool turns.
+        """
         b = self.b - np.sum(self.b * self.a, axis=1, keepdims=True) * self.a
         b /= np.linalg.norm(b, axis=1, keepdims=True)
+        still = without_turn(b[0], self.a)
+        across = np.cross(self.a, still)
+        turn = np.unwrap(np.arctan2(np.sum(b * across, axis=1), np.sum(b * still, axis=1)))
+        if np.abs(np.diff(turn)).max() > _CORNER or blend > 0.0:
+            step = float(np.linalg.norm(np.diff(self.p, axis=0), axis=1).mean())
+            width = max(1, round(max(blend, _SHARPEST) / step))
+            turn = ndimage.uniform_filter1d(turn, width, mode="nearest")[:, None]
+            b = np.cos(turn) * still + np.sin(turn) * across
         return replace(self, b=np.cos(angle) * b + np.sin(angle) * np.cross(self.a, b), keeps_b=True)
+
+
+def without_turn(first: Array, z: Array) -> Array:
+    """Second axes (n, 3) from `first` (3,) on that do not turn about `z` (n, 3): parallel transport along the path."""
+    x = np.empty_like(z)
+    last = first
+    for i, axis in enumerate(z):
+        last = last - (last @ axis) * axis
+        last = x[i] = last / np.linalg.norm(last)
+    return x
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -6,6 +6,7 @@ from typing import Any
 from models.meshes.closed_shells import revolve
 from models.objects.anode import anode
 from models.objects.barrel import BARREL_DIAMETER, BARREL_LENGTH, barrel, longitudinal, transverse
+from models.objects.block import block
 from models.objects.manifold import manifold
 from models.objects.pile import PILE_DIAMETER, PILE_LENGTH, helix, pile, ring, vertical
 from models.objects.plate import plate
@@ -28,6 +29,7 @@ __all__ = [
     "TargetModel",
     "available",
     "barrel",
+    "block",
     "helix",
     "longitudinal",
     "named",
@@ -44,6 +46,7 @@ OBJECTS: Registry[Any] = Registry(
     {
         "anode": anode,
         "barrel": barrel,
+        "block": block,
         "manifold": manifold,
         "pile": pile,
         "plate": plate,

@@ -13,7 +13,7 @@ import numpy as np
 from scipy import ndimage
 from scipy.interpolate import BSpline, make_interp_spline, make_lsq_spline
 
-from models.objects.targets import ModelPath
+from models.objects.target_model import ModelPath, without_turn
 from perception.registration.identification import Identification
 from perception.toolpath.path_deviation import BESIDE, Deviation, deviate, scanned_axis, tilted_axis
 from sim.interfaces.errors import ConfigurationError, PerceptionError
@@ -29,6 +29,7 @@ _TIGHT = 0.85  # [-] curvature of a hollow, over that of the ball, from which on
 _MARGIN = 0.012  # [m] beside such a hollow
 _SURE = 0.05  # [rad] between the axes of scan and model at which each counts by half
 _SHORTEST = 0.03  # [m] of a stretch that is worked; the tool needs 1 cm to come to speed, and as much to rest
+_TURNS = float(np.cos(np.radians(20.0)))  # a path that turns less about the tool axis is followed by the tool's x axis
 _PACE = 0.5  # [-] share of the set speed on a surface that deviates: unseen slopes of 10 deg then cost half the force
 
 
@@ -177,7 +178,8 @@ def densified(path: ModelPath) -> ModelPath:
 def _smoothed(p: Array, z: Array, on_scan: np.ndarray, spacing: float, b: Array | None = None) -> ToolPath:
     """Least-squares cubic B-splines through points and axes, sampled evenly over arc length.
 
-    The second axis is the tangent, or `b` (n, 3) where the tool keeps one of its own.
+    The second axis is `b` (n, 3) where the tool keeps one of its own. Else it is the tangent, or on a path with bends
+    and corners in the surface, about which a round tool need not turn, an axis that never turns about the tool's.
     """
     u = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(p, axis=0), axis=1))])
     curve, axis = _spline(u, p), _spline(u, z)
@@ -190,6 +192,10 @@ def _smoothed(p: Array, z: Array, on_scan: np.ndarray, spacing: float, b: Array 
     x = curve.derivative()(at) if b is None else _spline(u, b)(at)
     x -= np.einsum("ij,ij->i", x, tool)[:, None] * tool
     x /= np.linalg.norm(x, axis=1, keepdims=True)
+    if b is None:
+        free = without_turn(x[0], tool)
+        if np.einsum("ij,ij->i", free, x).min() < _TURNS:
+            x = free
     nearest = np.clip(np.searchsorted(u, at), 0, len(u) - 1)
     flags = on_scan[nearest].copy()
     flags.setflags(write=False)

@@ -60,6 +60,8 @@ class ContactOptions(VehicleOptions):
     turn: float | None = None
     """Angle [deg] of the tool's x axis from the path, about the tool axis, that a tool which is not round keeps;
     default: the tool is round."""
+    blend: float = 0.0
+    """Length [m] of the path over which a tool with --turn turns at a corner; at least 0.04."""
     fouled: float = 0.0
     """Growth on the object along the path, up to this height [m]; the vehicle knows the clean object only."""
     dented: float = 0.0
@@ -111,6 +113,7 @@ class ContactOptions(VehicleOptions):
             task=SurfaceWorkTask(
                 path=path,
                 turn=None if self.turn is None else float(np.radians(self.turn)),
+                blend=self.blend,
                 forces=self.forces or forces,
                 speed=self.speed,
                 contactless=self.contactless,
@@ -134,8 +137,8 @@ class ContactOptions(VehicleOptions):
 class BarrelOptions(ContactOptions):
     """Clean a barrel with a set force."""
 
-    path: Literal["longitudinal", "transverse"] = "longitudinal"
-    """Along the barrel's top, or half around it."""
+    path: Literal["longitudinal", "transverse", "corner"] = "longitudinal"
+    """Along the barrel's top, half around it, or first along and then off to a side."""
     length: float = 0.6
     """Length of the longitudinal path [m]."""
     arc: float = 180.0
@@ -143,15 +146,18 @@ class BarrelOptions(ContactOptions):
     reported."""
     azimuth: float = 0.0
     """Azimuth of the path around the barrel [deg], from the top; a large one is out of reach."""
+    corner: float = 90.0
+    """Angle [deg] by which the path corner turns, on the barrel's top."""
 
     def scenario(self) -> Scenario:
         """The work on the barrel."""
         arc = 60.0 if self.quick else self.arc
-        along = self.path == "longitudinal"
+        along = self.path != "transverse"
         of = Barrel(
             length=0.2 if self.quick else self.length,
             arc=float(np.radians(arc)),
             azimuth=float(np.radians(self.azimuth)),
+            corner=float(np.radians(self.corner)),
             fouled=self.fouled,
             dented=self.dented,
         )

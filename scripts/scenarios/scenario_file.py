@@ -128,7 +128,9 @@ def assigned(assignments: Iterable[str]) -> dict[str, Any]:
 
 
 def put(nested: dict[str, Any], key: str, value: Any) -> None:
-    """Sets the value at a dotted key of a scenario's tables; a perturbation that is missing is appended.
+    """Sets the value at a dotted key of a scenario's tables.
+
+    A perturbation that is missing is appended. Another `kind` empties its table: what it had were keys of the old kind.
 
     Raises:
         ConfigurationError: The key is in no table of a scenario.
@@ -149,6 +151,8 @@ def put(nested: dict[str, Any], key: str, value: Any) -> None:
             table = table.setdefault(name, {}) if isinstance(table, dict) else None
     if not isinstance(table, dict):
         raise ConfigurationError(f"no parameter {shown(key)}: it is in no table of a scenario")
+    if last == KIND and table.get(KIND) != value:
+        table.clear()  # another kind has other keys
     table[last] = value
 
 

@@ -7,6 +7,7 @@ from typing import Literal
 import numpy as np
 
 from models.objects import deformed, targets
+from models.objects.block import RADIUS as BLOCK_RADIUS
 from models.objects.manifold import Manifold as ManifoldBlock
 from models.objects.manifold import manifold
 from models.objects.targets import TargetModel, helix, pile, ring, vertical
@@ -70,18 +71,38 @@ class Workpiece(SiteObject, ABC):
 
 @dataclass(frozen=True, kw_only=True)
 class Barrel(Workpiece):
-    """Barrel on its stand, with the paths "longitudinal" and "transverse"."""
+    """Barrel on its stand, with the paths "longitudinal", "transverse" and "corner"."""
 
     length: float = 0.6  # [m] of the longitudinal path
     arc: float = float(np.pi)  # [rad] of the transverse path
     azimuth: float = 0.0  # [rad] of the path around the barrel, from the top
+    corner: float = float(0.5 * np.pi)  # [rad] by which the path "corner" turns on the top
 
     def target(self, path: str | None) -> tuple[TargetModel, str]:
         """The barrel, and the path's name; default longitudinal."""
         made = targets.barrel(
-            line_length=self.length, line_azimuth=self.azimuth, arc=self.arc, arc_azimuth=self.azimuth
+            line_length=self.length,
+            line_azimuth=self.azimuth,
+            arc=self.arc,
+            arc_azimuth=self.azimuth,
+            corner=self.corner,
         )
-        return made, path or "longitudinal"
+        made.path(name := path or "longitudinal")
+        return made, name
+
+
+@dataclass(frozen=True, kw_only=True)
+class Block(Workpiece):
+    """Block with rounded edges, with the paths "edge" and "corner"."""
+
+    radius: float = BLOCK_RADIUS  # [m] of its edges
+    corner: float = float(0.5 * np.pi)  # [rad] by which the path "corner" turns on the top
+
+    def target(self, path: str | None) -> tuple[TargetModel, str]:
+        """The block, and the path's name; default edge."""
+        made = targets.block(radius=self.radius, corner=self.corner)
+        made.path(name := path or "edge")
+        return made, name
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -175,6 +196,7 @@ SITE_OBJECTS: Registry[SiteObject] = Registry(
     "site_object",
     {
         "Barrel": Barrel,
+        "Block": Block,
         "Pile": Pile,
         "KnownObject": KnownObject,
         "Manifold": HoleManifold,

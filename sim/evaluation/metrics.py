@@ -13,7 +13,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
-from models.objects.targets import TargetModel
+from models.objects.target_model import PATH_STEP, TargetModel
 from sim.evaluation.mesh_surface import Surface, closest_on_curve
 from sim.evaluation.run_metrics import EveryRun, RunMetrics, Timings, run_schema
 from sim.evaluation.schemas import unmeasured
@@ -41,6 +41,7 @@ LOST_BELOW = 1.0  # [N] true normal force below which contact is lost
 RAMP_GAP = 0.1  # [s] of constant set force after which the next change begins a new segment
 REVERSAL = 0.005  # [rad] of a joint; less is the arm's answer to the hull's wander
 TILT_RATE = 50.0  # [Hz] rate at which the surface normal under the tip is evaluated
+CORNER = PATH_STEP  # [m] along a path to either side of its corners: nearer its points do not tell how it turns
 STANDSTILL = 1e-6  # [m/s] commanded speed up to which the point is at rest
 INTERRUPTED = "interrupted"  # state of a run ended by a signal
 
@@ -435,14 +436,29 @@ def tool_twist(recording: Recording, truth: TrueObject) -> tuple[Array, Array]:
         truth: True object; its path tells b at the point of the path nearest to the tip.
 
     Returns:
-        Times (N,) [s] and angles (N,) [rad], right-handed about the tool axis.
+        Times (N,) [s] and angles (N,) [rad], right-handed about the tool axis; the smallest of those to the points of
+        the path within CORNER: in a corner the tool may be turned like either side, or as between them.
     """
     rows, X_WT, path = _rows_at_work(recording), _path_pose(recording, truth), truth.model.path(truth.path)
     tip_T, axis, x = _in_object(recording, truth, rows, X_WT)
-    b = path.b[cKDTree(path.p).query(tip_T)[1]]
-    flat = b - np.sum(b * axis, axis=1, keepdims=True) * axis
-    angle = np.arctan2(np.sum(np.cross(flat, x) * axis, axis=1), np.sum(flat * x, axis=1))
+    p, b_at, reach = _finely(path.p, path.b)
+    nearest = cKDTree(p).query(tip_T)[1]
+    least, most = np.full(len(rows), np.inf), np.full(len(rows), -np.inf)
+    for off in range(-reach, reach + 1):
+        b = b_at[np.clip(nearest + off, 0, len(p) - 1)]
+        flat = b - np.sum(b * axis, axis=1, keepdims=True) * axis
+        angle = np.arctan2(np.sum(np.cross(flat, x) * axis, axis=1), np.sum(flat * x, axis=1))
+        least, most = np.minimum(least, angle), np.maximum(most, angle)
+    angle = np.where((least < 0.0) & (most > 0.0), 0.0, np.where(np.abs(least) < np.abs(most), least, most))
     return recording["tool_x"].time[rows], angle
+
+
+def _finely(p: Array, b: Array) -> tuple[Array, Array, int]:
+    """Points and second axes of a path at a tenth of its points' distance, and how many of them lie within CORNER."""
+    s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(p, axis=0), axis=1))])
+    fine = np.linspace(0.0, s[-1], 1 + 10 * (len(s) - 1))
+    dense_p, dense_b = (np.column_stack([np.interp(fine, s, column) for column in each.T]) for each in (p, b))
+    return dense_p, dense_b, int(CORNER / fine[1])
 
 
 def joint_figures(recording: Recording) -> JointMetrics:

@@ -24,6 +24,9 @@ from sim.runs.run_folder import RUNS
 NAME = "study_faults"
 
 
+PhaseName = Literal["scan", "close-in", "approach", "press", "work", "unload", "retreat", "ascent"]
+
+
 @dataclass(kw_only=True)
 class Options(StudyOptions):
     """Faults in contact work."""
@@ -34,8 +37,9 @@ class Options(StudyOptions):
     """Paths of clean_barrel."""
     only: tuple[str, ...] = ()
     """Run only cases whose names contain one of these words."""
-    phases: tuple[Literal["scan", "close-in", "approach", "press", "work", "retreat"], ...] = ("work",)
-    """Phases in which the faults begin: at work at full push, else shortly after the phase has begun."""
+    phases: tuple[PhaseName, ...] = ("work",)
+    """Phases in which the faults begin: at work at full push, else shortly after the phase has begun; unload: while
+    the force is ramped down; ascent: off the object after the loss of a heave thruster at work."""
     picture: str = "dead"
     """Draw cases whose names contain this."""
 

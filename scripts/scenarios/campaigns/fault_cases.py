@@ -17,7 +17,7 @@ from scenarios.assembly import Assembly
 from scenarios.study.worker import end_with
 from scenarios.tasks.surface_work import first_force
 from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.messages import WorkState
+from sim.interfaces.messages import Reference, WorkState
 from sim.interfaces.spatial import Array
 from sim.loop.rollout import Moment, never, rollout
 from sim.plant import faults
@@ -63,6 +63,15 @@ FARTHER, NEARER = "found 8 cm too deep", "found 5 cm too high"
 AT_START = (FARTHER, NEARER)  # these begin before the scan
 
 
+UNLOAD, ASCENT = "unload", "ascent"  # RETREAT while the force is ramped down, and after an earlier fault
+AT_WORK, RETREATING = str(WorkState.WORK), str(WorkState.RETREAT)
+PHASES = (
+    *map(str, (WorkState.SCAN, WorkState.CLOSE_IN, WorkState.APPROACH, WorkState.PRESS)),
+    *(AT_WORK, UNLOAD, RETREATING, ASCENT),
+)
+_EARLIER = 4  # thruster whose loss at work begins the ascent: a heave thruster
+
+
 class CaseDoneError(Exception):
     """Raised to end a run once its case is decided."""
 
@@ -72,7 +81,7 @@ class Trace:
     """Time series of a run from its fault on, at the loop's rate; times [s] are relative to the fault."""
 
     case: str
-    phase: WorkState  # in which the fault began
+    phase: str  # one of PHASES, in which the fault began
     began: float  # [s] onset, from the start of the run
     set_force: float  # [N] at the onset
     thruster_names: tuple[str, ...]
@@ -87,10 +96,9 @@ class Trace:
 class TraceRecorder:
     """Observer that records the trace, and ends the run in time."""
 
-    def __init__(self, case: str, first: Moment) -> None:
-        self._case, self._began = case, float(first.truth.time)
-        self._phase = first.reference.state
-        at_work = self._phase in (WorkState.WORK, WorkState.RETREAT)
+    def __init__(self, case: str, first: Moment, phase: str) -> None:
+        self._case, self._began, self._phase = case, float(first.truth.time), phase
+        at_work = phase in (AT_WORK, UNLOAD, RETREATING, ASCENT)
         self._longest = LONGEST if at_work and case not in AT_START else _LONGER
         self._set = first.reference.force
         self._p_WB = np.array(first.truth.p_WB)
@@ -163,16 +171,17 @@ class ForkingObserver:
     def __init__(
         self,
         onsets: Mapping[str, Onset],
-        phases: tuple[WorkState, ...],
+        phases: tuple[str, ...],
         force: float,
         timestep: float,
         said: Callable[[Trace], None],
     ) -> None:
         self._onsets, self._said, self._left = onsets, said, set(phases)
+        self._ascending = ASCENT in phases
         self._full, self._timestep = _FULL * force, timestep
         self._child: TraceRecorder | None = None
         self._pipe = -1
-        self._ready, self._now = 0.0, WorkState.SETTLE
+        self._ready, self._now = 0.0, str(WorkState.SETTLE)
 
     def observe(self, moment: Moment) -> None:
         """Forks at the onsets; in a child, records.
@@ -184,19 +193,28 @@ class ForkingObserver:
             self._child.observe(moment)
             return
         if moment.tick == 0:
-            self._fork(moment, [case for case in self._onsets if case in AT_START])
+            self._fork(moment, [case for case in self._onsets if case in AT_START], str(WorkState.SETTLE))
+            if self._child is not None:
+                return
         reference = moment.reference
-        phase, at_work = reference.state, reference.state is WorkState.WORK
+        phase = self._named(reference)
+        at_work = phase == AT_WORK
         begun = phase in self._left and (not at_work or reference.force >= self._full)
-        self._ready = self._ready + 1.0 if begun and phase is self._now else 0.0
+        self._ready = self._ready + 1.0 if begun and phase == self._now else 0.0
         self._now = phase
         if self._ready * self._timestep > (_HELD if at_work else _BEGUN) and self._child is None:
             self._left.remove(phase)
-            self._fork(moment, [case for case in self._onsets if case not in AT_START])
+            self._fork(moment, [case for case in self._onsets if case not in AT_START], phase)
             if self._child is None and not self._left:
                 raise CaseDoneError
 
-    def _fork(self, moment: Moment, cases: list[str]) -> None:
+    def _named(self, reference: Reference) -> str:
+        """Phase of PHASES, or the state of the work where it is none of them."""
+        if reference.state is not WorkState.RETREAT:
+            return str(reference.state)
+        return ASCENT if self._ascending else UNLOAD if reference.force > 0.0 else RETREATING
+
+    def _fork(self, moment: Moment, cases: list[str], phase: str) -> None:
         for case in cases:
             (reading, writing), parent = os.pipe(), os.getpid()
             with warnings.catch_warnings():  # about threads; they are idle, and remain so in the child
@@ -206,7 +224,7 @@ class ForkingObserver:
                 os.close(reading)
                 end_with(parent)
                 self._onsets[case].begin(float(moment.truth.time))
-                self._child, self._pipe = TraceRecorder(case, moment), writing
+                self._child, self._pipe = TraceRecorder(case, moment, phase), writing
                 return
             os.close(writing)
             with os.fdopen(reading, "rb") as pipe:
@@ -251,10 +269,7 @@ def chosen_cases(thruster_names: tuple[str, ...], only: tuple[str, ...]) -> list
 
 
 def run_branched(
-    built: Assembly,
-    only: tuple[str, ...],
-    said: Callable[[Trace], None],
-    phases: tuple[WorkState, ...] = (WorkState.WORK,),
+    built: Assembly, only: tuple[str, ...], said: Callable[[Trace], None], phases: tuple[str, ...] = (AT_WORK,)
 ) -> None:
     """Runs the job up to the onsets, and from there once for each case.
 
@@ -262,7 +277,7 @@ def run_branched(
         built: The assembled job.
         only: Parts of names of the cases to run; empty: all.
         said: Called with the trace of each case.
-        phases: In which the faults begin.
+        phases: In which the faults begin; ASCENT only alone, for its run has an earlier fault.
 
     Raises:
         ConfigurationError: No case matches, the system cannot fork, or a case left no trace.
@@ -289,9 +304,12 @@ def run_branched(
         [faults.ThrusterFault(onset=onsets[name], **how) for name, how in thrusters.items() if name in onsets],
     )
     force, blew_up = first_force(built.scenario), ""
+    earlier = Onset(state=WorkState.WORK, force=_FULL * force, after=_HELD)
+    if ASCENT in phases:
+        plant = FaultyPlant(built.plant, [*plant.faults, faults.ThrusterFault(thruster=_EARLIER, onset=earlier)])
     branch = ForkingObserver(onsets, phases, force, built.plant.timestep, said)
     try:
-        rollout(plant, parts, duration=200.0, rng=built.noise, observers=[branch], until=never)
+        rollout(plant, parts, duration=200.0, rng=built.noise, observers=[earlier, branch], until=never)
     except CaseDoneError:
         pass
     except Exception as error:

@@ -8,7 +8,7 @@ import numpy as np
 
 from scenarios import assemble, barrel
 from scenarios.campaigns.contact_study import DAMAGE
-from scenarios.campaigns.fault_cases import PUSH, Trace, run_branched
+from scenarios.campaigns.fault_cases import ASCENT, PUSH, Trace, run_branched
 from scenarios.campaigns.fault_picture import draw
 from scenarios.study import Row, Summary, Table
 from sim.interfaces.messages import WorkState
@@ -23,7 +23,7 @@ class BranchedCase:
     path: Literal["longitudinal", "transverse"]
     seed: int
     only: tuple[str, ...]  # parts of the names of the fault cases; empty: all
-    phases: tuple[str, ...]  # states of the work in which they begin
+    phases: tuple[str, ...]  # of `fault_cases.PHASES`, in which they begin
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,7 +67,7 @@ def figures(trace: Trace, path: str, seed: int) -> FaultFigures:
         reaction = "work, at less force for a while"
     return FaultFigures(
         case=trace.case,
-        phase=str(trace.phase),
+        phase=trace.phase,
         path=path,
         seed=seed,
         found=" ".join(trace.found[0][1:]) if trace.found else "",
@@ -103,7 +103,10 @@ def run(case: BranchedCase, folder: Path, picture: str) -> Row:
         if picture in trace.case:
             draw(trace, f"{trace.case}, {case.path} path, seed {case.seed}", file.with_suffix(".png"))
 
-    run_branched(assemble(asked), case.only, keep, tuple(map(WorkState, case.phases)))
+    on_the_way = tuple(phase for phase in case.phases if phase != ASCENT)
+    for phases in (on_the_way, (ASCENT,) if ASCENT in case.phases else ()):
+        if phases:
+            run_branched(assemble(asked), case.only, keep, phases)
     return {"path": case.path, "seed": case.seed, "cases": [asdict(one) for one in found]}
 
 

@@ -50,17 +50,26 @@ def find(model: mujoco.MjModel, kind: mujoco.mjtObj, name: str) -> int:
     return index
 
 
+def parts(model: mujoco.MjModel) -> list[tuple[str, str, str, bool]]:
+    """Kind, name and use of each part that a job of the arm needs, thrusters first, and whether `model` has it."""
+    driven = any(thrusters.carries(row) for row in np.asarray(model.actuator_user))
+    named = [(word, name, use, mujoco.mj_name2id(model, kind, name) >= 0) for kind, word, name, use in _PARTS]
+    return [("actuators", "thrusters", "hold the hull", driven), *named]
+
+
+def lacks(model: mujoco.MjModel, but: Collection[str] = ()) -> list[str]:
+    """Parts that a job of the arm needs and `model` lacks, each with its use; `but` names some that it does without."""
+    return [
+        name if name == "thrusters" else f"{word} {name!r} ({use})"
+        for word, name, use, there in parts(model)
+        if not there and name not in but
+    ]
+
+
 def check_parts(model: mujoco.MjModel, but: Collection[str] = ()) -> None:
     """Raise ConfigurationError that names every part which a job of the arm needs and `model` lacks, with its use.
 
     `but` names parts that this job does without.
     """
-    lacking = [
-        f"{word} {name!r} ({use})"
-        for kind, word, name, use in _PARTS
-        if name not in but and mujoco.mj_name2id(model, kind, name) < 0
-    ]
-    if not any(thrusters.carries(row) for row in np.asarray(model.actuator_user)):
-        lacking.insert(0, "thrusters")
-    if lacking:
+    if lacking := lacks(model, but):
         raise ConfigurationError(f"the vehicle lacks what this work needs: {', '.join(lacking)}")

@@ -7,10 +7,14 @@ A package adds its own in its pyproject.toml; the group is the registry's kind, 
 
     [project.entry-points."uuv_arm.object"]
     wellhead = "my_package.objects:wellhead"
+
+Without a package, a name MODULE:ATTRIBUTE, such as my_objects:wellhead, is imported from the module path.
 """
 
+import importlib
 import inspect
 from collections.abc import Callable, Mapping
+from difflib import get_close_matches
 from importlib.metadata import EntryPoint, entry_points
 from typing import Any, Generic, TypeVar, cast
 
@@ -46,13 +50,17 @@ class Registry(Generic[T]):
     def __contains__(self, name: object) -> bool:
         """Whether `load` knows `name`."""
         return isinstance(name, str) and (
-            name in self._built_in or name in self._aliases or name in self._of_packages()
+            name in self._built_in or name in self._aliases or ":" in name or name in self._of_packages()
         )
 
     def resolve(self, name: str) -> str:
         """The name that an alias stands for; another name as it is. Raises ConfigurationError for an unknown one."""
         if name not in self:
-            raise ConfigurationError(f"unknown {self.kind} {shown(name)}; there are {', '.join(self.names())}")
+            near = get_close_matches(str(name), self.names(), 1)
+            meant = f" (did you mean {near[0]}?)" if near else ""
+            raise ConfigurationError(
+                f"unknown {self.kind} {shown(name)}; there are {', '.join(self.names())}, or MODULE:ATTRIBUTE{meant}"
+            )
         return self._aliases.get(name, name)
 
     def load(self, name: str, *given: Any, **options: Any) -> T:
@@ -94,13 +102,28 @@ class Registry(Generic[T]):
             ConfigurationError: The name is unknown, or another package's maker cannot be imported.
         """
         name = self.resolve(name)
-        return self._built_in[name] if name in self._built_in else self._imported(self._of_packages()[name])
+        if name in self._built_in:
+            return self._built_in[name]
+        return self._own(name) if ":" in name else self._imported(self._of_packages()[name])
 
     def _of_packages(self) -> dict[str, EntryPoint]:
         if self._found is None:
             points = entry_points(group=f"{GROUP}.{self.kind}")
             self._found = {point.name: point for point in points if point.name not in self._built_in}
         return self._found
+
+    def _own(self, name: str) -> Callable[..., T]:
+        """The callable MODULE:ATTRIBUTE of a user."""
+        module, _, attribute = name.partition(":")
+        try:
+            make: Any = getattr(importlib.import_module(module), attribute)
+        except Exception as error:
+            raise ConfigurationError(
+                f"{self.kind} {shown(name)}: cannot be imported; {type(error).__name__}: {error}"
+            ) from error
+        if not callable(make):
+            raise ConfigurationError(f"{self.kind} {shown(name)}: must be callable")
+        return cast(Callable[..., T], make)
 
     def _imported(self, point: EntryPoint) -> Callable[..., T]:
         package = point.dist.name if point.dist else "an unknown package"

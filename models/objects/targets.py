@@ -80,7 +80,9 @@ def named(name: str, **options: Any) -> TargetModel:
 
 
 def of(name_or_file: str | Path, scale: float | None = None) -> TargetModel:
-    """Object by name, or from a mesh or cloud file (`TargetModel.from_file`) if the argument has a file ending.
+    """Object by name, of a user's MODULE:FUNCTION, or from a mesh or cloud file (`TargetModel.from_file`).
+
+    A file is told by its ending.
 
     Raises:
         ConfigurationError: an unknown name, or an invalid file or `scale`.
@@ -88,7 +90,7 @@ def of(name_or_file: str | Path, scale: float | None = None) -> TargetModel:
     if not isinstance(name_or_file, str | Path):
         raise ConfigurationError(f"object: expected a name or a mesh file, got {shown(name_or_file)}")
     name_or_file = str(name_or_file)
-    if Path(name_or_file).suffix:
+    if ":" not in name_or_file and Path(name_or_file).suffix:
         return TargetModel.from_file(name_or_file, scale=scale)
     if scale is not None:
         raise ConfigurationError(f"object {name_or_file!r} has its size; a scale is for mesh files")

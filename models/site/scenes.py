@@ -25,7 +25,7 @@ def vehicle_spec(vehicle: str | Path) -> mujoco.MjSpec:
     if not isinstance(vehicle, str | Path):
         raise ConfigurationError(f"vehicle: expected a name or an MJCF file, got {shown(vehicle)}")
     vehicle = str(vehicle)
-    if vehicle in models.available():
+    if ":" in vehicle or vehicle in models.available():
         return models.load(vehicle)
     if not Path(vehicle).suffix:
         raise ConfigurationError(

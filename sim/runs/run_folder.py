@@ -83,6 +83,17 @@ def _next_to_others(home: Path, name: str) -> Path:
     raise AssertionError  # count has no end
 
 
+def claimed_folder() -> Path:
+    """Folder of the run that this process began last.
+
+    Raises:
+        ConfigurationError: It began none.
+    """
+    if not _claimed:
+        raise ConfigurationError("no run was begun")
+    return _claimed[-1].folder
+
+
 def give_back() -> None:
     """Remove the folders of runs that this process began but wrote no results to.
 

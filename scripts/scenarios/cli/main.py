@@ -1,0 +1,65 @@
+"""Entry of the command `uuv`: chooses the verb, and imports what it needs only then.
+
+uuv list                      what there is: jobs, studies, vehicles, objects, ...
+uuv run clean-barrel --seed 3 a job; also a scenario file, my.toml
+uuv compare RUN RUN           figures of runs side by side
+uuv replay RUN                runs again from its record, to the bit
+uuv report RUN                the report of a run
+uuv view RUN                  its log in the Rerun viewer
+uuv check VEHICLE             what a vehicle has of the contract, and what follows
+uuv doctor                    what works on this machine
+uuv new KIND NAME             a working skeleton with a test
+"""
+
+import difflib
+import importlib
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NoReturn
+
+VERBS = {  # verb: module that has `main(args) -> exit code`
+    "list": "scenarios.cli.catalogue",
+    "run": "scenarios.cli.run_job",
+    "compare": "scenarios.cli.compare_runs",
+    "replay": "scenarios.cli.past_runs",
+    "report": "scenarios.cli.past_runs",
+    "view": "scenarios.cli.past_runs",
+    "check": "scenarios.cli.check_vehicle",
+    "doctor": "scenarios.cli.doctor",
+    "new": "scenarios.cli.skeletons",
+}
+
+
+def nearest(word: str, words: Sequence[str]) -> str:
+    """Question for the most similar of `words`, to end a message with; empty if none is similar."""
+    near = difflib.get_close_matches(word, words, 1)
+    return f" (did you mean {near[0]}?)" if near else ""
+
+
+def main() -> NoReturn:
+    """Runs the verb of the command line, and exits with its code."""
+    args = sys.argv[1:]
+    if not args or args[0] in ("-h", "--help", "help"):
+        print((__doc__ or "").partition("\n\n")[2].rstrip() + "\n\nuuv VERB --help lists the options of a verb.")
+        raise SystemExit(0)
+    if args[0] == "--version":
+        from importlib.metadata import version
+
+        print(f"uuv-arm {version('uuv-arm')}")
+        raise SystemExit(0)
+    verb = args[0]
+    if verb not in VERBS:
+        print(f"error: no verb {verb!r}; there are {', '.join(VERBS)}{nearest(verb, list(VERBS))}", file=sys.stderr)
+        raise SystemExit(2)
+    sys.path.insert(0, str(Path.cwd()))  # own parts, MODULE:ATTRIBUTE, are looked for where one works
+    if verb == "list":  # a second is too long to say what there is: nothing heavy is imported
+        raise SystemExit(importlib.import_module(VERBS[verb]).main(args[1:]))
+    from scenarios.start import run_scenario
+
+    sys.argv = [f"uuv {verb}", *args[1:]]
+    run_scenario(lambda: importlib.import_module(VERBS[verb]).main(verb, args[1:]))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,92 @@
+"""Runs that have ended: `uuv replay RUN`, `uuv report RUN`, `uuv view RUN`. RUN is the folder of a run."""
+
+import json
+import shutil
+import subprocess
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from scenarios.command import SCENARIO_FILE, show
+from scenarios.runner import run
+from scenarios.scenario_file import read_scenario
+from sim.interfaces.errors import ConfigurationError
+from sim.runs.run_folder import LATEST, RUNS
+
+_ABOUT = {
+    "replay": "Runs again from its record, and compares the trajectory to the bit.",
+    "report": "Prints the path of report.html, and writes it by running again where there is none.",
+    "view": "Opens the log in the Rerun viewer.",
+}
+
+
+def main(verb: str, args: Sequence[str]) -> int:
+    """Does the verb with the run; returns the exit code."""
+    if len(args) != 1 or args[0].startswith("-"):
+        print(f"usage: uuv {verb} RUN\n\n{_ABOUT[verb]} RUN: folder of a run, or the name of a job for its latest.")
+        return 0 if args and args[0] in ("-h", "--help") else 2
+    folder = run_folder(args[0])
+    return {"replay": replay, "report": report, "view": view}[verb](folder)
+
+
+def run_folder(given: str) -> Path:
+    """Folder of a run: as given, or the latest of a scenario's.
+
+    Raises:
+        ConfigurationError: There is none.
+    """
+    for folder in (Path(given), RUNS / given / LATEST, RUNS / given.replace("-", "_") / LATEST):
+        if (folder / "metrics.json").exists():
+            return folder
+    there = sorted(path.name for path in RUNS.iterdir() if path.is_dir()) if RUNS.is_dir() else []
+    known = f"; runs/ has {', '.join(there)}" if there else "; there is no folder runs/ here"
+    raise ConfigurationError(f"{given}: no run, a folder with metrics.json{known}")
+
+
+def metrics_of(folder: Path) -> Mapping[str, Any]:
+    """Content of the run's metrics.json.
+
+    Raises:
+        ConfigurationError: It cannot be read.
+    """
+    try:
+        return json.loads((folder / "metrics.json").read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise ConfigurationError(f"{folder}/metrics.json: cannot be read ({error})") from error
+
+
+def replay(folder: Path) -> int:
+    """Runs again; 0 if the trajectory is the same to the bit, else 1."""
+    wanted = metrics_of(folder)["run"]["trajectory_sha256"]
+    ran = run(read_scenario(folder / SCENARIO_FILE))
+    got = ran.recording.digest()
+    if got == wanted:
+        print(f"the same to the bit: {ran.recording.duration:.1f} s, trajectory {got[:12]}")
+        return 0
+    print(
+        f"another trajectory: {got[:12]}, recorded {str(wanted)[:12]}. The record is of other code or libraries, of "
+        "another machine, or of a run that was interrupted (see provenance in metrics.json)."
+    )
+    return 1
+
+
+def report(folder: Path) -> int:
+    """Prints the path of the report, made anew where it is missing."""
+    file = folder / "report.html"
+    if not file.exists():
+        show(run(read_scenario(folder / SCENARIO_FILE)), folder)
+    print(file.resolve())
+    return 0
+
+
+def view(folder: Path) -> int:
+    """Opens the Rerun viewer on the run's log; its exit code."""
+    log = folder / "run.rrd"
+    if not log.exists():
+        raise ConfigurationError(f"{folder} has no run.rrd: run it again without --no-record")
+    beside = Path(sys.executable).with_name("rerun")
+    program = str(beside) if beside.exists() else shutil.which("rerun")
+    if program is None:
+        raise ConfigurationError("view: the Rerun viewer is missing; pip install rerun-sdk")
+    return subprocess.run([program, str(log)], check=False).returncode

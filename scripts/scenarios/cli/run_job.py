@@ -1,0 +1,76 @@
+"""A job or a scenario file: `uuv run NAME [OPTIONS]`, `uuv run FILE.toml [OPTIONS]`."""
+
+import contextlib
+import io
+import json
+import sys
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Annotated
+
+from tyro.conf import UseAppendAction
+
+from scenarios import options as jobs
+from scenarios.cli.catalogue import JOBS
+from scenarios.cli.main import nearest
+from scenarios.command import command
+from scenarios.scenario_file import read_scenario, with_values
+from sim.interfaces.errors import ConfigurationError
+from sim.runs.command_line import RunOptions, parse
+from sim.runs.run_folder import claimed_folder
+
+_QUIET, _JSON = "--quiet", "--json"
+_HELP = f"""usage: uuv run NAME|FILE.toml [OPTIONS]
+
+NAME: {", ".join(JOBS)}; `uuv run NAME --help` lists its options.
+FILE.toml: a scenario, such as the scenario.toml in the folder of every run.
+
+  {_QUIET}  print the verdict and the folder alone
+  {_JSON}   print metrics.json alone"""
+
+
+@dataclass(kw_only=True)
+class FileOptions(RunOptions):
+    """Run a scenario from its file."""
+
+    seed: int | None = None
+    """Seed instead of that in the file."""
+    set: Annotated[tuple[tuple[str, ...], ...], UseAppendAction] = ()
+    """Values instead of those in the file, by its keys and in its units: KEY=VALUE, such as task.speed=0.03."""
+
+
+def main(verb: str, args: Sequence[str]) -> int:
+    """Runs the job; returns the exit code."""
+    del verb
+    started = time.perf_counter()
+    if not args or args[0] in ("-h", "--help"):
+        print(_HELP)
+        return 0
+    name, rest = args[0], [arg for arg in args[1:] if arg not in (_QUIET, _JSON)]
+    if name in JOBS:
+        chosen = parse(getattr(jobs, JOBS[name]), rest)
+        scenario = chosen.scenario()
+    elif name.endswith(".toml"):
+        chosen = parse(FileOptions, rest)
+        scenario = with_values(read_scenario(name), [each for group in chosen.set for each in group])
+        if chosen.seed is not None:
+            scenario = replace(scenario, seed=chosen.seed)
+    else:
+        raise ConfigurationError(
+            f"no job {name!r}; there are {', '.join(JOBS)}, or a scenario file (.toml){nearest(name, list(JOBS))}"
+        )
+    if _QUIET not in args and _JSON not in args:
+        return command(scenario, chosen, started)
+    with contextlib.redirect_stdout(io.StringIO()):
+        code = command(scenario, chosen, started)
+    folder = claimed_folder()
+    metrics = json.loads(Path(folder / "metrics.json").read_text(encoding="utf-8"))
+    if _JSON in args:
+        json.dump(metrics, sys.stdout, indent=2)
+        print()
+    else:
+        verdict = "accepted" if metrics["accepted"] else "not accepted: " + "; ".join(metrics["failed"])
+        print(f"{verdict}\n{folder}")
+    return code

@@ -1,0 +1,216 @@
+"""A working part of one's own, with a test: `uuv new controller|vehicle|object|sensor NAME`."""
+
+import keyword
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from scenarios.cli.main import nearest
+from sim.interfaces.errors import ConfigurationError
+
+
+@dataclass(frozen=True, slots=True)
+class Skeleton:
+    """Text of a part and of its test, with NAME for the name, and the option by which a job takes it."""
+
+    part: str
+    test: str
+    use: str
+
+
+CONTROLLER = Skeleton(
+    part='''"""Controller NAME: that of the project with a force law of its own."""
+
+from controllers.arm.position_force import ForceDisplacement
+from controllers.work_controller import WorkController
+
+
+class ForceLaw(ForceDisplacement):
+    """Displacement of the tool along its axis from the force error: an integrator."""
+
+    gain = 1e-4  # [m/(N s)]
+
+    def step(self, state, wanted, felt, servo_compliance, dt):
+        """Displacement [m] into the surface; `wanted` and `felt` [N], `dt` [s]."""
+        state.k += self.gain * (wanted - felt) * dt
+        return state.k
+
+
+def NAME(model, *, water_error=0.0):
+    """The controller of a believed vehicle `model`; `water_error`: share by which its coefficients are to be wrong."""
+    return WorkController(model, force_law=ForceLaw(), water_error=water_error)
+''',
+    test="""from dataclasses import replace
+
+from scenarios import barrel, run
+
+
+def test_the_main_job_is_done():
+    scenario = barrel(seed=0, quick=True)
+    ran = run(replace(scenario, control=replace(scenario.control, controller="NAME:NAME")))
+    contact = ran.assessment.metrics["contact"]
+    assert ran.recording.final.state == "done"
+    assert contact["lost_s"] == 0.0
+    assert contact["force_error_max_n"] < 15.0  # [N] the default law stays below 3
+""",
+    use="uuv run clean-barrel --quick --controller NAME:NAME",
+)
+VEHICLE = Skeleton(
+    part='''"""Vehicle NAME: that of the project with a heavier hull, trimmed anew."""
+
+import models
+from models import hydrodynamics
+
+
+def NAME():
+    """The vehicle as an MjSpec with its water; `uuv check NAME:NAME` says what it has.
+
+    From an MJCF of your own: mujoco.MjSpec.from_file("my.xml"), `hydrodynamics.attach` for the water of each body,
+    `models.water.thrusters.attach` for the thrusters.
+    """
+    spec = models.load("uuv_puma")
+    hull = spec.body("hull")
+    hull.mass = float(hull.mass) + 20.0  # [kg]
+    folded = spec.key("home").qpos
+    hydrodynamics.trim(spec, "hull", metacentric_height=0.06, qpos=folded)  # neutrally buoyant and level again
+    return spec
+''',
+    test="""import numpy as np
+from models.naming import lacks
+from models.vehicle import Vehicle
+from sim import hydrodynamics
+
+from NAME import NAME
+
+
+def test_it_has_what_jobs_of_the_arm_need():
+    model = hydrodynamics.compile(NAME())
+    assert not lacks(model)
+    assert len(Vehicle.of(model).joint_names) == 6
+
+
+def test_it_is_heavier_than_the_original():
+    import models
+
+    masses = [float(np.sum(hydrodynamics.compile(spec).body_mass)) for spec in (NAME(), models.load("uuv_puma"))]
+    assert masses[0] - masses[1] > 19.0
+""",
+    use="uuv run clean-barrel --quick --vehicle NAME:NAME",
+)
+OBJECT = Skeleton(
+    part='''"""Object NAME: a pipe on two feet, and a tool path along its top."""
+
+import numpy as np
+from models.meshes.closed_shells import box, joined, revolve
+from models.objects.targets import TargetModel
+from perception.toolpath.path_shapes import laid_on, line
+
+RADIUS, LENGTH = 0.16, 0.9  # [m] of the pipe
+
+
+def NAME():
+    """The object in its frame T: x along the pipe, z up.
+
+    From a file: TargetModel.from_file("part.stl", scale=0.001).
+    """
+    half = 0.5 * LENGTH
+    profile = [(-half, 0.0), (-half, RADIUS), (half, RADIUS), (half, 0.0)]
+    feet = [box((0.08, 0.3, 0.3), (x, 0.0, -0.25)) for x in (-0.35, 0.3)]
+    vertices, triangles = joined([revolve(np.array(profile), 96), *feet])
+    made = TargetModel(name="NAME", vertices=vertices, triangles=triangles)
+    over = line([-0.2, 0.0, RADIUS], [0.2, 0.0, RADIUS])
+    return made.with_path("top", laid_on(made, over, [0.0, 0.0, -1.0]))  # projected from above
+''',
+    test="""import numpy as np
+from scenarios.object_scenes import object_scene
+from perception.registration.identification import identify
+from perception.registration.model_surface import ModelSurface
+
+from NAME import NAME
+
+
+def test_its_path_lies_on_it():
+    path = NAME().path("top")
+    assert np.allclose(path.p[:, 2], 0.16, atol=1e-3)
+    assert np.allclose(path.a, [0.0, 0.0, -1.0], atol=0.02)  # the pipe has facets
+
+
+def test_it_is_found_in_a_depth_frame():
+    target = NAME()
+    scene = object_scene(target, 1)
+    surface = ModelSurface.of(target, 0)
+    found = identify(scene.scan, surface, scene.approach, scene.orientation, sensor=scene.sensor.model, seed=0)
+    assert found.accepted, found.reason
+    assert scene.is_found(found.X_sensor_target)
+""",
+    use="uuv run clean-object --object NAME:NAME",
+)
+SENSOR = Skeleton(
+    part='''"""Sensor NAME: the depth camera with twice the noise, and the model of it that perception uses."""
+
+from models.naming import HULL_BODY
+from perception.clouds.scan import SensorModel
+from sim.sensors.depth_camera import DepthCamera, Optics, StereoNoise
+
+DISPARITY = 0.5  # [px] standard deviation
+
+
+def NAME(model, X_BS):
+    """The sensor at `X_BS` (4, 4) on the hull of the compiled world `model`, and its model.
+
+    A sensor of another kind has `period` and `delay` [s], `init(rng) -> state` and `step(state, truth) -> (state,
+    measurement)` (sim.interfaces.protocols.Sensor).
+    """
+    optics = Optics()
+    camera = DepthCamera(model, HULL_BODY, X_BS, optics=optics, noise=StereoNoise(disparity_sigma=DISPARITY))
+    return camera, SensorModel(focal=optics.focal, disparity_sigma=DISPARITY)
+''',
+    test="""from dataclasses import replace
+
+from scenarios import assemble, barrel
+from scenarios.runner import run_through
+
+
+def test_the_barrel_is_found_with_it():
+    scenario = barrel(seed=0, quick=True)
+    built = assemble(replace(scenario, sensing=replace(scenario.sensing, sensor="NAME:NAME")))
+    targets = run_through(built, longest=8.0).recording.targets
+    assert targets
+    assert targets[0].accepted, targets[0].reason
+""",
+    use="uuv run clean-barrel --quick --sensor NAME:NAME",
+)
+SKELETONS = {"controller": CONTROLLER, "vehicle": VEHICLE, "object": OBJECT, "sensor": SENSOR}
+
+
+def main(verb: str, args: Sequence[str]) -> int:
+    """Writes NAME.py and test_NAME.py here; returns the exit code."""
+    del verb
+    if len(args) != 2 or args[0].startswith("-"):
+        print(f"usage: uuv new {'|'.join(SKELETONS)} NAME\n\nWrites NAME.py and test_NAME.py here: a part that works.")
+        return 0 if args and args[0] in ("-h", "--help") else 2
+    kind, name = args
+    if kind not in SKELETONS:
+        known = ", ".join(SKELETONS)
+        raise ConfigurationError(f"no skeleton of a {kind!r}; there are {known}{nearest(kind, list(SKELETONS))}")
+    if not name.isidentifier() or keyword.iskeyword(name) or name.startswith("test_") or name != name.lower():
+        raise ConfigurationError(f"NAME: a module's name in lower case, such as my_{kind}, got {name!r}")
+    written = write(kind, name, Path())
+    use = SKELETONS[kind].use.replace("NAME", name)
+    print(f"written: {', '.join(map(str, written))}\n\ntry:   {use}\ntest:  python -m pytest {written[1]}")
+    return 0
+
+
+def write(kind: str, name: str, folder: Path) -> tuple[Path, Path]:
+    """Part and test in `folder`.
+
+    Raises:
+        ConfigurationError: One of the files is there already.
+    """
+    skeleton, files = SKELETONS[kind], (folder / f"{name}.py", folder / f"test_{name}.py")
+    for file in files:
+        if file.exists():
+            raise ConfigurationError(f"{file} is there already; choose another name")
+    for file, text in zip(files, (skeleton.part, skeleton.test), strict=True):
+        file.write_text(text.replace("NAME", name), encoding="utf-8")
+    return files

@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from models.objects.targets import TargetModel
 from perception.clouds.scan import Scan, SensorModel
@@ -104,7 +104,7 @@ class ObjectTracker:
         difference = P @ (twist - mean)
         covariance = P @ (np.linalg.pinv(information, hermitian=True) + at_first + self._drift**2 * np.eye(6)) @ P
         excess = difference @ np.linalg.pinv(covariance, rcond=1e-9, hermitian=True) @ difference
-        alarms = state.alarms + 1 if excess > chi2.isf(_SURE, round(np.trace(P))) else 0
+        alarms = state.alarms + 1 if excess > chdtri(round(np.trace(P)), _SURE) else 0
         motion = ObjectMotion(
             time=image.time,
             X_WT=readonly(X_WT),

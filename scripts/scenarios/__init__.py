@@ -27,10 +27,12 @@ if TYPE_CHECKING:
     from scenarios.runner import Run, run
     from scenarios.scenario import Scenario
     from scenarios.scenario_file import read_scenario, write_scenario
+    from sim.reporting.series_tables import PastRun
 
 _HOME = {
     "Assembly": "scenarios.assembly",
     "Loop": "scenarios.perturbations.perturbation",
+    "PastRun": "sim.reporting.series_tables",
     "Perturbation": "scenarios.perturbations.perturbation",
     "Run": "scenarios.runner",
     "Scenario": "scenarios.scenario",
@@ -44,6 +46,7 @@ _HOME = {
 __all__ = [
     "Assembly",
     "Loop",
+    "PastRun",
     "Perturbation",
     "Run",
     "Scenario",

@@ -22,6 +22,7 @@ from sim.interfaces.messages import WorkState
 from sim.loop.recording import Recorder
 from sim.loop.rollout import Moment, Observer
 from sim.reporting.results_table import results_table
+from sim.reporting.series_tables import write_series
 from sim.runs.command_line import RunOptions, signals
 from sim.runs.provenance import provenance
 from sim.runs.run_folder import new_folder
@@ -92,6 +93,7 @@ def command(
                 console.print(each)
             _say(assessment, console)
             if options.record:
+                write_series(result.recording, folder)
                 _report(Run(assembly=assembly, result=result, assessment=assessment), folder, title)
             console.print(f"written to {folder}/", highlight=False)
     finally:
@@ -107,7 +109,7 @@ def command(
 
 
 def show(run: Run, folder: str | Path) -> None:
-    """Prints the table of a run, and writes scenario.toml, metrics.json and report.html to `folder`.
+    """Prints the table of a run, and writes scenario.toml, metrics.json, its series and report.html to `folder`.
 
     The report needs a full recording, as `run(scenario)` makes it; without one it is left out. There is no run.rrd:
     that log is written while a run goes on.
@@ -117,6 +119,7 @@ def show(run: Run, folder: str | Path) -> None:
     write_scenario(run.scenario, folder / SCENARIO_FILE)
     run.assessment.made_by(provenance(run.scenario.name, as_dict(run.scenario))).write(folder / "metrics.json")
     _say(run.assessment, Console())
+    write_series(run.recording, folder)
     if run.assembly.full:
         _report(run, folder, run.assembly.placed.title)
 

@@ -10,7 +10,6 @@ from controllers.ik.method import Method as IkMethod
 from controllers.planning.promise import WANTED, PromiseLimits
 from models.site.seabed import Kind
 from scenarios.arm_camera import ArmCameraSetup
-from scenarios.arm_identification.friction_run import GearIdentificationTask
 from scenarios.perturbations.vehicle import Gears
 from scenarios.scenario import AblatedMethod, Belief, Control, Method, PublishedMethod, Scenario, Sensing, VehicleSetup
 from scenarios.site import Barrel, Ground, HoleManifold, KnownObject, OpenWater, Pile, Site, SiteObject
@@ -383,6 +382,8 @@ class GearOptions(ScenarioOptions):
         """The identification."""
         finite_number(self.gear_spread, "--gear-spread", least=0.0, most=0.9)
         seconds = self.seconds if self.seconds is not None else 15.0 if self.quick else 30.0
+        from scenarios.arm_identification.friction_run import GearIdentificationTask  # brings scipy.stats and figures
+
         return Scenario(
             name="identify_friction",
             seed=self.seed,

@@ -40,6 +40,12 @@ class Run:
         """Time series of the run."""
         return self.result.recording
 
+    def _repr_html_(self) -> str:
+        """Card for a notebook."""
+        from sim.reporting.series_tables import card_of
+
+        return card_of(self.assembly.placed.title, self.assessment)
+
 
 def run(
     scenario: Scenario | Assembly,

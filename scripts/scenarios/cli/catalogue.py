@@ -85,7 +85,7 @@ def things(kind: str) -> Iterator[tuple[str, str]]:
         case "vehicle":
             yield from _vehicles()
         case "arm":
-            yield from ((name, "") for name in _keys(ROOT / "models" / "arms" / "published_arms.py", "_ARMS"))
+            yield from _arms(ROOT / "models" / "arms" / "published_arms.py")
         case "object":
             for name in _keys(ROOT / "models" / "objects" / "targets.py", "OBJECTS"):
                 file = ROOT / "models" / "objects" / f"{name}.py"
@@ -119,6 +119,19 @@ def _vehicles() -> Iterator[tuple[str, str]]:
         if isinstance(key, ast.Constant) and isinstance(entry, ast.Call):
             said = next(word.value for word in entry.keywords if word.arg == "source")
             yield key.value, said.value if isinstance(said, ast.Constant) else ""
+
+
+def _arms(file: Path) -> Iterator[tuple[str, str]]:
+    """Arms with their titles: entries of a dictionary, and some that are added to it one by one."""
+    table = _assigned(file, "_ARMS")
+    entries = list(zip(table.keys, table.values, strict=True)) if isinstance(table, ast.Dict) else []
+    for node in _tree(file).body:
+        if isinstance(node, ast.Assign) and isinstance(at := node.targets[0], ast.Subscript):
+            entries.append((at.slice, node.value))
+    for key, made in entries:
+        if isinstance(key, ast.Constant) and isinstance(made, ast.Call):
+            title = made.args[0] if made.args else None
+            yield key.value, title.value if isinstance(title, ast.Constant) else ""
 
 
 def _documented(file: Path, registry: str) -> Iterator[tuple[str, str]]:

@@ -8,9 +8,10 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
-from scenarios.cli.past_runs import metrics_of, run_folder
+from scenarios.cli.past_runs import run_folder
 from scenarios.command import SCENARIO_FILE, flat
 from scenarios.scenario_file import as_dict, read_scenario
+from sim.reporting.series_tables import PastRun
 
 _LEFT_OUT = ("provenance", "timings", "schema")
 _ALL = "--all"
@@ -32,7 +33,7 @@ def main(verb: str, args: Sequence[str]) -> int:
     console = Console(width=None if Console().is_terminal else 140)
     asked = [flat(as_dict(read_scenario(folder / SCENARIO_FILE))) for folder in folders]
     console.print(table("options that differ", names, _differing(asked)))
-    found = [dict(numbers(metrics_of(folder))) for folder in folders]
+    found = [dict(numbers(PastRun.of(folder).metrics)) for folder in folders]
     every = _ALL in args
     rows = [(key, values) for key, values in _rows(found) if every or not alike(values)]
     console.print(table("figures" if every else "figures that differ", names, rows))

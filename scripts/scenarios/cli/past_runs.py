@@ -1,17 +1,16 @@
 """Runs that have ended: `uuv replay RUN`, `uuv report RUN`, `uuv view RUN`. RUN is the folder of a run."""
 
-import json
 import shutil
 import subprocess
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 from scenarios.command import SCENARIO_FILE, show
 from scenarios.runner import run
 from scenarios.scenario_file import read_scenario
 from sim.interfaces.errors import ConfigurationError
+from sim.reporting.series_tables import PastRun
 from sim.runs.run_folder import LATEST, RUNS
 
 _ABOUT = {
@@ -44,21 +43,9 @@ def run_folder(given: str) -> Path:
     raise ConfigurationError(f"{given}: no run, a folder with metrics.json{known}")
 
 
-def metrics_of(folder: Path) -> Mapping[str, Any]:
-    """Content of the run's metrics.json.
-
-    Raises:
-        ConfigurationError: It cannot be read.
-    """
-    try:
-        return json.loads((folder / "metrics.json").read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise ConfigurationError(f"{folder}/metrics.json: cannot be read ({error})") from error
-
-
 def replay(folder: Path) -> int:
     """Runs again; 0 if the trajectory is the same to the bit, else 1."""
-    wanted = metrics_of(folder)["run"]["trajectory_sha256"]
+    wanted = PastRun.of(folder).metrics["run"]["trajectory_sha256"]
     ran = run(read_scenario(folder / SCENARIO_FILE))
     got = ran.recording.digest()
     if got == wanted:

@@ -1,0 +1,147 @@
+"""The command `uuv`, from the shell, and the parts of one's own that it makes."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from scenarios.cli import catalogue, skeletons
+from scenarios.cli.compare_runs import alike
+from scenarios.cli.main import main
+from scenarios.options import barrel
+from scenarios.scenario_file import write_scenario
+from sim.interfaces.errors import ConfigurationError
+from sim.reporting.series_tables import PastRun
+
+
+@pytest.fixture
+def uuv(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
+    """The command in a folder of its own; gives what it printed to stdout, or to stderr if it fails."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", list(sys.path))
+
+    def call(*args: str, code: int = 0) -> str:
+        monkeypatch.setattr(sys, "argv", ["uuv", *args])
+        with pytest.raises(SystemExit) as ended:
+            main()
+        said = capsys.readouterr()
+        assert (ended.value.code or 0) == code, said.err + said.out
+        return said.err if code == 2 else said.out
+
+    return call
+
+
+def test_list_names_everything_that_the_registries_do_without_importing_them(uuv):
+    import models
+    from models.arms.published_arms import ARMS
+    from models.objects.targets import OBJECTS
+    from models.site.soil import SOILS
+    from models.tools.sampler import TOOLS
+    from scenarios.contact_parts import CONTROLLERS, SENSORS
+    from scenarios.perturbations.perturbation import registry
+
+    listed = {shelf.kind: [name for name, _ in catalogue.things(shelf.kind)] for shelf in catalogue.SHELVES}
+    for kind, known in (("arm", ARMS), ("object", OBJECTS), ("soil", SOILS), ("tool", TOOLS)):
+        assert sorted(listed[kind]) == list(known.names())
+    for kind, known in (("controller", CONTROLLERS), ("sensor", SENSORS), ("perturbation", registry())):
+        assert sorted(listed[kind]) == list(known.names())
+    assert {*listed["vehicle"]} <= {*models.available()}
+    assert len(listed["vehicle"]) == 7
+    assert all(said for kind in ("job", "study", "vehicle", "perturbation") for _, said in catalogue.things(kind))
+    said = uuv("list", "objects")
+    assert said.startswith("objects  (uuv run clean-object --object NAME)")
+    assert "  barrel  " in said
+    heavy = "import sys; from scenarios.cli import catalogue; catalogue.main([]); print('mujoco' in sys.modules)"
+    ran = subprocess.run([sys.executable, "-c", heavy], capture_output=True, text=True, check=True)
+    assert ran.stdout.splitlines()[-1] == "False"
+
+
+@pytest.mark.parametrize(
+    ("args", "said"),
+    [
+        (["rnu"], "no verb 'rnu'; there are list, run, .* (did you mean run?)"),
+        (["list", "boats"], "no kind 'boats'; there are job"),
+        (["run", "clean-barel"], "(did you mean clean-barrel?)"),
+        (["run", "clean-object", "--object", "baril"], "(did you mean barrel?)"),
+        (["run", "nothing.toml"], "nothing.toml"),
+        (["replay", "elsewhere"], "elsewhere: no run, a folder with metrics.json"),
+        (["check", "no_module:hull"], "vehicle 'no_module:hull': cannot be imported"),
+        (["new", "boat", "mine"], "no skeleton of a 'boat'; there are controller"),
+        (["new", "object", "My-Thing"], "a module's name in lower case"),
+    ],
+)
+def test_a_mistake_is_one_line(args: list[str], said: str, uuv, tmp_path: Path):
+    error = uuv(*args, code=2).strip()
+    assert error.count("\n") == 0
+    for part in said.split(" .* "):
+        assert part in error
+    assert not [path for path in tmp_path.rglob("*") if path.is_file()]
+
+
+def test_help_of_every_verb(uuv):
+    assert "uuv run clean-barrel --seed 3" in uuv()
+    for verb in ("list", "run", "compare", "replay", "report", "view", "check", "doctor", "new"):
+        assert uuv(verb, "--help").startswith(f"usage: uuv {verb}")
+    assert "--corner" in uuv("run", "clean-barrel", "--help")
+
+
+def test_a_run_is_repeated_compared_and_read_back(uuv, tmp_path: Path):
+    job = barrel(seed=1, quick=True)
+    write_scenario(job, tmp_path / "mine.toml")
+    made = json.loads(uuv("run", "mine.toml", "--json", "--out", "first", "--set", "task.speed=0.04"))
+    assert made["accepted"]
+    assert "the same to the bit" in uuv("replay", "first")
+    other = tmp_path / "second"
+    other.mkdir()
+    write_scenario(job, other / "scenario.toml")
+    (other / "metrics.json").write_text(json.dumps({**made, "tool": {**made["tool"], "speed_mean_m_s": 0.02}}))
+    table = uuv("compare", "first", "second")
+    assert "task.speed" in table
+    assert "tool.speed_mean_m_s" in table
+    assert "identification.position_error_m" not in table
+    assert uuv("report", "first").strip() == str((tmp_path / "first" / "report.html").resolve())
+    past = PastRun.of(tmp_path / "first")
+    assert past.rates[0] == "loop"
+    time, force = past.column("time"), past.column("contact_normal")
+    assert np.diff(time) == pytest.approx(0.002)
+    assert force.max() == pytest.approx(90.0, abs=5.0)
+    assert past.units()["contact_normal"] == "N"
+    assert past.units("slow")["q.joint1"] == "rad"
+    assert past.table("events").to_pylist()[-1]["state"] == "done"
+    assert past._repr_html_().count("<tr>") == 6
+    with pytest.raises(ConfigurationError, match="no column 'force'; there are time"):
+        past.column("force")
+    with pytest.raises(ConfigurationError, match=r"no series 'fast'; there are loop"):
+        past.table("fast")
+
+
+def test_check_says_what_a_vehicle_has_and_lacks(uuv):
+    said = uuv("check", "uuv_puma")
+    assert "+0.0 N (neutral)" in said
+    assert "all parts are there" in said
+    lacking = uuv("check", "bluerov2_heavy_alpha5", code=1)
+    assert "it lacks geom 'pad' (may touch)" in lacking
+    assert "-129 to 129 N" in lacking
+
+
+@pytest.mark.parametrize(
+    "kind", ["vehicle", "object", *(pytest.param(kind, marks=pytest.mark.long) for kind in ("sensor", "controller"))]
+)
+def test_a_skeleton_passes_its_own_test(kind: str, uuv, tmp_path: Path):
+    uuv("new", kind, "mine")
+    assert "is there already" in uuv("new", kind, "mine", code=2)
+    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "test_mine.py"]
+    ran = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert ran.returncode == 0, ran.stdout
+    assert skeletons.SKELETONS[kind].use.replace("NAME", "mine").split()[-1] == "mine:mine"
+
+
+def test_figures_that_differ():
+    assert alike([1.0, 1.01])
+    assert not alike([1.0, 1.1])
+    assert not alike([None, 1.0])
+    assert not alike([True, False])
+    assert alike(["done", "done"])

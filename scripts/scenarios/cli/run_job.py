@@ -8,9 +8,6 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated
-
-from tyro.conf import UseAppendAction
 
 from scenarios import options as jobs
 from scenarios.cli.catalogue import JOBS
@@ -21,14 +18,16 @@ from sim.interfaces.errors import ConfigurationError
 from sim.runs.command_line import RunOptions, parse
 from sim.runs.run_folder import claimed_folder
 
-_QUIET, _JSON = "--quiet", "--json"
+_QUIET, _JSON, _SET = "--quiet", "--json", "--set"
 _HELP = f"""usage: uuv run NAME|FILE.toml [OPTIONS]
 
 NAME: {", ".join(JOBS)}; `uuv run NAME --help` lists its options.
 FILE.toml: a scenario, such as the scenario.toml in the folder of every run.
 
-  {_QUIET}  print the verdict and the folder alone
-  {_JSON}   print metrics.json alone"""
+  {_SET} KEY=VALUE ...  other values, by the keys of a scenario file and in its units, such as task.speed=0.03 or
+                      perturbations.MountedObject.stiffness=1e4
+  {_QUIET}              print the verdict and the folder alone
+  {_JSON}               print metrics.json alone"""
 
 
 @dataclass(kw_only=True)
@@ -37,8 +36,6 @@ class FileOptions(RunOptions):
 
     seed: int | None = None
     """Seed instead of that in the file."""
-    set: Annotated[tuple[tuple[str, ...], ...], UseAppendAction] = ()
-    """Values instead of those in the file, by its keys and in its units: KEY=VALUE, such as task.speed=0.03."""
 
 
 def main(verb: str, args: Sequence[str]) -> int:
@@ -48,19 +45,20 @@ def main(verb: str, args: Sequence[str]) -> int:
     if not args or args[0] in ("-h", "--help"):
         print(_HELP)
         return 0
-    name, rest = args[0], [arg for arg in args[1:] if arg not in (_QUIET, _JSON)]
+    name, (rest, values) = args[0], _assignments([arg for arg in args[1:] if arg not in (_QUIET, _JSON)])
     if name in JOBS:
         chosen = parse(getattr(jobs, JOBS[name]), rest)
         scenario = chosen.scenario()
     elif name.endswith(".toml"):
         chosen = parse(FileOptions, rest)
-        scenario = with_values(read_scenario(name), [each for group in chosen.set for each in group])
+        scenario = read_scenario(name)
         if chosen.seed is not None:
             scenario = replace(scenario, seed=chosen.seed)
     else:
         raise ConfigurationError(
             f"no job {name!r}; there are {', '.join(JOBS)}, or a scenario file (.toml){nearest(name, list(JOBS))}"
         )
+    scenario = with_values(scenario, values)
     if _QUIET not in args and _JSON not in args:
         return command(scenario, chosen, started)
     with contextlib.redirect_stdout(io.StringIO()):
@@ -74,3 +72,18 @@ def main(verb: str, args: Sequence[str]) -> int:
         verdict = "accepted" if metrics["accepted"] else "not accepted: " + "; ".join(metrics["failed"])
         print(f"{verdict}\n{folder}")
     return code
+
+
+def _assignments(args: Sequence[str]) -> tuple[list[str], list[str]]:
+    """Arguments without --set, and what follows each --set up to the next option."""
+    rest: list[str] = []
+    values: list[str] = []
+    into = rest
+    for arg in args:
+        if arg == _SET:
+            into = values
+            continue
+        if arg.startswith("--"):
+            into = rest
+        into.append(arg)
+    return rest, values

@@ -118,7 +118,7 @@ def _vehicles() -> Iterator[tuple[str, str]]:
     for key, entry in zip(table.keys, table.values, strict=True):
         if isinstance(key, ast.Constant) and isinstance(entry, ast.Call):
             said = next(word.value for word in entry.keywords if word.arg == "source")
-            yield key.value, said.value if isinstance(said, ast.Constant) else ""
+            yield _word(key), _word(said)
 
 
 def _arms(file: Path) -> Iterator[tuple[str, str]]:
@@ -131,7 +131,7 @@ def _arms(file: Path) -> Iterator[tuple[str, str]]:
     for key, made in entries:
         if isinstance(key, ast.Constant) and isinstance(made, ast.Call):
             title = made.args[0] if made.args else None
-            yield key.value, title.value if isinstance(title, ast.Constant) else ""
+            yield _word(key), _word(title)
 
 
 def _documented(file: Path, registry: str) -> Iterator[tuple[str, str]]:
@@ -158,7 +158,7 @@ def _keys(file: Path, variable: str) -> list[str]:
     """Keys of the dictionary that a module-level variable is, or is made of."""
     for inner in ast.walk(_assigned(file, variable)):
         if isinstance(inner, ast.Dict):
-            return [key.value for key in inner.keys if isinstance(key, ast.Constant)]
+            return [_word(key) for key in inner.keys if isinstance(key, ast.Constant)]
     return []
 
 
@@ -178,11 +178,16 @@ def _kinds(file: Path) -> list[tuple[str, str]]:
     for inner in ast.walk(_tree(file)):
         if isinstance(inner, ast.Dict) and inner.keys:
             return [
-                (key.value, value.attr)
+                (_word(key), value.attr)
                 for key, value in zip(inner.keys, inner.values, strict=True)
                 if isinstance(key, ast.Constant) and isinstance(value, ast.Attribute)
             ]
     return []
+
+
+def _word(node: ast.expr | None) -> str:
+    """Value of a text in the source; empty for anything else."""
+    return node.value if isinstance(node, ast.Constant) and isinstance(node.value, str) else ""
 
 
 def _cut(text: str) -> str:

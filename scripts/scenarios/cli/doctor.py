@@ -89,7 +89,7 @@ def _rendering() -> tuple[str, str]:
 def _numba_threads() -> int:
     import numba
 
-    return numba.config.NUMBA_NUM_THREADS
+    return numba.get_num_threads()
 
 
 def _compiled() -> tuple[str, str]:

@@ -73,4 +73,4 @@ def _inertia(spec: mujoco.MjSpec, joints: list[str]) -> Array:
     dof = [int(model.jnt_dofadr[model.joint(name).id]) for name in joints]
     response = np.empty((len(dof), model.nv))
     mujoco.mj_solveM(model, data, response, np.eye(model.nv)[dof])
-    return np.linalg.inv(response[:, dof])
+    return np.asarray(np.linalg.inv(response[:, dof]), dtype=np.float64)

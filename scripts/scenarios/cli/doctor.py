@@ -51,7 +51,7 @@ def _rows() -> Iterator[tuple[str, str, str]]:
         yield name, *_package(name, name, name)
     for module, use, package in _EXTRAS:
         yield module, *_package(module, use, package)
-    yield "rendering", *_rendering()
+    yield "rendering", *rendering()
     yield "compiled loops", *_compiled()
 
 
@@ -71,7 +71,7 @@ def _package(module: str, use: str, package: str) -> tuple[str, str]:
     return OK, f"{found} {use if use != module else ''}".strip()
 
 
-def _rendering() -> tuple[str, str]:
+def rendering() -> tuple[str, str]:
     """State of MuJoCo's renderer, tried in processes of their own: a missing library may end one."""
     for backend in dict.fromkeys((os.environ.get("MUJOCO_GL", ""), "egl", "osmesa")):
         tried = {**os.environ, "MUJOCO_GL": backend} if backend else dict(os.environ)

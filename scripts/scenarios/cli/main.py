@@ -6,6 +6,7 @@ uuv compare RUN RUN           figures of runs side by side
 uuv replay RUN                runs again from its record, to the bit
 uuv report RUN                the report of a run
 uuv view RUN                  its log in the Rerun viewer
+uuv picture RUN               a still and a clip of a run
 uuv check VEHICLE             what a vehicle has of the contract, and what follows
 uuv doctor                    what works on this machine
 uuv new KIND NAME             a working skeleton with a test
@@ -13,6 +14,7 @@ uuv new KIND NAME             a working skeleton with a test
 
 import difflib
 import importlib
+import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -25,6 +27,7 @@ VERBS = {  # verb: module that has `main(args) -> exit code`
     "replay": "scenarios.cli.past_runs",
     "report": "scenarios.cli.past_runs",
     "view": "scenarios.cli.past_runs",
+    "picture": "scenarios.cli.picture",
     "check": "scenarios.cli.check_vehicle",
     "doctor": "scenarios.cli.doctor",
     "new": "scenarios.cli.skeletons",
@@ -52,6 +55,8 @@ def main() -> NoReturn:
     if verb not in VERBS:
         print(f"error: no verb {verb!r}; there are {', '.join(VERBS)}{nearest(verb, list(VERBS))}", file=sys.stderr)
         raise SystemExit(2)
+    if verb == "picture" and not os.environ.get("DISPLAY"):
+        os.environ.setdefault("MUJOCO_GL", "egl")  # read when MuJoCo is imported
     sys.path.insert(0, str(Path.cwd()))  # own parts, MODULE:ATTRIBUTE, are looked for where one works
     if verb == "list":  # a second is too long to say what there is: nothing heavy is imported
         raise SystemExit(importlib.import_module(VERBS[verb]).main(args[1:]))

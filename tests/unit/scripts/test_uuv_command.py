@@ -7,10 +7,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from scenarios.cli import catalogue, skeletons
 from scenarios.cli.compare_runs import alike
+from scenarios.cli.doctor import rendering
 from scenarios.cli.main import main
+from scenarios.cli.picture import CLIP, FRAMES, HEIGHT, STILL, WIDTH
 from scenarios.options import barrel
 from scenarios.scenario_file import write_scenario
 from sim.interfaces.errors import ConfigurationError
@@ -83,7 +86,7 @@ def test_a_mistake_is_one_line(args: list[str], said: str, uuv, tmp_path: Path):
 
 def test_help_of_every_verb(uuv):
     assert "uuv run clean-barrel --seed 3" in uuv()
-    for verb in ("list", "run", "compare", "replay", "report", "view", "check", "doctor", "new"):
+    for verb in ("list", "run", "compare", "replay", "report", "view", "picture", "check", "doctor", "new"):
         assert uuv(verb, "--help").startswith(f"usage: uuv {verb}")
     assert "--corner" in uuv("run", "clean-barrel", "--help")
 
@@ -116,6 +119,20 @@ def test_a_run_is_repeated_compared_and_read_back(uuv, tmp_path: Path):
         past.column("force")
     with pytest.raises(ConfigurationError, match=r"no series 'fast'; there are loop"):
         past.table("fast")
+
+
+@pytest.mark.skipif("ok" not in rendering()[0], reason="no OpenGL here")
+@pytest.mark.long
+def test_still_and_clip_of_a_run(uuv, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    folder = tmp_path / "first"
+    assert uuv("run", "clean-barrel", "--quick", "--quiet", "--out", str(folder)).startswith("accepted")
+    program = "import sys; from scenarios.cli.main import main; sys.argv = ['uuv', 'picture', 'first']; main()"
+    made = subprocess.run([sys.executable, "-c", program], cwd=tmp_path, capture_output=True, text=True, check=True)
+    assert made.stdout.split() == [str(folder.resolve() / name) for name in (STILL, CLIP)]
+    still, clip = Image.open(folder / STILL), Image.open(folder / CLIP)
+    assert still.size == (WIDTH, HEIGHT)
+    assert np.asarray(still).std() > 20.0
+    assert getattr(clip, "n_frames", 1) == FRAMES
 
 
 def test_check_says_what_a_vehicle_has_and_lacks(uuv):

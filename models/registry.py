@@ -56,7 +56,7 @@ class Registry(Generic[T]):
     def resolve(self, name: str) -> str:
         """The name that an alias stands for; another name as it is. Raises ConfigurationError for an unknown one."""
         if name not in self:
-            near = get_close_matches(str(name), self.names(), 1)
+            near = get_close_matches(name, self.names(), 1) if isinstance(name, str) else []
             meant = f" (did you mean {near[0]}?)" if near else ""
             raise ConfigurationError(
                 f"unknown {self.kind} {shown(name)}; there are {', '.join(self.names())}, or MODULE:ATTRIBUTE{meant}"
@@ -117,7 +117,7 @@ class Registry(Generic[T]):
         module, _, attribute = name.partition(":")
         try:
             make: Any = getattr(importlib.import_module(module), attribute)
-        except Exception as error:
+        except (Exception, SystemExit) as error:
             raise ConfigurationError(
                 f"{self.kind} {shown(name)}: cannot be imported; {type(error).__name__}: {error}"
             ) from error

@@ -18,7 +18,7 @@ from scenarios.study.options import at_least
 from scenarios.tasks.insertion import InsertionTask
 from scenarios.tasks.inspection import InspectionTask
 from scenarios.tasks.seabed_sampling import SeabedSamplingTask
-from scenarios.tasks.surface_work import SurfaceWorkTask
+from scenarios.tasks.surface_work import SurfaceWorkTask, ToolTurn
 from sim.interfaces.spatial import finite_number
 from sim.runs.command_line import ScenarioOptions
 
@@ -111,8 +111,7 @@ class ContactOptions(VehicleOptions):
             site=self.site(of),
             task=SurfaceWorkTask(
                 path=path,
-                turn=None if self.turn is None else float(np.radians(self.turn)),
-                blend=self.blend,
+                turn=None if self.turn is None else ToolTurn(angle=float(np.radians(self.turn)), blend=self.blend),
                 forces=self.forces or forces,
                 speed=self.speed,
                 contactless=self.contactless,

@@ -440,7 +440,8 @@ def tool_twist(recording: Recording, truth: TrueObject) -> tuple[Array, Array]:
         the path within CORNER: in a corner the tool may be turned like either side, or as between them.
     """
     rows, X_WT, path = _rows_at_work(recording), _path_pose(recording, truth), truth.model.path(truth.path)
-    tip_T, axis, x = _in_object(recording, truth, rows, X_WT)
+    tip_T, R = _in_object(recording, truth, rows, X_WT)
+    axis, x = (_turned_back(R, recording[name].value[rows]) for name in ("tool_axis", "tool_x"))
     p, b_at, reach = _finely(path.p, path.b)
     nearest = cKDTree(p).query(tip_T)[1]
     least, most = np.full(len(rows), np.inf), np.full(len(rows), -np.inf)
@@ -522,12 +523,12 @@ def tool_gap(recording: Recording, truth: TrueObject) -> tuple[Array, Array]:
 def _at_work(recording: Recording, truth: TrueObject) -> tuple[Array, Array, Array]:
     """Times (N,) [s] in the work state at TILT_RATE; the pad's face (N, 3) [m] and the tool axis (N, 3), in T."""
     rows = _rows_at_work(recording)
-    tip_T, axis_T, _ = _in_object(recording, truth, rows, truth.X_WT)
-    return recording["p_pad"].time[rows], tip_T, axis_T
+    tip_T, R = _in_object(recording, truth, rows, truth.X_WT)
+    return recording["p_pad"].time[rows], tip_T, _turned_back(R, recording["tool_axis"].value[rows])
 
 
-def _in_object(recording: Recording, truth: TrueObject, rows: np.ndarray, X_WT: Array) -> tuple[Array, Array, Array]:
-    """True tool relative to the object, where the object is at that time.
+def _in_object(recording: Recording, truth: TrueObject, rows: np.ndarray, X_WT: Array) -> tuple[Array, Array]:
+    """True tip relative to the object, where the object is at that time.
 
     Args:
         recording: The run.
@@ -536,16 +537,19 @@ def _in_object(recording: Recording, truth: TrueObject, rows: np.ndarray, X_WT: 
         X_WT: (4, 4) pose of the object, or one equal to it by symmetry, while it stands as `truth` has it.
 
     Returns:
-        The pad's face (N, 3) [m], and axis and x axis (N, 3) of the tool, in T.
+        The pad's face (N, 3) [m] in T, and the object's rotation R_WT (N, 3, 3).
     """
-    p, axis, x = (recording[name].value[rows] for name in ("p_pad", "tool_axis", "tool_x"))
     R, origin = np.broadcast_to(X_WT[:3, :3], (len(rows), 3, 3)), X_WT[:3, 3]
     if "p_WT" in recording:
         moved = Rotation.from_quat(recording["quat_WT_wxyz"].value[rows], scalar_first=True).as_matrix()
         same = inverse(truth.X_WT) @ X_WT
         R, origin = moved @ same[:3, :3], recording["p_WT"].value[rows] + moved @ same[:3, 3]
-    tip_T, axis_T, x_T = (np.einsum("nji,nj->ni", R, vector) for vector in (p - origin, axis, x))
-    return tip_T, axis_T, x_T
+    return _turned_back(R, recording["p_pad"].value[rows] - origin), R
+
+
+def _turned_back(R: Array, vectors: Array) -> Array:
+    """R^T v of each row: R (N, 3, 3), vectors (N, 3)."""
+    return np.einsum("nji,nj->ni", R, vectors)
 
 
 def _rows_at_work(recording: Recording) -> np.ndarray:

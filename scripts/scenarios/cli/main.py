@@ -1,16 +1,4 @@
-"""Entry of the command `uuv`: chooses the verb, and imports what it needs only then.
-
-uuv list                      what there is: jobs, studies, vehicles, objects, ...
-uuv run clean-barrel --seed 3 a job; also a scenario file, my.toml
-uuv compare RUN RUN           figures of runs side by side
-uuv replay RUN                runs again from its record, to the bit
-uuv report RUN                the report of a run
-uuv view RUN                  its log in the Rerun viewer
-uuv picture RUN               a still and a clip of a run
-uuv check VEHICLE             what a vehicle has of the contract, and what follows
-uuv doctor                    what works on this machine
-uuv new KIND NAME             a working skeleton with a test
-"""
+"""Entry of the command `uuv`: chooses the verb, and imports what it needs only then."""
 
 import difflib
 import importlib
@@ -20,6 +8,18 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import NoReturn
 
+USAGE = """uuv list                      what there is: jobs, studies, vehicles, objects, ...
+uuv run clean-barrel --seed 3 a job; also a scenario file, my.toml
+uuv compare RUN RUN           figures of runs side by side
+uuv replay RUN                runs again from its record, to the bit
+uuv report RUN                the report of a run
+uuv view RUN                  its log in the Rerun viewer
+uuv picture RUN               a still and a clip of a run
+uuv check VEHICLE             what a vehicle has of the contract, and what follows
+uuv doctor                    what works on this machine
+uuv new KIND NAME             a working skeleton with a test
+
+uuv VERB --help lists the options of a verb."""
 VERBS = {  # verb: module that has `main(args) -> exit code`
     "list": "scenarios.cli.catalogue",
     "run": "scenarios.cli.run_job",
@@ -44,7 +44,7 @@ def main() -> NoReturn:
     """Runs the verb of the command line, and exits with its code."""
     args = sys.argv[1:]
     if not args or args[0] in ("-h", "--help", "help"):
-        print((__doc__ or "").partition("\n\n")[2].rstrip() + "\n\nuuv VERB --help lists the options of a verb.")
+        print(USAGE)
         raise SystemExit(0)
     if args[0] == "--version":
         from importlib.metadata import version

@@ -48,7 +48,7 @@ def render(folder: Path) -> Iterator[Path]:
         ConfigurationError: The run has no series, or there is no OpenGL here.
     """
     past = PastRun.of(folder)
-    stage = Stage(read_scenario(folder / SCENARIO_FILE), past)
+    stage = RunScene(read_scenario(folder / SCENARIO_FILE), past)
     busy = [event["time"] for event in past.table("events").to_pylist() if event["state"] in ("work", "insert")]
     middle = stage.nearest(busy[0] + 5.0) if busy else len(stage.time) // 2
     Image.fromarray(stage.frame(middle)).save(folder / STILL)
@@ -59,7 +59,7 @@ def render(folder: Path) -> Iterator[Path]:
     yield folder / CLIP
 
 
-class Stage:
+class RunScene:
     """Scene of a past run, put into the recorded poses and rendered from the side of the arm."""
 
     def __init__(self, scenario: Scenario, past: PastRun) -> None:

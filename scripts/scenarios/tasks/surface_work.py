@@ -30,12 +30,23 @@ _MOST_FORCE = 1e3  # [N] beyond the capability of any vehicle here
 
 
 @dataclass(frozen=True, kw_only=True)
+class ToolTurn:
+    """How a tool that is not round is turned about its axis."""
+
+    angle: float = 0.0  # [rad] of its x axis from the path, kept along it
+    blend: float = 0.0  # [m] of the path over which it turns at a corner; at least 0.04
+
+    def __post_init__(self) -> None:
+        finite_number(self.angle, "--turn [rad]", least=-np.pi, most=np.pi)
+        finite_number(self.blend, "--blend [m]", least=0.0, most=1.0)
+
+
+@dataclass(frozen=True, kw_only=True)
 class SurfaceWorkTask(Task):
     """Press a tool along a path of an object with set forces."""
 
     path: str | None = None  # of the object; None: its first
-    turn: float | None = None  # [rad] of the tool's x axis from the path, kept along it; None: the tool is round
-    blend: float = 0.0  # [m] of the path over which a tool that is not round turns at a corner; at least 0.04
+    turn: ToolTurn | None = None  # of a tool that is not round; None: it is round
     forces: tuple[float, ...] = (60.0, 90.0, 60.0)  # [N] set forces on equal parts of the path
     speed: float = 0.02  # [m/s] of the tool along the path
     force_rate: float = 60.0  # [N/s] rate of change of the set force
@@ -46,9 +57,6 @@ class SurfaceWorkTask(Task):
     promise: PromiseLimits = field(default_factory=PromiseLimits)
 
     def __post_init__(self) -> None:
-        if self.turn is not None:
-            finite_number(self.turn, "--turn [rad]", least=-np.pi, most=np.pi)
-        finite_number(self.blend, "--blend [m]", least=0.0, most=1.0)
         finite_number(self.speed, "--speed [m/s]", least=SLOWEST, most=FASTEST)
         finite_number(self.least, "--least, a share of the path", above=0.0, most=1.0)
         for force in self.forces:
@@ -59,7 +67,7 @@ class SurfaceWorkTask(Task):
         workpiece: Workpiece = object_of(scenario, Workpiece)
         target, path = workpiece.target(self.path)
         if self.turn is not None:
-            target = target.with_path(path, target.path(path).turned(self.turn, self.blend))
+            target = target.with_path(path, target.path(path).turned(self.turn.angle, self.turn.blend))
         X_WT = scenario.site.pose(rng)
         approach_W, orientation_W = coarse_detection(X_WT, rng)
         there = workpiece.as_it_is(target, path, rng)

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from controllers.planning.trajectories import JointMove, PoseMove, Progress, SpeedLaw, progress_along
+from controllers.planning.hull_placement import samples_along
+from controllers.planning.trajectories import TURN, JointMove, PoseMove, Progress, SpeedLaw, progress_along
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import ToolPath
 from sim.interfaces.spatial import Array, exp_so3, pose, rotation_angle
@@ -119,3 +120,33 @@ def test_without_a_tight_bend_the_motion_is_trapezoidal():
     law = progress_along(path, 0.1, 0.9, speed=0.1, ramp=2.0, bend=0.0199)  # just binding: 0.1^2 / 0.5
     assert isinstance(law, SpeedLaw)
     assert law.duration == pytest.approx(stretch.duration, rel=0.01)
+
+
+def over_an_edge(radius: float) -> ToolPath:
+    """Straight, over a quarter of a circle about y, straight; the tool's axis stays normal to it."""
+    quarter = 0.5 * np.pi * radius
+    s = np.linspace(0.0, 0.4 + quarter, 2001)
+    angle = np.clip((s - 0.2) / radius, 0.0, 0.5 * np.pi)
+    zero = np.zeros_like(s)
+    x = np.column_stack([np.cos(angle), zero, -np.sin(angle)])
+    z = np.column_stack([-np.sin(angle), zero, -np.cos(angle)])
+    p = np.vstack([np.zeros(3), np.cumsum(np.diff(s)[:, None] * 0.5 * (x[1:] + x[:-1]), axis=0)])
+    return ToolPath(s=s, p=p, z=z, x=x, on_scan=np.ones(len(s), dtype=bool))
+
+
+def test_edge_is_taken_as_slowly_as_the_tool_turns():
+    """At TURN the tool turns by 90 degrees in 4.5 s, however sharp the edge is."""
+    for radius in (0.05, 0.01):
+        path = over_an_edge(radius)
+        law = progress_along(path, 0.0, float(path.s[-1]), speed=0.05, ramp=1.0)
+        assert isinstance(law, SpeedLaw)
+        assert np.interp(0.5 * path.s[-1], law.s, law.speed) == pytest.approx(TURN * radius, rel=1e-2)
+
+
+def test_samples_of_an_edge_turn_the_tool_a_little_each():
+    path = over_an_edge(0.01)
+    at = samples_along(path, 20)
+    angles = np.clip((at - 0.2) / 0.01, 0.0, 0.5 * np.pi)
+    assert np.diff(angles).max() <= 0.3 + 1e-6
+    assert {*np.linspace(0.0, path.s[-1], 20)} <= {*at}
+    np.testing.assert_array_equal(samples_along(bent(0.5), 20), np.linspace(0.0, bent(0.5).s[-1], 20))

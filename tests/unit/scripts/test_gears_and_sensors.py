@@ -17,6 +17,7 @@ from scenarios.perturbations.sensing import AttitudeError, DriftingTorque
 from sim.interfaces.errors import ConfigurationError
 from sim.sensors.proprioception import Imu, JointTorqueSensors
 from sim.sensors.torque_drift import DriftingTorqueSensors
+from untyped import untyped
 
 ARM = """
 <mujoco>
@@ -111,9 +112,10 @@ def test_torque_sensors_drift_as_said_and_draw_as_without():
     error = []
     for tick in range(60_000):  # 120 s
         truth.time = 0.002 * tick
-        state, measured = wrapped.step(state, truth)
-        plain, as_without = sound.step(plain, truth)
+        state, measured = wrapped.step(state, untyped(truth))
+        plain, as_without = sound.step(plain, untyped(truth))
         error.append(measured.tau - as_without.tau)
+    assert state.rate is not None
     coloured = np.array(error) - np.outer(0.002 * np.arange(60_000), state.rate)
     assert np.abs(state.rate).max() < 4.0 * drift
     assert coloured.std() == pytest.approx(sigma, rel=0.15)

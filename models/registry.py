@@ -14,11 +14,10 @@ Without a package, a name MODULE:ATTRIBUTE, such as my_objects:wellhead, is impo
 import importlib
 import inspect
 from collections.abc import Callable, Mapping
-from difflib import get_close_matches
 from importlib.metadata import EntryPoint, entry_points
 from typing import Any, Generic, TypeVar, cast
 
-from sim.interfaces.errors import ConfigurationError, UuvError
+from sim.interfaces.errors import ConfigurationError, UuvError, did_you_mean
 from sim.interfaces.spatial import shown
 
 T = TypeVar("T")
@@ -56,8 +55,7 @@ class Registry(Generic[T]):
     def resolve(self, name: str) -> str:
         """The name that an alias stands for; another name as it is. Raises ConfigurationError for an unknown one."""
         if name not in self:
-            near = get_close_matches(name, self.names(), 1) if isinstance(name, str) else []
-            meant = f" (did you mean {near[0]}?)" if near else ""
+            meant = did_you_mean(name, self.names())
             raise ConfigurationError(
                 f"unknown {self.kind} {shown(name)}; there are {', '.join(self.names())}, or MODULE:ATTRIBUTE{meant}"
             )

@@ -4,7 +4,7 @@ import mujoco
 import numpy as np
 
 from models.meshes.closed_shells import joined, revolve
-from models.objects.target_model import PATH_STEP, ModelPath, Solid, Symmetry, TargetModel
+from models.objects.target_model import PATH_STEP, SHARPEST_CORNER, ModelPath, Solid, Symmetry, TargetModel
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import exp_so3, finite_number, pose, rotation_from_z, transform_points
 
@@ -14,7 +14,6 @@ RIM_WIDTH = 0.03  # [m], along the axis, at each end
 RIM_MARGIN = 0.05  # [m] from a rim to the end of an axial path: half a pad plus the identification error
 RIM_HEIGHT = 0.01  # [m], above the shell
 BUNG = (0.035, 0.025, 0.15)  # [m] radius, height above the shell, and x_T of a bung
-_LARGEST_CORNER = float(np.radians(150.0))
 BARREL_SIDES = 256  # sagitta of a side 0.02 mm, negligible for a camera; contact uses an exact cylinder
 
 
@@ -75,7 +74,7 @@ def around_corner(corner: float = 0.5 * np.pi, length: float = 0.2) -> ModelPath
     Raises:
         ConfigurationError: a corner beyond 150 degrees either way, or a path that meets a rim.
     """
-    finite_number(corner, "barrel corner [rad]", least=-_LARGEST_CORNER, most=_LARGEST_CORNER)
+    finite_number(corner, "barrel corner [rad]", least=-SHARPEST_CORNER, most=SHARPEST_CORNER)
     limit = 0.5 * BARREL_LENGTH - RIM_WIDTH - RIM_MARGIN
     if not 0.0 < length <= limit:
         raise ConfigurationError(f"corner path: length must lie between 0 and {limit:.2f} m, got {length}")

@@ -5,13 +5,12 @@ from itertools import product
 import numpy as np
 from scipy.spatial import ConvexHull
 
-from models.objects.target_model import PATH_STEP, ModelPath, Symmetry, TargetModel
+from models.objects.target_model import PATH_STEP, SHARPEST_CORNER, ModelPath, Symmetry, TargetModel
 from sim.interfaces.spatial import Array, exp_so3, finite_number
 
 SIZE = (0.7, 0.5, 0.4)  # [m] along x_T, y_T, z_T
 RADIUS = 0.02  # [m] of its edges
 _ARCS = 24  # steps of a quarter circle; the facets deviate from it by r / 900
-_LARGEST_CORNER = float(np.radians(150.0))
 
 
 def over_edge(radius: float, length: float = 0.2) -> ModelPath:
@@ -28,7 +27,7 @@ def over_edge(radius: float, length: float = 0.2) -> ModelPath:
 
 def around_corner(corner: float, length: float = 0.15) -> ModelPath:
     """Two straight lines of `length` [m] on the top that meet in its middle; the way turns by `corner` [rad]."""
-    finite_number(corner, "block corner [rad]", least=0.0, most=_LARGEST_CORNER)
+    finite_number(corner, "block corner [rad]", least=0.0, most=SHARPEST_CORNER)
     n = max(4, 1 + round(length / PATH_STEP))
     before = np.linspace(-length, 0.0, n)[:, None] * [1.0, 0.0, 0.0]
     after = np.linspace(0.0, length, n)[1:, None] * [np.cos(corner), np.sin(corner), 0.0]

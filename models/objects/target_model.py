@@ -37,7 +37,8 @@ _LEAST_SINE = 0.05  # between the axes that a tool keeps
 SMALLEST = 1e-3  # [m] smallest extent across, below tool and sensor resolution
 FARTHEST_VERTEX = 1e5  # [m] bound of vertices and path points from the origin
 PATH_STEP = 0.005  # [m] spacing of the points of a model path
-_SHARPEST = 0.04  # [m] of a path over which a tool turns in a corner; the planner's splines would swing beyond a jump
+SHARPEST_CORNER = float(np.radians(150.0))  # by which a model path may turn at a point; it nearly goes back then
+_SHORTEST_BLEND = 0.04  # [m] of a path over which a tool turns in a corner; splines would swing beyond a jump
 _CORNER = 0.2  # [rad] of turn between two points, from which on there is a corner
 
 
@@ -136,7 +137,7 @@ class ModelPath:
         Args:
             angle: [rad] from `b`.
             blend: [m] of the path over which the tool turns at a corner: its angle is averaged over so much, and over
-                _SHARPEST at least, which the motion takes as slowly as the tool turns.
+                _SHORTEST_BLEND at least, which the motion takes as slowly as the tool turns.
         """
         b = self.b - np.sum(self.b * self.a, axis=1, keepdims=True) * self.a
         b /= np.linalg.norm(b, axis=1, keepdims=True)
@@ -145,7 +146,7 @@ class ModelPath:
         turn = np.unwrap(np.arctan2(np.sum(b * across, axis=1), np.sum(b * still, axis=1)))
         if np.abs(np.diff(turn)).max() > _CORNER or blend > 0.0:
             step = float(np.linalg.norm(np.diff(self.p, axis=0), axis=1).mean())
-            width = max(1, round(max(blend, _SHARPEST) / step))
+            width = max(1, round(max(blend, _SHORTEST_BLEND) / step))
             turn = ndimage.uniform_filter1d(turn, width, mode="nearest")[:, None]
             b = np.cos(turn) * still + np.sin(turn) * across
         return replace(self, b=np.cos(angle) * b + np.sin(angle) * np.cross(self.a, b), keeps_b=True)

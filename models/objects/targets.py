@@ -82,7 +82,7 @@ def named(name: str, **options: Any) -> TargetModel:
 def of(name_or_file: str | Path, scale: float | None = None) -> TargetModel:
     """Object by name, of a user's MODULE:FUNCTION, or from a mesh or cloud file (`TargetModel.from_file`).
 
-    A file is told by its ending.
+    What has an ending, such as part.stl, is taken for a file.
 
     Raises:
         ConfigurationError: an unknown name, or an invalid file or `scale`.

@@ -19,6 +19,7 @@ from scenarios.tasks.insertion import InsertionTask
 from scenarios.tasks.inspection import InspectionTask
 from scenarios.tasks.seabed_sampling import SeabedSamplingTask
 from scenarios.tasks.surface_work import SurfaceWorkTask, ToolTurn
+from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import finite_number
 from sim.runs.command_line import ScenarioOptions
 
@@ -105,6 +106,8 @@ class ContactOptions(VehicleOptions):
         Raises:
             ConfigurationError: An option is out of range.
         """
+        if self.turn is None and self.blend:
+            raise ConfigurationError(f"--blend {self.blend:g}: a round tool does not turn in a corner; give --turn too")
         return Scenario(
             name=name,
             seed=self.seed,

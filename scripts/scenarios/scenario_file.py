@@ -48,7 +48,8 @@ _MOST = 1_000_000  # [characters] of a file
 
 
 @cache
-def _registries() -> Mapping[type, Registry[Any]]:
+def registries() -> Mapping[type, Registry[Any]]:
+    """Registry of each base class of which a file names the kind."""
     return {SiteObject: SITE_OBJECTS, Task: task.registry(), Perturbation: perturbation.registry()}
 
 
@@ -172,7 +173,7 @@ def to_toml(scenario: Scenario) -> str:
 
 def _table(value: Any) -> Any:
     if is_dataclass(value) and not isinstance(value, type):
-        several = isinstance(value, tuple(_registries()))
+        several = isinstance(value, tuple(registries()))
         kind = {KIND: _kind_of(value)} if several else {}
         own = {field.name: getattr(value, field.name) for field in fields(value)}
         return {**kind, **{name: _table(each) for name, each in own.items() if not _left_out(name, each)}}
@@ -186,7 +187,7 @@ def _left_out(name: str, value: Any) -> bool:
 
 def _kind_of(value: Any) -> str:
     """Name under which a registry makes the class of `value`."""
-    registry = next(known for base, known in _registries().items() if isinstance(value, base))
+    registry = next(known for base, known in registries().items() if isinstance(value, base))
     return next((name for name in registry.names() if registry.maker(name) is type(value)), type(value).__name__)
 
 
@@ -222,8 +223,8 @@ def _made(kind: Any, given: Any, where: str) -> Any:
     if not isinstance(given, Mapping):
         raise ConfigurationError(f"{place}: must be a table, got {shown(given)}")
     given = dict(given)
-    if kind in _registries():
-        registry, name = _registries()[kind], given.pop(KIND, None)
+    if kind in registries():
+        registry, name = registries()[kind], given.pop(KIND, None)
         if name is None:
             raise ConfigurationError(f"{place}: needs a {KIND}; there are {', '.join(registry.names())}")
         kind = registry.maker(str(name))

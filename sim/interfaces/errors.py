@@ -1,6 +1,8 @@
 """Exceptions of the project; a message names the item, the allowed values and the given one, in one line."""
 
 import re
+from collections.abc import Iterable
+from difflib import get_close_matches
 
 LONGEST = 300  # [characters] longest message
 _TAIL = 90  # [characters] kept from the end of a message that is too long: there it says what was given
@@ -14,6 +16,12 @@ def one_line(text: str, most: int = LONGEST) -> str:
         return line
     tail = min(_TAIL, most // 3)
     return f"{line[: most - tail - 5]} ... {line[len(line) - tail :]}"
+
+
+def did_you_mean(given: object, known: Iterable[str]) -> str:
+    """Question for the most similar of the `known` words, to end a message with; empty if none is similar."""
+    near = get_close_matches(given, list(known), 1) if isinstance(given, str) else []
+    return f" (did you mean {near[0]}?)" if near else ""
 
 
 class UuvError(Exception):

@@ -21,9 +21,8 @@ from sim.interfaces.spatial import (
 from sim.plant.faults import Onset
 from sim.plant.plant import Plant, Truth
 
-Motion = Callable[
-    [float], tuple[Array, Array]
-]  # displacement (3,) [m] and rotation vector (3,) [rad] in W, by time [s]
+# Displacement (3,) [m] and rotation vector (3,) [rad] in W, by time [s].
+Motion = Callable[[float], tuple[Array, Array]]
 
 
 def push(onset: Onset, by: ArrayLike, turn: ArrayLike, ramp: float) -> Motion:
@@ -54,12 +53,13 @@ def swing(amplitude: ArrayLike, frequency: float) -> Motion:
 
     Args:
         amplitude: (3,) [m] in W.
-        frequency: [Hz]
+        frequency: [Hz] of it.
 
     Raises:
         ConfigurationError: A number is not finite or out of range.
     """
-    a, omega = checked(amplitude, (3,), "swing amplitude [m]"), 2.0 * np.pi * finite_number(frequency, "swing [Hz]")
+    a = checked(amplitude, (3,), "swing: amplitude [m]")
+    omega = 2.0 * np.pi * finite_number(frequency, "swing: frequency [Hz]", above=0.0)
 
     def motion(time: float) -> tuple[Array, Array]:
         return np.sin(omega * time) * a, np.zeros(3)

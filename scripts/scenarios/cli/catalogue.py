@@ -57,9 +57,9 @@ def main(args: Sequence[str]) -> int:
         return 0
     for one in wanted:
         if one not in kinds:
-            from scenarios.cli.main import nearest
+            from sim.interfaces.errors import did_you_mean
 
-            print(f"error: no kind {one!r}; there are {', '.join(kinds)}{nearest(one, kinds)}", file=sys.stderr)
+            print(f"error: no kind {one!r}; there are {', '.join(kinds)}{did_you_mean(one, kinds)}", file=sys.stderr)
             return 2
     blocks = []
     for shelf in SHELVES:

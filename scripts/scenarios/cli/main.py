@@ -1,10 +1,8 @@
 """Entry of the command `uuv`: chooses the verb, and imports what it needs only then."""
 
-import difflib
 import importlib
 import os
 import sys
-from collections.abc import Sequence
 from pathlib import Path
 from typing import NoReturn
 
@@ -34,12 +32,6 @@ VERBS = {  # verb: module that has `main(args) -> exit code`
 }
 
 
-def nearest(word: str, words: Sequence[str]) -> str:
-    """Question for the most similar of `words`, to end a message with; empty if none is similar."""
-    near = difflib.get_close_matches(word, words, 1)
-    return f" (did you mean {near[0]}?)" if near else ""
-
-
 def main() -> NoReturn:
     """Runs the verb of the command line, and exits with its code."""
     args = sys.argv[1:]
@@ -53,7 +45,9 @@ def main() -> NoReturn:
         raise SystemExit(0)
     verb = args[0]
     if verb not in VERBS:
-        print(f"error: no verb {verb!r}; there are {', '.join(VERBS)}{nearest(verb, list(VERBS))}", file=sys.stderr)
+        from sim.interfaces.errors import did_you_mean
+
+        print(f"error: no verb {verb!r}; there are {', '.join(VERBS)}{did_you_mean(verb, VERBS)}", file=sys.stderr)
         raise SystemExit(2)
     if verb == "picture" and not os.environ.get("DISPLAY"):
         os.environ.setdefault("MUJOCO_GL", "egl")  # read when MuJoCo is imported

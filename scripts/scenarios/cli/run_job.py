@@ -11,10 +11,9 @@ from pathlib import Path
 
 from scenarios import options as jobs
 from scenarios.cli.catalogue import JOBS
-from scenarios.cli.main import nearest
 from scenarios.command import command
 from scenarios.scenario_file import read_scenario, with_values
-from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.errors import ConfigurationError, did_you_mean
 from sim.runs.command_line import RunOptions, parse
 from sim.runs.run_folder import claimed_folder
 
@@ -56,7 +55,7 @@ def main(verb: str, args: Sequence[str]) -> int:
             scenario = replace(scenario, seed=chosen.seed)
     else:
         raise ConfigurationError(
-            f"no job {name!r}; there are {', '.join(JOBS)}, or a scenario file (.toml){nearest(name, list(JOBS))}"
+            f"no job {name!r}; there are {', '.join(JOBS)}, or a scenario file (.toml){did_you_mean(name, JOBS)}"
         )
     scenario = with_values(scenario, values)
     if _QUIET not in args and _JSON not in args:

@@ -5,8 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from scenarios.cli.main import nearest
-from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.errors import ConfigurationError, did_you_mean
 
 
 @dataclass(frozen=True, slots=True)
@@ -192,7 +191,7 @@ def main(verb: str, args: Sequence[str]) -> int:
     kind, name = args
     if kind not in SKELETONS:
         known = ", ".join(SKELETONS)
-        raise ConfigurationError(f"no skeleton of a {kind!r}; there are {known}{nearest(kind, list(SKELETONS))}")
+        raise ConfigurationError(f"no skeleton of a {kind!r}; there are {known}{did_you_mean(kind, SKELETONS)}")
     if not name.isidentifier() or keyword.iskeyword(name) or name.startswith("test_") or name != name.lower():
         raise ConfigurationError(f"NAME: a module's name in lower case, such as my_{kind}, got {name!r}")
     written = write(kind, name, Path())

@@ -76,13 +76,12 @@ class MountedObject(Perturbation):
     Its water is that of a sphere of its volume.
     """
 
-    stiffness: float | None = 1e4  # [N/m] of the mount in every direction; None: the object is free, and can turn too
+    stiffness: float = 1e4  # [N/m] of the mount in every direction; 0: the object is free, and can turn too
     damping: float = 0.1  # of the mount, share of the critical one
     mass: float | None = None  # [kg] None: that of the water that its colliding solids displace
 
     def __post_init__(self) -> None:
-        if self.stiffness is not None:
-            finite_number(self.stiffness, "MountedObject stiffness [N/m]", above=0.0)
+        finite_number(self.stiffness, "MountedObject stiffness [N/m]", least=0.0)
         if self.mass is not None:
             finite_number(self.mass, "MountedObject mass [kg]", above=0.0)
         finite_number(self.damping, "MountedObject damping", least=0.0)
@@ -103,7 +102,7 @@ class MountedObject(Perturbation):
         hydrodynamics.attach(scene, {TARGET_BODY: water})
         scene.add_exclude(name="object_on_mount", bodyname1=TARGET_BODY, bodyname2="world")
         with keyframes_kept(scene):
-            if self.stiffness is None:
+            if self.stiffness == 0.0:
                 body.add_freejoint(name=TARGET_BODY)
                 return
             R_WT = rotation_from_quat_wxyz(np.array(body.quat))

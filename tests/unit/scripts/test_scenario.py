@@ -3,9 +3,10 @@
 import sys
 import tomllib
 from collections.abc import Iterator
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields, is_dataclass, replace
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any, get_args, get_type_hints
 
 import mujoco
 import numpy as np
@@ -30,7 +31,7 @@ from scenarios.perturbations.loop import MisplacedSurface, SensorFailure, Thrust
 from scenarios.perturbations.pad import Pad
 from scenarios.perturbations.perturbation import perturb
 from scenarios.perturbations.vehicle import Gears, Payload, ThrusterSpread, Water
-from scenarios.scenario_file import as_dict, from_dict, to_toml, with_values
+from scenarios.scenario_file import as_dict, from_dict, registries, to_toml, with_values
 from scenarios.site import KnownObject, Site
 from scenarios.tasks import task
 from scenarios.tasks.surface_work import PlacedSurfaceWork, SurfaceWorkTask
@@ -88,6 +89,24 @@ def test_every_class_that_a_file_can_name_is_registered():
         ours = {one for one in subclasses(base) if one.__module__.startswith("scenarios.")}
         nameless = {one for one in ours if one.__name__.startswith("_") or one.__subclasses__()}
         assert ours - nameless == named
+
+
+def test_what_may_be_none_is_none_by_default():
+    """A file cannot say None: what is None is left out of it, and must be None again when it is read."""
+    seen: set[type] = set()
+    named = (registry.maker(name) for registry in registries().values() for name in registry.names())
+    pending: list[Any] = [Scenario, *named]
+    while pending:
+        kind = pending.pop()
+        pending += get_args(kind)
+        if not (isinstance(kind, type) and is_dataclass(kind)) or kind in seen:
+            continue
+        seen.add(kind)
+        hints = get_type_hints(kind)
+        pending += hints.values()
+        may_be_none = [one for one in fields(kind) if type(None) in get_args(hints[one.name])]
+        assert not [one.name for one in may_be_none if one.default is not None], kind
+    assert len(seen) > 30
 
 
 def subclasses(kind: type) -> Iterator[type]:

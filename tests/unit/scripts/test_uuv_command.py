@@ -70,6 +70,7 @@ def test_list_names_everything_that_the_registries_do_without_importing_them(uuv
         (["run", "clean-barel"], "(did you mean clean-barrel?)"),
         (["run", "clean-object", "--object", "baril"], "(did you mean barrel?)"),
         (["run", "nothing.toml"], "nothing.toml"),
+        (["run", "clean-barrel", "--blend", "0.1"], "--blend 0.1: a round tool does not turn"),
         (["replay", "elsewhere"], "elsewhere: no run, a folder with metrics.json"),
         (["check", "no_module:hull"], "vehicle 'no_module:hull': cannot be imported"),
         (["new", "boat", "mine"], "no skeleton of a 'boat'; there are controller"),

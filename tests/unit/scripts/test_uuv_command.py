@@ -25,6 +25,8 @@ def uuv(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureF
     """The command in a folder of its own; gives what it printed to stdout, or to stderr if it fails."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "path", list(sys.path))
+    monkeypatch.setenv("MUJOCO_GL", "")  # has it restored: the verb `picture` sets it
+    monkeypatch.delenv("MUJOCO_GL")
 
     def call(*args: str, code: int = 0) -> str:
         monkeypatch.setattr(sys, "argv", ["uuv", *args])

@@ -60,10 +60,12 @@ class Trace:
 
 
 def here() -> dict[str, str]:
-    """What bits depend on."""
+    """What bits depend on. Hosts of one processor name can offer different instructions, by which libraries choose."""
+    offered = sorted(name for name, there in llvmlite.binding.get_host_cpu_features().items() if there)
     return {
         "system": f"{platform.system()} {platform.machine()}",
         "processor": llvmlite.binding.get_host_cpu_name(),
+        "instructions": hashlib.sha256(",".join(offered).encode()).hexdigest()[:12],
         "mujoco": mujoco.__version__,
         "numpy": np.__version__,
         "numba": numba.__version__,

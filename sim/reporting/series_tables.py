@@ -21,6 +21,7 @@ from sim.loop.recording import Recording, Series
 from sim.reporting.results_table import figures_of
 
 LOOP, SLOW, POSES, EVENTS = "loop", "slow", "poses", "events"
+LATE = "_late"  # after the name of a table whose series begin later than those of another of its rate
 _UNIT = b"unit"
 _NAMES = {"body_pose": POSES, "contact_normal": LOOP}  # series whose rate names a table; the other rate is SLOW
 
@@ -65,8 +66,8 @@ def _tables(recording: Recording) -> dict[str, dict[str, tuple[np.ndarray, str]]
     made: dict[str, dict[str, tuple[np.ndarray, str]]] = {}
     for group in by_time.values():
         title = next((_NAMES[name] for name, _ in group if name in _NAMES), SLOW)
-        if title in made:  # a series that begins later, such as an estimate after the tare
-            title = f"{title}_{len(made)}"
+        while title in made:  # series that begin later, such as an estimate after the tare
+            title += LATE
         columns: dict[str, tuple[np.ndarray, str]] = {"time": (group[0][1].time, "s")}
         for name, series in group:
             labels = series.labels if len(series.labels) == series.value.shape[1] else ()
@@ -107,7 +108,10 @@ class PastRun:
 
     @property
     def rates(self) -> tuple[str, ...]:
-        """Names of the tables of series: LOOP at the loop's rate, SLOW at 50 Hz, POSES of all bodies at 25 Hz."""
+        """Names of the tables of series: LOOP at the loop's rate, SLOW at 50 Hz, POSES of all bodies at 25 Hz.
+
+        Series that begin later, such as an estimate of the controller after the tare, have a table with LATE.
+        """
         return tuple(sorted(path.stem.removeprefix("series_") for path in self.folder.glob("series_*.parquet")))
 
     def table(self, rate: str = LOOP) -> pa.Table:

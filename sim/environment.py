@@ -31,7 +31,7 @@ try:
 except Exception as error:  # on MuJoCo 4 of any type: dm_control generates its classes from MuJoCo's names
     raise MissingLibraryError(
         f"the RL door needs dm_control, which runs on MuJoCo 3, not on 4 (here {version('mujoco')}): "
-        f"pip install '.[dm-control]' in the checkout ({type(error).__name__}: {error})"
+        f"pip install 'uuv-arm[rl]' ({type(error).__name__}: {error})"
     ) from error
 
 CURRENT_SPEED = 0.15  # [m/s] horizontal, from a new direction each episode

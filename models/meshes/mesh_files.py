@@ -14,6 +14,7 @@ import numpy as np
 from models.meshes.ply_files import NO_SUCH_VERTEX, need_corners, read_ply
 from models.meshes.surfel_files import TEXT
 from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.extras import wanted
 from sim.interfaces.files import bytes_of
 from sim.interfaces.spatial import Array
 
@@ -58,7 +59,8 @@ def read_mesh(file: Path) -> tuple[Array, np.ndarray]:
 
 
 def _read_by_trimesh(file: Path) -> tuple[Array, np.ndarray]:
-    import trimesh
+    with wanted():
+        import trimesh
 
     logging.getLogger("trimesh").addHandler(_SILENT)  # otherwise it prints tracebacks of recovered errors
     with warnings.catch_warnings():

@@ -31,7 +31,7 @@ def load() -> Any:
     except ModuleNotFoundError as error:
         raise MissingLibraryError(
             f"the package {error.name} is not installed; Open3D, and what it needs, come with: "
-            "./uvw run --extra open3d ..., or pip install '.[open3d]' in the checkout"
+            "./uvw run --extra open3d ..., or pip install 'uuv-arm[open3d]'"
         ) from error
     except (ImportError, OSError) as error:
         raise MissingLibraryError(

@@ -141,9 +141,7 @@ def installed() -> Engine:
         return "embree"
     if find_spec("open3d"):
         return "open3d"
-    raise MissingLibraryError(
-        "rays need the package embreex (pip install embreex), or where it has no wheel Open3D (pip install open3d)"
-    )
+    raise MissingLibraryError("cameras and sonars need the package embreex: pip install 'uuv-arm[perception]'")
 
 
 @cache

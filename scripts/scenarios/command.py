@@ -18,6 +18,7 @@ from scenarios.scenario import Scenario
 from scenarios.scenario_file import as_dict, write_scenario
 from sim.evaluation.metrics import Assessment
 from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.extras import absent, to_install
 from sim.interfaces.messages import WorkState
 from sim.loop.recording import Recorder
 from sim.loop.rollout import Moment, Observer
@@ -27,6 +28,7 @@ from sim.runs.command_line import RunOptions, signals
 from sim.runs.provenance import provenance
 from sim.runs.run_folder import new_folder
 
+LOG = "log"  # the extra that log and report need
 NOT_ACCEPTED = 1  # exit code
 SCENARIO_FILE = "scenario.toml"  # in the folder of every run
 
@@ -55,6 +57,9 @@ def command(
         Interrupted: A signal asked for the end; raised after all results are written. A second signal ends at once.
     """
     console = Console()
+    draws = options.record and not absent(LOG)
+    if options.record and not draws:
+        console.print(f"no run.rrd and report.html, series as .npz: {to_install(LOG)}", markup=False, highlight=False)
     first_start.build()
     folder = new_folder(scenario.name, options.out, scenario.seed)  # before the work: the folder may be unusable
     assembly = assembled(scenario, full=options.record)
@@ -70,7 +75,7 @@ def command(
     write_scenario(scenario, folder / SCENARIO_FILE)
     log: Any = None
     try:
-        if options.record or options.view:
+        if draws or options.view:
             from sim.reporting.rerun_log import RerunLog
 
             log = RerunLog(folder / "run.rrd", plant.model, timestep=plant.timestep, title=title, view=options.view)
@@ -94,6 +99,7 @@ def command(
             _say(assessment, console)
             if options.record:
                 write_series(result.recording, folder)
+            if draws:
                 _report(Run(assembly=assembly, result=result, assessment=assessment), folder, title)
             console.print(f"written to {folder}/", highlight=False)
     finally:
@@ -111,8 +117,8 @@ def command(
 def show(run: Run, folder: str | Path) -> None:
     """Prints the table of a run, and writes scenario.toml, metrics.json, its series and report.html to `folder`.
 
-    The report needs a full recording, as `run(scenario)` makes it; without one it is left out. There is no run.rrd:
-    that log is written while a run goes on.
+    The report needs a full recording, as `run(scenario)` makes it, and the extra LOG; else it is left out. There is no
+    run.rrd: that log is written while a run goes on.
     """
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
@@ -120,7 +126,7 @@ def show(run: Run, folder: str | Path) -> None:
     run.assessment.made_by(provenance(run.scenario.name, as_dict(run.scenario))).write(folder / "metrics.json")
     _say(run.assessment, Console())
     write_series(run.recording, folder)
-    if run.assembly.full:
+    if run.assembly.full and not absent(LOG):
         _report(run, folder, run.assembly.placed.title)
 
 

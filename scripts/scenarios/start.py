@@ -7,7 +7,8 @@ import sys
 from importlib.util import find_spec
 from pathlib import Path
 
-_ours = Path(__file__).resolve().parents[2] / "sim" / "__init__.py"
+_beside = Path(__file__).resolve().parents[1]  # where the wheel is installed the rooms are here, in a checkout above
+_ours = next(home for home in (_beside, _beside.parent) if (home / "sim").is_dir()) / "sim" / "__init__.py"
 _found = find_spec("sim")
 if _found is None or _found.origin is None:
     print("error: this Python does not have the project; use ./uvw run scripts/NAME.py", file=sys.stderr)

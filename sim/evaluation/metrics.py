@@ -33,7 +33,7 @@ from sim.evaluation.surface_metrics import (
 )
 from sim.interfaces.messages import WorkState
 from sim.interfaces.spatial import Array, checked, inverse
-from sim.loop.recording import Recording
+from sim.loop.recording import RecordedSeries, Recording
 from sim.runs.saving import write_json
 
 SETTLING = 1.0  # [s] from the beginning of a change of the set force, excluded from the force error
@@ -320,7 +320,7 @@ def contact_figures(recording: Recording) -> ContactMetrics:
     )
 
 
-def tangential(recording: Recording, name: str) -> Array:
+def tangential(recording: RecordedSeries, name: str) -> Array:
     """Part (N, 3) [N] of the force `name`, "contact_force" or "felt_force", across the tool axis; W."""
     force, axis = recording[name].value, recording["tool_axis"].value
     return force - np.sum(force * axis, axis=1, keepdims=True) * axis
@@ -342,7 +342,7 @@ class PathError:
         return np.abs(self.lateral)
 
 
-def path_error(recording: Recording) -> PathError | None:
+def path_error(recording: RecordedSeries) -> PathError | None:
     """Error of the tip on its path; None if the run never reached the work state."""
     work = recording.within(WorkState.WORK)
     velocity = recording["v_command"].value[work]
@@ -573,7 +573,7 @@ def force_estimate_figures(recording: Recording) -> ForceEstimateMetrics:
     )
 
 
-def hull_motion(recording: Recording) -> tuple[Array, Array, Array] | None:
+def hull_motion(recording: RecordedSeries) -> tuple[Array, Array, Array] | None:
     """Motion of the hull in the work state since first contact; without a set force, since the work began.
 
     A commanded motion of the hull is subtracted. The turn is the whole rotation, yaw included.

@@ -91,21 +91,12 @@ class Event:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Recording:
-    """Complete, immutable record of one run."""
+class RecordedSeries:
+    """Series and events of a run, from memory or read back from its folder."""
 
-    timestep: float  # [s] of the loop
     duration: float  # [s]
-    vehicle: Vehicle
     series: Mapping[str, Series]
     events: tuple[Event, ...]
-    targets: tuple[Target, ...]  # results of the finder, one per frame
-    motions: tuple[ObjectMotion, ...] = ()  # of the followed object, one per frame
-    goes_by: Target | None = None  # last target that the work went by, the mean of several finds
-    promise: Promise | None = None  # last promise of the planner
-    clouds: Mapping[str, Array]  # (N, 3) [m] in W, added by the scenario
-    substeps: int = 1  # physics steps per step of the loop
-    interrupted: str = ""  # cause of an early end, e.g. SIGTERM
 
     def __getitem__(self, name: str) -> Series:
         """Series `name`.
@@ -124,6 +115,26 @@ class Recording:
         """Mask (N,) over the steps, True while the planner was in one of `states`."""
         return np.isin(self["state"].scalar, [_INDEX[state] for state in states])
 
+    @property
+    def final(self) -> Event:
+        """State in which the run ended."""
+        return self.events[-1]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Recording(RecordedSeries):
+    """Complete, immutable record of one run."""
+
+    timestep: float  # [s] of the loop
+    vehicle: Vehicle
+    targets: tuple[Target, ...]  # results of the finder, one per frame
+    motions: tuple[ObjectMotion, ...] = ()  # of the followed object, one per frame
+    goes_by: Target | None = None  # last target that the work went by, the mean of several finds
+    promise: Promise | None = None  # last promise of the planner
+    clouds: Mapping[str, Array]  # (N, 3) [m] in W, added by the scenario
+    substeps: int = 1  # physics steps per step of the loop
+    interrupted: str = ""  # cause of an early end, e.g. SIGTERM
+
     def digest(self, names: Iterable[str] = EVERY_STEP) -> str:
         """SHA-256 over times and values of the series `names`, bit for bit; by default over the whole trajectory.
 
@@ -139,11 +150,6 @@ class Recording:
                 exact[np.isnan(exact)] = np.nan
                 digest.update(exact.data)
         return digest.hexdigest()
-
-    @property
-    def final(self) -> Event:
-        """State in which the run ended."""
-        return self.events[-1]
 
 
 class _Block:

@@ -9,7 +9,7 @@ from matplotlib.patches import Circle
 from sim.evaluation.insertion_metrics import AT_THE_HOLE, InsertionBounds, TrueHole
 from sim.interfaces.spatial import inverse, transform_points
 from sim.loop.recording import Recording
-from sim.reporting.report_figures import BLUE, FAINT, GREEN, INK, ORANGE, VERMILION, WIDTH
+from sim.reporting.palette import BLUE, FAINT, GREEN, INK, ORANGE, VERMILION, WIDTH
 
 _THIN = 5  # one of so many steps is drawn
 

@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from sim.evaluation.metrics import Assessment, Requirement
+from sim.evaluation.metrics import SETTLING, Assessment, Bounds, Requirement
 from sim.interfaces.errors import ConfigurationError
 from sim.loop.recording import Recording
-from sim.reporting.report_page import page, provenance, section, text
+from sim.reporting.report_page import page, provenance, section, table, text
 from sim.reporting.results_table import figures_of
 from sim.runs.saving import write_whole
 
@@ -54,12 +54,46 @@ def write_report(
             _uncertainty(assessment),
             _motion(assessment),
             "</section>",
+            _series(recording, assessment),
             drawn,
+            _drives(recording),
             _gains(list(gains)),
             f"<section><h2>How the run was made</h2>{_provenance(recording, assessment, options)}</section>",
         )
     )
     write_whole(path, page(title, body))
+
+
+def _series(recording: Recording, assessment: Assessment) -> str:
+    from sim.reporting.timelines import timelines
+
+    drawn = timelines({"run": recording}, Bounds() if "tool" in assessment.metrics else None)
+    if not drawn:
+        return ""
+    about = (
+        "First shown from the approach on: double-click to see the whole run, drag to zoom, in all panels at once. A "
+        "click on a name hides its line. Shaded: the tool works. Dashed: bounds; a force error counts from "
+        f"{SETTLING:g} s after each change of the set force."
+    )
+    return f"<section><h2>Time series</h2>{drawn}<p class=caption>{about}</p></section>"
+
+
+def _drives(recording: Recording) -> str:
+    """Range of each thruster and joint over the run, and the largest share of its limit."""
+    rows = []
+    forward, reverse = np.asarray(recording.vehicle.thruster_table)[:, :2].T
+    limits = np.asarray(recording.vehicle.torque_limits)
+    for name, unit, low, high in (("thrust", "N", -reverse, forward), ("tau_drive", "N m", -limits, limits)):
+        if name not in recording or not recording[name].labels:
+            continue
+        for i, label in enumerate(recording[name].labels):
+            value = recording[name].value[:, i]
+            share = np.where(value > 0.0, value / high[i], value / low[i]).max()
+            rows.append((label.replace("_", " "), f"{value.min():.1f}", f"{value.max():.1f}", unit, f"{share:.0%}"))
+    if not rows:
+        return ""
+    columns = ("drive", "least", "greatest", "unit", "most of its limit")
+    return f"<section><h2>Thrusters and joints against their limits</h2>{table(columns, rows)}</section>"
 
 
 def _gains(rows: list[tuple[str, str, str, str]]) -> str:

@@ -69,6 +69,7 @@ def _class(column: int) -> str:
 
 
 STYLE = """
+:root { color-scheme: light dark }
 body { font: 16px/1.5 system-ui, "Segoe UI", "DejaVu Sans", sans-serif; color: #222; background: #fff; margin: 0 }
 main { max-width: 1000px; margin: 2rem auto; padding: 0 1rem }
 h1 { font-size: 1.6rem; margin: 0 } h2, summary { font-size: 1.15rem; margin: 2.2rem 0 .6rem }
@@ -79,4 +80,10 @@ table { border-collapse: collapse; margin: .6rem 0; font-size: .92rem }
 td, th { padding: .22rem .9rem .22rem 0; text-align: left; border-bottom: 1px solid #e6e6e6; font-weight: normal }
 th { color: #555; border-bottom-color: #aaa } .n { text-align: right; font-variant-numeric: tabular-nums }
 img { width: 100%; height: auto; display: block }
+@media screen and (prefers-color-scheme: dark) {
+  body { color: #ddd; background: #161a1f } th, .caption { color: #aaa } td, th { border-bottom-color: #333 }
+  .accepted { color: #9fe3c5; background: #10382a } .not-accepted { color: #ffc49b; background: #45240d }
+  .reasons { color: #ffc49b } img { background: #fff; border-radius: .4em }
+}
+@media print { main { max-width: none } section { break-inside: avoid-page } }
 """

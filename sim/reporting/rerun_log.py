@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 
 from models.vehicle import Vehicle
 from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.extras import wanted
 from sim.interfaces.messages import ObjectMotion, Reference, Target, WorkState
 from sim.interfaces.pose_covariance import PoseCovariance
 from sim.interfaces.spatial import quat_wxyz_from_rotation
@@ -70,8 +71,10 @@ class RerunLog:
         Raises:
             ConfigurationError: The folder does not exist, the model has no vehicle, or a period is no multiple of
                 `timestep`.
+            MissingLibraryError: Rerun is not installed.
         """
-        import rerun as rr  # heavy, and not needed by a run without a log
+        with wanted():
+            import rerun as rr  # heavy, and not needed by a run without a log
 
         path = Path(file)
         if not path.parent.is_dir():

@@ -10,6 +10,8 @@ from models.vehicle import Vehicle
 from sim.evaluation.mesh_surface import Surface
 from sim.interfaces.messages import WorkState
 from sim.interfaces.spatial import Array
+from sim.reporting import palette
+from sim.reporting.palette import rgb
 from sim.sensors.tessellation import tessellate
 
 StaticLog = Callable[[str, Any], None]  # takes an entity and what it is
@@ -17,17 +19,10 @@ StaticLog = Callable[[str, Any], None]  # takes an entity and what it is
 TIMELINE = "sim_time"
 LIFT = 0.006  # [m] offset of drawn paths from the surface, which would hide them
 
-# Palette [Okabe 2008]: distinguishable for colour-blind readers, also on a dark background.
-BLUE, ORANGE, GREEN, PURPLE, SKY, VERMILION, YELLOW, GREY = (
-    (0, 114, 178),
-    (230, 159, 0),
-    (0, 158, 115),
-    (204, 121, 167),
-    (86, 180, 233),
-    (213, 94, 0),
-    (240, 228, 66),
-    (160, 160, 160),
+BLUE, ORANGE, GREEN, PURPLE, SKY, VERMILION, YELLOW = map(
+    rgb, (palette.BLUE, palette.ORANGE, palette.GREEN, palette.PURPLE, palette.SKY, palette.VERMILION, palette.YELLOW)
 )
+GREY = (160, 160, 160)
 LINES = (SKY, ORANGE, GREEN, VERMILION, PURPLE, YELLOW, BLUE, GREY)
 STATE_COLORS = dict(
     zip(

@@ -1,84 +1,143 @@
-"""Series and events of a run as Parquet tables, one for each rate, with units in the columns' metadata.
+"""Series and events of a run as tables in its folder, one for each rate, with units.
 
-`write_series` leaves them beside the log; `PastRun` reads them back, and everything else of a run's folder.
+`write_series` leaves them beside the log, as Parquet, or as .npz without the package pyarrow; `PastRun` reads them
+back, and everything else of a run's folder.
 """
 
 import html
 import json
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import cached_property
+from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.parquet as pq
 
 from sim.evaluation.metrics import Assessment
 from sim.interfaces.errors import ConfigurationError
-from sim.loop.recording import Recording, Series
+from sim.interfaces.extras import wanted
+from sim.interfaces.messages import AbortCode, WorkState
+from sim.loop.recording import Event, RecordedSeries, Recording, Series
 from sim.reporting.results_table import figures_of
+
+if TYPE_CHECKING:
+    import pyarrow as pa
 
 LOOP, SLOW, POSES, EVENTS = "loop", "slow", "poses", "events"
 LATE = "_late"  # after the name of a table whose series begin later than those of another of its rate
-_UNIT = b"unit"
+_FILE = "series_"  # before the name of a table of series
 _NAMES = {"body_pose": POSES, "contact_normal": LOOP}  # series whose rate names a table; the other rate is SLOW
+_ABOUT = "about"  # entry of an .npz file: unit and series of each column, in JSON
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Column:
+    """Column of a table: values (N,), their unit, and the series that they are part of."""
+
+    name: str
+    values: np.ndarray
+    unit: str = ""
+    series: str = ""
+
+    @property
+    def label(self) -> str:
+        """Name within its series; empty for a series of one column."""
+        return self.name.removeprefix(self.series).removeprefix(".")
+
+    @property
+    def about(self) -> dict[str, str]:
+        """What is stored beside the values."""
+        return {"unit": self.unit, "series": self.series}
 
 
 def write_series(recording: Recording, folder: Path) -> None:
-    """Writes series_<rate>.parquet for each rate of the recording, and events.parquet, to `folder`.
+    """Writes the table of each rate of the recording, and that of the events, to `folder`.
 
     Columns are `time` [s] and NAME or NAME.LABEL, such as p_WB.x.
     """
     for name, columns in _tables(recording).items():
-        fields = [
-            pa.field(column, pa.float64(), metadata={_UNIT: unit.encode()}) for column, (_, unit) in columns.items()
-        ]
-        table = pa.table([values for values, _ in columns.values()], schema=pa.schema(fields))
-        pq.write_table(
-            table,
-            folder / f"series_{name}.parquet",
-            compression="zstd",
-            use_dictionary=False,
-            column_encoding=dict.fromkeys(columns, "BYTE_STREAM_SPLIT"),
-        )
+        _write(folder / f"{_FILE}{name}", columns)
     events = recording.events
-    pq.write_table(
-        pa.table(
-            {
-                "time": pa.array([event.time for event in events], pa.float64()),
-                "state": [str(event.state) for event in events],
-                "abort": pa.array([None if event.abort is None else str(event.abort) for event in events], pa.string()),
-                "note": [event.note for event in events],
-            }
-        ),
-        folder / f"{EVENTS}.parquet",
-    )
+    texts = {
+        "state": [str(event.state) for event in events],
+        "abort": ["" if event.abort is None else str(event.abort) for event in events],
+        "note": [event.note for event in events],
+    }
+    times = Column("time", np.array([event.time for event in events]), "s")
+    _write(folder / EVENTS, [times, *(Column(name, np.array(words, dtype=np.str_)) for name, words in texts.items())])
 
 
-def _tables(recording: Recording) -> dict[str, dict[str, tuple[np.ndarray, str]]]:
-    """Columns, each with its unit, of the table of each rate; series of the same times share a table."""
+def _tables(recording: Recording) -> dict[str, list[Column]]:
+    """Columns of the table of each rate; series of the same times share a table."""
     by_time: dict[tuple[int, float], list[tuple[str, Series]]] = {}
     for name, series in recording.series.items():
         if len(series.time):
             by_time.setdefault((len(series.time), float(series.time[0])), []).append((name, series))
-    made: dict[str, dict[str, tuple[np.ndarray, str]]] = {}
+    made: dict[str, list[Column]] = {}
     for group in by_time.values():
         title = next((_NAMES[name] for name, _ in group if name in _NAMES), SLOW)
         while title in made:  # series that begin later, such as an estimate after the tare
             title += LATE
-        columns: dict[str, tuple[np.ndarray, str]] = {"time": (group[0][1].time, "s")}
+        made[title] = [Column("time", group[0][1].time, "s")]
         for name, series in group:
-            labels = series.labels if len(series.labels) == series.value.shape[1] else ()
+            labels = series.labels
             if name == "body_pose":
                 labels = tuple(
                     f"{body}.{part}" for body in series.labels for part in ("x", "y", "z", "qw", "qx", "qy", "qz")
                 )
+            width = series.value.shape[1]
+            if len(labels) != width:
+                labels = tuple(map(str, range(width))) if width > 1 else ()
             words = [f"{name}.{label}" for label in labels] or [name]
-            columns |= {word: (series.value[:, i], series.unit) for i, word in enumerate(words)}
-        made[title] = columns
+            made[title] += [Column(word, series.value[:, i], series.unit, name) for i, word in enumerate(words)]
     return made
+
+
+def _write(file: Path, columns: Sequence[Column]) -> None:
+    """Writes a table to `file`, whose ending follows from the format."""
+    if find_spec("pyarrow") is None:
+        stored: dict[str, Any] = {column.name: column.values for column in columns}
+        stored[_ABOUT] = np.array(json.dumps({column.name: column.about for column in columns}))
+        np.savez_compressed(file.with_suffix(".npz"), **stored)
+        return
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    fields, arrays = [], []
+    for column in columns:
+        arrays.append(pa.array(column.values))
+        about = {key.encode(): value.encode() for key, value in column.about.items()}
+        fields.append(pa.field(column.name, arrays[-1].type, metadata=about))
+    pq.write_table(
+        pa.table(arrays, schema=pa.schema(fields)),
+        file.with_suffix(".parquet"),
+        compression="zstd",
+        use_dictionary=False,
+        column_encoding={
+            column.name: "BYTE_STREAM_SPLIT" for column in columns if np.issubdtype(column.values.dtype, np.floating)
+        },
+    )
+
+
+def _read(file: Path) -> dict[str, Column]:
+    """Columns of a table by name."""
+    if file.suffix == ".npz":
+        with np.load(file) as stored:
+            about = json.loads(str(stored[_ABOUT]))
+            return {name: Column(name, stored[name], **about[name]) for name in about}
+    with wanted():
+        import pyarrow.parquet as pq
+    table = pq.read_table(file)
+    return {
+        field.name: Column(
+            field.name,
+            table[field.name].to_numpy(),
+            **{key: (field.metadata or {}).get(key.encode(), b"").decode() for key in ("unit", "series")},
+        )
+        for field in table.schema
+    }
 
 
 @dataclass(frozen=True, slots=False)
@@ -86,6 +145,7 @@ class PastRun:
     """A run in its folder: figures, scenario, series and events; a notebook shows it as a card."""
 
     folder: Path
+    _read: dict[str, dict[str, Column]] = field(default_factory=dict, repr=False, compare=False)
 
     @classmethod
     def of(cls, folder: str | Path) -> "PastRun":
@@ -112,19 +172,23 @@ class PastRun:
 
         Series that begin later, such as an estimate of the controller after the tare, have a table with LATE.
         """
-        return tuple(sorted(path.stem.removeprefix("series_") for path in self.folder.glob("series_*.parquet")))
+        files = [file for ending in (".parquet", ".npz") for file in self.folder.glob(f"{_FILE}*{ending}")]
+        return tuple(sorted({file.stem.removeprefix(_FILE) for file in files}))
 
-    def table(self, rate: str = LOOP) -> pa.Table:
+    def table(self, rate: str = LOOP) -> "pa.Table":
         """Series of one rate, or EVENTS; `.to_pandas()` makes a data frame of it, where pandas is installed.
 
         Raises:
             ConfigurationError: There is no such table.
+            MissingLibraryError: The package pyarrow is not installed.
         """
-        file = self.folder / (f"{EVENTS}.parquet" if rate == EVENTS else f"series_{rate}.parquet")
-        if not file.exists():
-            known = ", ".join((*self.rates, EVENTS)) if self.rates else "none: it was run with --no-record"
-            raise ConfigurationError(f"{self.folder}: no series {rate!r}; there are {known}")
-        return pq.read_table(file)
+        with wanted():
+            import pyarrow as pa
+            import pyarrow.parquet as pq
+        file = self._file(rate)
+        if file.suffix == ".parquet":
+            return pq.read_table(file)
+        return pa.table({name: column.values for name, column in _read(file).items()})
 
     def column(self, name: str, rate: str = LOOP) -> np.ndarray:
         """Values (N,) of one column; `time` is one too.
@@ -132,14 +196,53 @@ class PastRun:
         Raises:
             ConfigurationError: There is no such column; the message lists those that there are.
         """
-        table = self.table(rate)
-        if name not in table.column_names:
-            raise ConfigurationError(f"no column {name!r}; there are {', '.join(table.column_names)}")
-        return table[name].to_numpy()
+        columns = self._columns(rate)
+        if name not in columns:
+            raise ConfigurationError(f"no column {name!r}; there are {', '.join(columns)}")
+        return columns[name].values
 
     def units(self, rate: str = LOOP) -> dict[str, str]:
         """Unit of each column."""
-        return {field.name: (field.metadata or {}).get(_UNIT, b"").decode() for field in self.table(rate).schema}
+        return {name: column.unit for name, column in self._columns(rate).items()}
+
+    @cached_property
+    def recorded(self) -> RecordedSeries:
+        """All series and events, as functions of `sim.evaluation` take them.
+
+        Raises:
+            ConfigurationError: The run was made with --no-record.
+        """
+        series: dict[str, Series] = {}
+        for rate in self.rates or (LOOP,):
+            columns = self._columns(rate)
+            time = columns["time"].values
+            parts: dict[str, list[Column]] = {}
+            for column in columns.values():
+                if column.series:
+                    parts.setdefault(column.series, []).append(column)
+            for name, group in parts.items():
+                labels = tuple(column.label for column in group) if group[0].label else ()
+                value = np.column_stack([column.values for column in group])
+                series[name] = Series(time=time, value=value, unit=group[0].unit, labels=labels)
+        said = {name: column.values for name, column in self._columns(EVENTS).items()}
+        events = [
+            Event(time=float(time), state=WorkState(state), note=str(note), abort=AbortCode(abort) if abort else None)
+            for time, state, note, abort in zip(said["time"], said["state"], said["note"], said["abort"], strict=True)
+        ]
+        return RecordedSeries(duration=float(self.metrics["run"]["simulated_s"]), series=series, events=tuple(events))
+
+    def _columns(self, rate: str) -> dict[str, Column]:
+        if rate not in self._read:
+            self._read[rate] = _read(self._file(rate))
+        return self._read[rate]
+
+    def _file(self, rate: str) -> Path:
+        stem = EVENTS if rate == EVENTS else f"{_FILE}{rate}"
+        for ending in (".parquet", ".npz"):
+            if (file := self.folder / f"{stem}{ending}").exists():
+                return file
+        known = ", ".join((*self.rates, EVENTS)) if self.rates else "none: it was run with --no-record"
+        raise ConfigurationError(f"{self.folder}: no series {rate!r}; there are {known}")
 
     def _repr_html_(self) -> str:
         """Card for a notebook."""

@@ -21,6 +21,7 @@ from types import FrameType, TracebackType
 from typing import Any, NoReturn, TypeVar
 
 from sim.interfaces.errors import UuvError, one_line
+from sim.interfaces.extras import missing
 from sim.runs.run_folder import give_back, new_folder
 
 ROOMS = ("models", "sim", "perception", "controllers", "calib")
@@ -143,8 +144,8 @@ def parse(kind: type[Options], args: Sequence[str] | None = None) -> Options:
 def run_scenario(main: Callable[[], int | None]) -> NoReturn:
     """Run `main` and exit with its return code; an error ends in one line and an exit code.
 
-    UuvError: 2. Any other error: 70, with its place; 2 if it was raised in a user's own module. SIGINT 130, SIGTERM
-    143.
+    UuvError, or an optional package that is not installed: 2. Any other error: 70, with its place; 2 if it was raised
+    in a user's own module. SIGINT 130, SIGTERM 143.
     """
     check()
     try:
@@ -153,17 +154,25 @@ def run_scenario(main: Callable[[], int | None]) -> NoReturn:
     except UuvError as error:
         give_back()
         raise _refusal(str(error)) from None
+    except ImportError as error:
+        give_back()
+        told = missing(error)
+        raise (_failure(error) if told is None else _refusal(str(told))) from None
     except KeyboardInterrupt as stop:
         give_back()
         print("interrupted", file=sys.stderr)
         raise SystemExit(stop.code if isinstance(stop, Interrupted) else Interrupted().code) from None
     except Exception as error:
         give_back()
-        if TRACEBACK in sys.argv or os.environ.get("UUV_TRACEBACK"):
-            traceback.print_exc()
-        reason, code = _blame(error)
-        raise _refusal(reason, code) from None
+        raise _failure(error) from None
     raise SystemExit(code or 0)
+
+
+def _failure(error: Exception) -> SystemExit:
+    """Exit for an unexpected error, told in one line, after its traceback where that is asked for."""
+    if TRACEBACK in sys.argv or os.environ.get("UUV_TRACEBACK"):
+        traceback.print_exc()
+    return _refusal(*_blame(error))
 
 
 def _blame(error: Exception) -> tuple[str, int]:

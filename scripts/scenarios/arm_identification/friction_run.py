@@ -2,11 +2,10 @@
 
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass, field
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import mujoco
 import numpy as np
-from matplotlib.figure import Figure
 from rich.table import Table
 from rich.text import Text
 
@@ -32,6 +31,9 @@ from sim.interfaces.protocols import Sensor
 from sim.interfaces.spatial import Array, finite_number, pose
 from sim.loop.recording import Recorder
 from sim.loop.rollout import Moment
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 SHORTEST, LONGEST = 10.0, 300.0  # [s] of swings
 DEPTH = 2.0  # [m] of the hull
@@ -164,7 +166,7 @@ class FrictionCase(PlacedTask):
         if self.found is not None:
             yield joint_table(self, self.found)
 
-    def pictures(self, ran: RunResult) -> Iterator[tuple[str, str, Figure]]:
+    def pictures(self, ran: RunResult) -> Iterator[tuple[str, str, "Figure"]]:
         """Torque lost over speed."""
         if self.found is not None:
             caption = (
@@ -270,13 +272,15 @@ def joint_table(case: FrictionCase, found: IdentifiedFriction) -> Table:
     return table
 
 
-def curves(case: FrictionCase, found: IdentifiedFriction) -> Figure:
+def curves(case: FrictionCase, found: IdentifiedFriction) -> "Figure":
     """Torque lost over speed, one plot for each joint."""
     qd, gear, motor = case.samples.columns()
     speed, acceleration = over_steps(qd, case.timestep)
     lost = motor[1:] - case.believed.armature * acceleration - gear[1:] - found.bias
     n = len(case.true.joint_names)
     across = min(n, 3)
+    from matplotlib.figure import Figure
+
     figure = Figure(figsize=(3.4 * across, 2.8 * -(-n // across)), layout="constrained")
     every = max(1, len(speed) // _SHOWN)
     drawn = (

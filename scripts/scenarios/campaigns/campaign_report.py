@@ -11,7 +11,7 @@ from scenarios.campaigns.campaign import Campaign
 from scenarios.campaigns.sensitivity import worst_ratio
 from scenarios.campaigns.sensitivity_report import MISSED, WORST, SensitivityReport
 from scenarios.study import Row, Summary, Table
-from sim.reporting.report_figures import BLUE, VERMILION, WIDTH
+from sim.reporting.palette import BLUE, VERMILION, WIDTH
 
 KEPT = "kept"
 _PANELS = 3  # histograms beside each other

@@ -16,7 +16,7 @@ from scenarios.study import Row, Summary, Table, read_rows
 from scenarios.study.row_log import METRICS
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array, shown
-from sim.reporting.report_figures import BLUE, FAINT, INK, WIDTH
+from sim.reporting.palette import BLUE, FAINT, INK, WIDTH
 
 _PART = 1_000_000  # values drawn at a time: bounds the memory
 _ABOUT = ("bounds", "replay")  # entries of a campaign's metrics.json that a comparison needs

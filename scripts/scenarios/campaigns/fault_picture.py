@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from scenarios.campaigns.fault_cases import Trace
-from sim.reporting.report_figures import BLUE, CYCLE, FAINT, INK, ORANGE, VERMILION
+from sim.reporting.palette import BLUE, CYCLE, FAINT, INK, ORANGE, VERMILION
 
 _SHADES = ("0.97", "0.9")
 _NARROW = 0.07  # share of the time axis: names of shorter states are drawn upright

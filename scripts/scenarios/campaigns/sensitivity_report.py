@@ -21,7 +21,7 @@ from scenarios.campaigns.sensitivity import (
 )
 from scenarios.study import Table
 from sim.interfaces.spatial import Array
-from sim.reporting.report_figures import BLUE, FAINT, INK, WIDTH
+from sim.reporting.palette import BLUE, FAINT, INK, WIDTH
 
 MISSED, WORST = "missed", "worst ratio to a bound"  # responses that rank the parameters
 _ORIGIN = "perturbations."  # left out of labels

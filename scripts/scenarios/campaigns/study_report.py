@@ -16,7 +16,7 @@ from scenarios.campaigns.sensitivity import worst_ratio
 from scenarios.campaigns.sensitivity_report import MISSED, WORST, SensitivityReport
 from scenarios.study import Summary, Table
 from sim.interfaces.spatial import Array
-from sim.reporting.report_figures import BLUE, FAINT, GREEN, INK, ORANGE, PURPLE, SKY, VERMILION, WIDTH
+from sim.reporting.palette import BLUE, FAINT, GREEN, INK, ORANGE, PURPLE, SKY, VERMILION, WIDTH
 
 Row = Mapping[str, Any]
 

@@ -11,33 +11,86 @@ from rich.table import Table
 from scenarios.cli.past_runs import run_folder
 from scenarios.command import SCENARIO_FILE, flat
 from scenarios.scenario_file import as_dict, read_scenario
+from sim.interfaces.extras import absent, to_install
 from sim.reporting.series_tables import PastRun
+from sim.runs.saving import write_whole
 
 _LEFT_OUT = ("provenance", "timings", "schema")
+_ASKED = ("scenario", "options.")  # part of the provenance that says what was asked for
 _ALL = "--all"
 _SAME = 0.02  # share by which figures may differ and still count as alike
 _USAGE = f"""usage: uuv compare RUN RUN [RUN ...] [{_ALL}]
 
-Options in which the runs differ, and figures that differ by more than {_SAME:.0%} ({_ALL}: all figures).
+Options and versions in which the runs differ, and figures that differ by more than {_SAME:.0%} ({_ALL}: all figures).
+The same and the time series of the first two, laid over each other, are left as compare_NAME.html in the first folder.
 RUN: folder of a run, or the name of a job for its latest."""
+Rows = list[tuple[str, list[Any]]]
 
 
 def main(verb: str, args: Sequence[str]) -> int:
-    """Prints the tables; returns the exit code."""
+    """Prints the tables, and writes the page; returns the exit code."""
     del verb
     names = [arg for arg in args if arg != _ALL]
     if len(names) < 2 or any(name.startswith("-") for name in names):
         print(_USAGE)
         return 0 if {"-h", "--help"} & set(args) else 2
-    folders = [run_folder(name) for name in names]
+    runs = [PastRun.of(run_folder(name)) for name in names]
+    found = tables(runs, every=_ALL in args)
     console = Console(width=None if Console().is_terminal else 140)
-    asked = [flat(as_dict(read_scenario(folder / SCENARIO_FILE))) for folder in folders]
-    console.print(table("options that differ", names, _differing(asked)))
-    found = [dict(numbers(PastRun.of(folder).metrics)) for folder in folders]
-    every = _ALL in args
-    rows = [(key, values) for key, values in _rows(found) if every or not alike(values)]
-    console.print(table("figures" if every else "figures that differ", names, rows))
+    for title, rows in found.items():
+        console.print(table(title, [str(run.folder) for run in runs], rows))
+    if absent("log"):
+        console.print(f"no page of the time series: {to_install('log')}", markup=False, highlight=False)
+    elif without := [str(run.folder) for run in runs[:2] if not run.rates]:
+        console.print(f"no page of the time series: {', '.join(without)} was run with --no-record", highlight=False)
+    else:
+        console.print(f"written to {write_page(runs, found)}", highlight=False, soft_wrap=True)
     return 0
+
+
+def tables(runs: Sequence[PastRun], *, every: bool) -> dict[str, Rows]:
+    """Rows of options and of versions that differ, and of figures: all, or those that differ."""
+    asked = [flat(as_dict(read_scenario(run.folder / SCENARIO_FILE))) for run in runs]
+    made = [flat(run.metrics.get("provenance", {})) for run in runs]
+    made = [{key: value for key, value in one.items() if not key.startswith(_ASKED)} for one in made]
+    figures = [dict(numbers(run.metrics)) for run in runs]
+    shown = [(key, values) for key, values in _rows(figures) if every or not alike(values)]
+    versions = _differing(made)
+    return {
+        "options that differ": _differing(asked),
+        **({"versions that differ": versions} if versions else {}),
+        "figures" if every else "figures that differ": shown,
+    }
+
+
+def write_page(runs: Sequence[PastRun], found: Mapping[str, Rows]) -> Path:
+    """Page with the tables, and the time series of the first two runs; written to the folder of the first."""
+    from sim.evaluation.metrics import Bounds
+    from sim.reporting import report_page
+    from sim.reporting.timelines import timelines
+
+    names = _short([run.folder for run in runs])
+    drawn = timelines({name: run.recorded for name, run in zip(names[:2], runs, strict=False)}, Bounds())
+    listed = "".join(
+        f"<section><h2>{report_page.text(title)}</h2>"
+        f"{report_page.table(('', *names), [(key, *map(_said, values)) for key, values in rows])}</section>"
+        for title, rows in found.items()
+    )
+    title = " against ".join(names)
+    body = f"<header><h1>{report_page.text(title)}</h1></header>{listed}<section><h2>Time series</h2>{drawn}</section>"
+    file = runs[0].folder / f"compare_{names[1].replace('/', '_')}.html"
+    write_whole(file, report_page.page(title, body))
+    return file
+
+
+def _short(folders: Sequence[Path]) -> list[str]:
+    """Names of folders: the last part, or more of them where they would be alike."""
+    whole = [folder.resolve().parts for folder in folders]
+    for parts in range(1, max(map(len, whole))):
+        names = ["/".join(one[-parts:]) for one in whole]
+        if len(set(names)) == len(names):
+            return names
+    return list(map(str, folders))
 
 
 def numbers(nested: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, Any]]:
@@ -70,11 +123,11 @@ def table(title: str, names: Sequence[str], rows: Sequence[tuple[str, Sequence[A
     return made
 
 
-def _differing(several: Sequence[Mapping[str, Any]]) -> list[tuple[str, list[Any]]]:
+def _differing(several: Sequence[Mapping[str, Any]]) -> Rows:
     return [(key, values) for key, values in _rows(several) if any(value != values[0] for value in values)]
 
 
-def _rows(several: Sequence[Mapping[str, Any]]) -> list[tuple[str, list[Any]]]:
+def _rows(several: Sequence[Mapping[str, Any]]) -> Rows:
     keys = dict.fromkeys(key for one in several for key in one)
     return [(key, [one.get(key) for one in several]) for key in keys]
 

@@ -14,17 +14,23 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from sim.interfaces.extras import EXTRAS, to_install
+
 OK, ABSENT = "[green]ok[/green]", "[yellow]absent[/yellow]"
-_NEEDED = ("mujoco", "numpy", "numba", "scipy", "trimesh", "pyarrow", "tyro")
-# Module, what it is for, and the package that brings it.
-_EXTRAS = (
-    ("embreex", "ray casting for camera and sonar", "embreex"),
-    ("rerun", "run.rrd, uuv view", "rerun-sdk"),
-    ("matplotlib", "figures of the reports", "matplotlib"),
-    ("open3d", "peers to compare registration with", "uuv-arm[open3d]"),
-    ("dm_control", "sim.environment, reinforcement learning", "uuv-arm[dm-control]"),
-    ("ray", "campaigns on a cluster", "uuv-arm[cluster]"),
-)
+_NEEDED = ("mujoco", "numpy", "numba", "scipy", "tyro")
+_USES = {  # module of an extra: what it is for
+    "embreex": "ray casting for camera and sonar",
+    "trimesh": "mesh files",
+    "rerun": "run.rrd, uuv view",
+    "matplotlib": "figures of the reports",
+    "plotly": "time series of the reports",
+    "pyarrow": "series as Parquet, studies",
+    "PIL": "uuv picture",
+    "dm_control": "sim.environment, reinforcement learning",
+    "ray": "campaigns on a cluster",
+    "open3d": "peers to compare registration with",
+}
+_PACKAGES = {"rerun": "rerun-sdk", "PIL": "pillow", "dm_control": "dm-control", "open3d": "open3d-cpu"}
 
 _RENDER = "import mujoco; mujoco.Renderer(mujoco.MjModel.from_xml_string('<mujoco/>'), 8, 8).render()"
 
@@ -48,27 +54,27 @@ def _rows() -> Iterator[tuple[str, str, str]]:
     yield "Python", OK, f"{platform.python_version()}, {sys.executable}"
     yield "cores", OK, f"{os.cpu_count()}; numba uses {_numba_threads()}"
     for name in _NEEDED:
-        yield name, *_package(name, name, name)
-    for module, use, package in _EXTRAS:
-        yield module, *_package(module, use, package)
+        yield name, *_package(name, "", "pip install uuv-arm")
+    for module, use in _USES.items():
+        yield module, *_package(module, use, to_install(EXTRAS[module]))
     yield "rendering", *rendering()
     yield "compiled loops", *_compiled()
 
 
-def _package(module: str, use: str, package: str) -> tuple[str, str]:
+def _package(module: str, use: str, remedy: str) -> tuple[str, str]:
     """State of a package that may be missing, or lack a system library."""
-    try:
-        found = version(module if "[" in package else package)
-    except PackageNotFoundError:
-        found = ""
     try:
         with contextlib.redirect_stderr(io.StringIO()), contextlib.redirect_stdout(io.StringIO()):
             importlib.import_module(module)
     except ModuleNotFoundError as error:
-        return ABSENT, f"{use}; pip install '{package}'" if error.name == module else f"{use}; {error}"
+        return ABSENT, f"{use}; {remedy if error.name == module else error}"
     except (ImportError, OSError) as error:
         return ABSENT, f"{use}; a system library is missing: {str(error).splitlines()[0]}"
-    return OK, f"{found} {use if use != module else ''}".strip()
+    try:
+        found = version(_PACKAGES.get(module, module))
+    except PackageNotFoundError:  # under another name
+        found = ""
+    return OK, f"{found} {use}".strip()
 
 
 def rendering() -> tuple[str, str]:

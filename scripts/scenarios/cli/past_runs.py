@@ -6,10 +6,11 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from scenarios.command import SCENARIO_FILE, show
+from scenarios.command import LOG, SCENARIO_FILE, show
 from scenarios.runner import run
 from scenarios.scenario_file import read_scenario
-from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.errors import ConfigurationError, MissingLibraryError
+from sim.interfaces.extras import absent, to_install
 from sim.reporting.series_tables import PastRun
 from sim.runs.run_folder import LATEST, RUNS
 
@@ -62,6 +63,8 @@ def report(folder: Path) -> int:
     """Prints the path of the report, made anew where it is missing."""
     file = folder / "report.html"
     if not file.exists():
+        if absent(LOG):
+            raise MissingLibraryError(f"report: needs {', '.join(absent(LOG))}: {to_install(LOG)}")
         show(run(read_scenario(folder / SCENARIO_FILE)), folder)
     print(file.resolve())
     return 0
@@ -71,9 +74,9 @@ def view(folder: Path) -> int:
     """Opens the Rerun viewer on the run's log; its exit code."""
     log = folder / "run.rrd"
     if not log.exists():
-        raise ConfigurationError(f"{folder} has no run.rrd: run it again without --no-record")
+        raise ConfigurationError(f"{folder} has no run.rrd: run it again without --no-record, with the extra {LOG}")
     beside = Path(sys.executable).with_name("rerun")
     program = str(beside) if beside.exists() else shutil.which("rerun")
     if program is None:
-        raise ConfigurationError("view: the Rerun viewer is missing; pip install rerun-sdk")
+        raise MissingLibraryError(f"view: the Rerun viewer is missing: {to_install(LOG)}")
     return subprocess.run([program, str(log)], check=False).returncode

@@ -101,7 +101,7 @@ def picture_of(curves: dict[float, dict[str, Array]], low: float, high: float) -
     """
     from matplotlib.figure import Figure
 
-    from sim.reporting.report_figures import BLUE, GREEN, INK, ORANGE, PURPLE, SKY, VERMILION, WIDTH
+    from sim.reporting.palette import BLUE, GREEN, INK, ORANGE, PURPLE, SKY, VERMILION, WIDTH
 
     figure = Figure(figsize=(WIDTH, 3.6), layout="constrained")
     all_axes = figure.subplots(1, len(curves), sharey=True, squeeze=False)[0]

@@ -25,7 +25,9 @@ try:
     ray: Any = import_module("ray")
     lost: Any = import_module("ray.exceptions")
 except ImportError as error:
-    raise ConfigurationError("--engine ray: Ray is not installed here; ./uvw sync --extra cluster does it") from error
+    raise ConfigurationError(
+        "--engine ray: Ray is not installed here; ./uvw sync --extra cluster, or pip install 'uuv-arm[cluster]'"
+    ) from error
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")

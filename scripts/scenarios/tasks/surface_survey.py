@@ -4,7 +4,6 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import matplotlib
 import numpy as np
 
 from models.meshes.nearest_surface import NearestSurface
@@ -23,7 +22,7 @@ if TYPE_CHECKING:
 EVERY = 1000  # ticks between two frames, 2 s
 REACH = 0.06  # [m] from the model within which a surface is the object's: growth of 4 cm, and errors
 _GROUND = 0.03  # [m] above the seabed below which nothing is kept
-_COLOURS = matplotlib.colormaps["RdBu_r"]  # red: outside the model, blue: inside
+_COLOURS = "RdBu_r"  # colour map; red: outside the model, blue: inside
 _WIDTH = 700  # [px] of a picture
 _VIEWS = {"from +x": (1.0, 0.0, 0.0), "from -y": (0.0, -1.0, 0.0), "from above": (0.0, 0.0, 1.0)}
 
@@ -140,7 +139,9 @@ class SurfaceSurvey:
 
 def colours(mesh: SurfaceMesh) -> Array:
     """Colours (V, 3) in [0, 1] of the vertices by their deviation."""
-    return np.asarray(_COLOURS(0.5 + 0.5 * mesh.deviation / _most(mesh)))[:, :3]
+    from matplotlib import colormaps
+
+    return np.asarray(colormaps[_COLOURS](0.5 + 0.5 * mesh.deviation / _most(mesh)))[:, :3]
 
 
 def _most(mesh: SurfaceMesh) -> float:

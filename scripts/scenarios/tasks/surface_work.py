@@ -171,10 +171,10 @@ class PlacedSurfaceWork(PlacedTask):
         )
 
     def pictures(self, ran: RunResult) -> Pictures:
-        """Force and path errors over the path."""
-        from sim.reporting.report_figures import path_figures
+        """What was found of the object."""
+        from sim.reporting.report_figures import object_as_found
 
-        return path_figures(ran.recording, self.truth)
+        return object_as_found(ran.recording, self.truth)
 
 
 def first_force(scenario: Scenario) -> float:

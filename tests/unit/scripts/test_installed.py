@@ -32,6 +32,17 @@ show(r, "my_run")
 print(r.assessment.accepted, r.assessment.failed)
 """
 LEFT = {"metrics.json", "report.html", "scenario.toml"}
+TABLES = {"events", "series_loop", "series_poses", "series_slow", "series_slow_late"}
+FALL = """
+import mujoco
+import models
+from sim import hydrodynamics
+hydrodynamics.install()
+model = hydrodynamics.compile(models.load("uuv_puma"))
+data = mujoco.MjData(model)
+mujoco.mj_step(model, data, nstep=500)
+print(abs(data.qvel[2]) < 0.1)
+"""
 
 
 def python(program: str | Path, code: str, folder: Path) -> subprocess.CompletedProcess[str]:
@@ -59,21 +70,54 @@ def test_a_folder_of_ones_own_that_hides_a_package_is_named(foreign: str, root: 
     )
 
 
-@pytest.fixture(scope="module")
-def environment(root: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Python of an empty environment with the wheel and a notebook kernel. Needs uv and the network, or uv's cache."""
+def call_uv(root: Path, *words: object) -> None:
+    """Calls uv. Needs the network, or uv's cache."""
     uv = shutil.which("uv") or str(root / ".uv" / "bin" / "uv")
+    ran = subprocess.run([uv, *map(str, words)], capture_output=True, text=True, check=False)
+    assert ran.returncode == 0, ran.stderr
+
+
+@pytest.fixture(scope="module")
+def wheel(root: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The project as others install it."""
     folder = tmp_path_factory.mktemp("wheel")
-    own = folder / "environment" / "bin" / "python"
+    call_uv(root, "build", "--wheel", "--out-dir", folder, root)
+    return next(folder.glob("*.whl"))
 
-    def call(*words: object) -> None:
-        ran = subprocess.run([uv, *map(str, words)], cwd=folder, capture_output=True, text=True, check=False)
-        assert ran.returncode == 0, ran.stderr
 
-    call("build", "--wheel", "--out-dir", folder, root)
-    call("venv", "--python", sys.executable, folder / "environment")
-    call("pip", "install", "--python", own, *folder.glob("*.whl"), "nbclient", "ipykernel")
+@pytest.fixture(scope="module")
+def environment(root: Path, wheel: Path) -> Path:
+    """Python of an environment with the wheel, its extras for a job, and a notebook kernel."""
+    own = wheel.parent / "environment" / "bin" / "python"
+    call_uv(root, "venv", "--python", sys.executable, own.parents[1])
+    call_uv(root, "pip", "install", "--python", own, f"{wheel}[perception,log]", "nbclient", "ipykernel")
     return own
+
+
+@pytest.mark.long
+def test_what_is_installed_works_and_what_is_missing_is_named(root: Path, wheel: Path, tmp_path: Path):
+    own = wheel.parent / "minimal" / "bin" / "python"
+
+    def uuv(*words: str) -> subprocess.CompletedProcess[str]:
+        return subprocess.run([own.with_name("uuv"), *words], cwd=tmp_path, capture_output=True, text=True, check=False)
+
+    call_uv(root, "venv", "--python", sys.executable, own.parents[1])
+    call_uv(root, "pip", "install", "--python", own, wheel)
+    assert sum(file.stat().st_size for file in own.parents[1].rglob("*") if file.is_file()) < 0.5e9
+    assert python(own, FALL, tmp_path).stdout.strip() == "True"
+    said = uuv("run", "clean-barrel", "--quick")
+    assert said.returncode == 2
+    assert said.stderr == "error: cameras and sonars need the package embreex: pip install 'uuv-arm[perception]'\n"
+    call_uv(root, "pip", "install", "--python", own, f"{wheel}[perception]")
+    said = uuv("run", "clean-barrel", "--quick", "--out", "plain")
+    assert said.returncode == 0, said.stderr
+    assert "no run.rrd and report.html, series as .npz: pip install 'uuv-arm[log]'" in said.stdout
+    assert {file.stem for file in (tmp_path / "plain").glob("*.npz")} == TABLES
+    for verb, lacks in (("report", "report: needs matplotlib"), ("picture", "this needs the package PIL")):
+        said = uuv(verb, "plain")
+        assert said.returncode == 2
+        assert said.stderr.startswith(f"error: {lacks}")
+        assert "'uuv-arm[log]'" in said.stderr
 
 
 @pytest.mark.long

@@ -1,6 +1,7 @@
 """The command `uuv`, from the shell, and the parts of one's own that it makes."""
 
 import json
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -108,6 +109,10 @@ def test_a_run_is_repeated_compared_and_read_back(uuv, tmp_path: Path):
     assert "task.speed" in table
     assert "tool.speed_mean_m_s" in table
     assert "identification.position_error_m" not in table
+    assert "no page of the time series: second was run with --no-record" in table
+    shutil.copytree(tmp_path / "first", tmp_path / "third")
+    assert "written to first/compare_third.html" in uuv("compare", "first", "third")
+    assert "solid: first; dotted: third" in (tmp_path / "first" / "compare_third.html").read_text(encoding="utf-8")
     assert uuv("report", "first").strip() == str((tmp_path / "first" / "report.html").resolve())
     past = PastRun.of(tmp_path / "first")
     assert past.rates[0] == "loop"

@@ -1,6 +1,8 @@
 """The page is whole in itself, shows what the run lived to give, and says why a run was not accepted."""
 
+import base64
 import io
+import json
 import re
 from dataclasses import replace
 from html.parser import HTMLParser
@@ -20,9 +22,12 @@ from sim.interfaces.messages import Target, ToolPath, WorkState
 from sim.interfaces.pose_covariance import PoseCovariance
 from sim.interfaces.spatial import pose
 from sim.loop.recording import STATES, Event, Recording, Series
+from sim.reporting import series_tables
 from sim.reporting.report import write_report
-from sim.reporting.report_figures import path_figures
+from sim.reporting.report_figures import object_as_found
 from sim.reporting.results_table import results_table
+from sim.reporting.series_tables import PastRun, write_series
+from sim.reporting.timelines import timelines
 
 DT = 0.01  # [s]
 TRUTH = TrueObject(model=barrel(), path="longitudinal", X_WT=pose(p=[0.0, 0.0, -1.5]))
@@ -30,7 +35,7 @@ VEHICLE = Vehicle.of(models.load("uuv_puma").compile())
 
 
 class Reader(HTMLParser):
-    """Counts pictures and collects what the page would fetch."""
+    """Counts pictures, and collects what the page would fetch and the names of its panels."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -40,6 +45,21 @@ class Reader(HTMLParser):
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
         self.pictures += tag == "img"
         self.fetched += [value or "" for name, value in attrs if name in ("src", "href")]
+
+
+WORKED = [
+    "normal force [N]",
+    "tangential force [N]",
+    "force error [N]",
+    "tip from its path [mm]",
+    "hull from its place [mm]",
+    "turn of the hull [deg]",
+]
+
+
+def panels_of(page: str) -> list[str]:
+    """Titles of the panels of a page, from above down."""
+    return re.findall(r'"title":\{"text":"([^"]*\[[^"]*\])"\},"gridcolor":"[^"]*","zerolinecolor"', page)
 
 
 def recorded(state: WorkState, final: WorkState) -> Recording:
@@ -91,7 +111,7 @@ def written(folder: Path, recording: Recording) -> tuple[str, Assessment]:
         assessment,
         title="clean <barrel>",
         options={"path": "longitudinal"},
-        pictures=path_figures(recording, TRUTH),
+        pictures=object_as_found(recording, TRUTH),
     )
     return file.read_text(encoding="utf-8"), assessment
 
@@ -101,9 +121,9 @@ def test_page_fetches_nothing_and_shows_every_picture(tmp_path: Path):
     reader = Reader()
     reader.feed(page)
     assert assessment.accepted, assessment.failed
-    assert reader.pictures == 6
+    assert reader.pictures == 1
     assert all(source.startswith("data:image/svg+xml;base64,") for source in reader.fetched)
-    assert "url(" not in page
+    assert panels_of(page) == [*WORKED, "thrust [N]", "joint torque [N m]"]
     assert "clean &lt;barrel&gt;" in page
     assert re.search(r"<h1>.*<span class='accepted'>accepted</span></h1>", page)
 
@@ -141,16 +161,65 @@ def test_page_of_a_run_that_was_broken_off_says_why(tmp_path: Path):
     reader = Reader()
     reader.feed(page)
     assert not assessment.accepted
-    assert reader.pictures == 2  # thrusters and joints
+    assert reader.pictures == 0
+    assert panels_of(page) == ["thrust [N]", "joint torque [N m]"]
     assert re.search(r"<li>the work was broken off in \S+ at \S+ s: felt &lt; 1 N &amp; lost</li>", page)
-    assert "nan" not in re.sub(r'src="[^"]*"', "", page).lower()
+    assert "nan" not in re.sub(r'src="[^"]*"|<script.*?</script>', "", page, flags=re.DOTALL).lower()
 
 
 def test_page_without_slow_series_leaves_their_pictures_out(tmp_path: Path):
     recording = recorded(WorkState.WORK, WorkState.DONE)
     few = {name: series for name, series in recording.series.items() if name not in ("thrust", "tau_drive")}
     page, _ = written(tmp_path, replace(recording, series=MappingProxyType(few)))
-    assert page.count("<img") == 4
+    assert panels_of(page) == WORKED
+    assert "against their limits" not in page
+
+
+def test_drives_are_held_against_their_limits(tmp_path: Path):
+    page, _ = written(tmp_path, recorded(WorkState.WORK, WorkState.DONE))
+    forward = np.asarray(VEHICLE.thruster_table)[1, 0]
+    row = f"<td class=n>1.0</td><td class=n>1.0</td><td class=n>N</td><td class=n>{1.0 / forward:.0%}</td>"
+    assert f"<td>{VEHICLE.thruster_names[1].replace('_', ' ')}</td>{row}" in page
+
+
+def test_second_run_is_laid_over_the_first_from_the_start_of_the_work():
+    run = recorded(WorkState.WORK, WorkState.DONE)
+    moved = {
+        name: replace(series, time=series.time + 5.0) if len(series.time) else series
+        for name, series in run.series.items()
+    }
+    late = replace(run, series=moved, duration=run.duration + 5.0, events=(replace(run.events[0], time=5.0),))
+    page = timelines({"first": run, "second": late})
+    drawn = json.loads(re.findall(r'"timelines",\s*(\[.*?\]),\s*\{"template"', page, flags=re.DOTALL)[0])
+    force = [trace for trace in drawn if trace["name"] == "true" and trace["yaxis"] == "y"]
+    assert [trace["line"]["dash"] for trace in force] == ["solid", "dot"]
+    first, second = (np.frombuffer(base64.b64decode(trace["x"]["bdata"]), dtype=np.float32) for trace in force)
+    assert second == pytest.approx(first, abs=1e-5)
+    assert "time from the start of the work [s]" in page
+    assert "solid: first; dotted: second" in page
+
+
+@pytest.mark.parametrize("ending", [".parquet", ".npz"])
+def test_series_are_read_back_as_they_were(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ending: str):
+    if ending == ".npz":
+        monkeypatch.setattr(series_tables, "find_spec", lambda _: None)
+    run = recorded(WorkState.WORK, WorkState.DONE)
+    run = replace(run, series={**run.series, "q": replace(run["thrust"], labels=VEHICLE.joint_names, unit="rad")})
+    write_series(run, tmp_path)
+    (tmp_path / "metrics.json").write_text(json.dumps({"run": {"simulated_s": run.duration}}))
+    past = PastRun.of(tmp_path)
+    assert {file.suffix for file in tmp_path.iterdir()} == {".json", ending}
+    assert past.units()["q.joint1"] == "rad"
+    assert past.column("thrust." + VEHICLE.thruster_names[3]) == pytest.approx(3.0)
+    read = past.recorded
+    assert read.events == run.events
+    assert read.duration == run.duration
+    assert set(read.series) == set(run.series)
+    for name, series in run.series.items():
+        assert np.array_equal(read[name].value, series.value)
+        assert np.array_equal(read[name].time, series.time)
+    assert read["thrust"].labels == VEHICLE.thruster_names
+    assert past.table("events").to_pydict()["note"] == ["", "felt < 1 N & lost"]
 
 
 def test_missing_folder_is_refused(tmp_path: Path):

@@ -1,0 +1,54 @@
+"""Optional packages, and the extra of `uuv-arm` that brings each."""
+
+import contextlib
+from collections.abc import Iterator
+from importlib.util import find_spec
+
+from sim.interfaces.errors import MissingLibraryError
+
+EXTRAS = {  # module: extra, as in pyproject.toml
+    "embreex": "perception",
+    "trimesh": "perception",
+    "matplotlib": "log",
+    "PIL": "log",
+    "plotly": "log",
+    "pyarrow": "log",
+    "rerun": "log",
+    "dm_control": "rl",
+    "dm_env": "rl",
+    "ray": "cluster",
+    "open3d": "open3d",
+}
+
+
+def missing(error: ImportError) -> MissingLibraryError | None:
+    """What to say where `error` is for want of an optional package; None: it is not."""
+    module = (error.name or "").partition(".")[0]
+    if not isinstance(error, ModuleNotFoundError) or module not in EXTRAS:
+        return None
+    return MissingLibraryError(f"this needs the package {module}: {to_install(EXTRAS[module])}")
+
+
+def to_install(extra: str) -> str:
+    """Command that installs an extra."""
+    return f"pip install 'uuv-arm[{extra}]'"
+
+
+def absent(extra: str) -> tuple[str, ...]:
+    """Modules of an extra that are not installed."""
+    return tuple(module for module, of in EXTRAS.items() if of == extra and find_spec(module) is None)
+
+
+@contextlib.contextmanager
+def wanted() -> Iterator[None]:
+    """Around imports: a missing optional package is told with the extra that brings it.
+
+    Raises:
+        MissingLibraryError: One is missing.
+    """
+    try:
+        yield
+    except ImportError as error:
+        if (told := missing(error)) is not None:
+            raise told from error
+        raise

@@ -1,0 +1,256 @@
+"""Interactive time series of one run, or of two laid over each other: one time axis for all, with zoom, by Plotly."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import plotly.graph_objects as go
+from plotly.io import to_html
+from plotly.subplots import make_subplots
+
+from sim.evaluation.metrics import Bounds, hull_motion, path_error, tangential
+from sim.interfaces.messages import WorkState
+from sim.interfaces.spatial import Array
+from sim.loop.recording import RecordedSeries
+from sim.reporting.palette import BLUE, CYCLE, FAINT, GREEN, ORANGE, PURPLE, SKY, VERMILION
+
+ELEMENT = "timelines"  # id in the page
+CONTACT = (WorkState.APPROACH, WorkState.PRESS, WorkState.WORK, WorkState.RETREAT)
+BINS = 1000  # of a line; in each its extremes are kept
+_ROW, _MARGIN = 210, 60  # [px] height of a panel, and what is above and below all
+_COLOURS = (BLUE, ORANGE, GREEN, PURPLE, SKY, VERMILION, FAINT)
+_DASHES = ("solid", "dot")  # first run, second run
+_AXES = ("x", "y", "z")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Line:
+    """A named line: values (N,) at times (N,) [s]."""
+
+    name: str
+    time: Array
+    value: Array
+    colour: str
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Panel:
+    """Lines on one value axis, and bounds on them."""
+
+    title: str
+    lines: Sequence[Line]
+    bounds: tuple[float, ...] = ()
+
+
+def timelines(runs: Mapping[str, RecordedSeries], bounds: Bounds | None = None) -> str:
+    """HTML of the panels of one or two runs; empty if there is nothing to draw.
+
+    Two runs are laid over each other with the start of the work at time 0, where both have worked.
+
+    Args:
+        runs: Recorded series by name of the run; those of the second are dotted.
+        bounds: Bounds to draw; None: none.
+    """
+    start = _starts(list(runs.values()))
+    drawn = {name: {panel.title: panel for panel in panels(recorded, bounds)} for name, recorded in runs.items()}
+    titles = list(dict.fromkeys(title for found in drawn.values() for title in found))
+    if not titles:
+        return ""
+    figure = make_subplots(rows=len(titles), shared_xaxes=True, vertical_spacing=0.16 / len(titles))
+    for row, title in enumerate(titles, start=1):
+        _draw(figure, row, {name: found[title] for name, found in drawn.items() if title in found}, start)
+    first = next(iter(runs.values()))
+    _shade(figure, first, start[0])
+    touched = next((event.time for event in first.events if event.state in CONTACT), None)
+    if touched is not None:
+        figure.update_xaxes(range=[touched - start[0], first.duration - start[0]])
+    since = "start of the work" if any(start) else "start of the run"
+    figure.update_xaxes(title_text=f"time from the {since} [s]", row=len(titles), col=1)
+    figure.update_xaxes(gridcolor="rgba(128,128,128,.22)", zeroline=False)
+    figure.update_yaxes(gridcolor="rgba(128,128,128,.22)", zerolinecolor="rgba(128,128,128,.5)")
+    figure.update_layout(
+        height=_ROW * len(titles) + 2 * _MARGIN,
+        margin={"l": 70, "r": 10, "t": _MARGIN, "b": _MARGIN},
+        paper_bgcolor="rgba(0,0,0,0)",
+        plot_bgcolor="rgba(0,0,0,0)",
+        hovermode="x",
+        font={"family": "system-ui, sans-serif", "size": 12, "color": FAINT},
+        title={"text": _legend(list(runs)), "font": {"size": 13}} if len(runs) > 1 else None,
+        **_legends(figure, len(titles)),
+    )
+    made = to_html(
+        figure,
+        full_html=False,
+        include_plotlyjs=True,
+        div_id=ELEMENT,
+        config={"displaylogo": False, "responsive": True, "doubleClick": "autosize"},
+    )
+    return f"{made}<script>{_SHADES}</script>"
+
+
+def panels(recorded: RecordedSeries, bounds: Bounds | None = None) -> Iterator[Panel]:
+    """The panels that a run has data for."""
+    contact = recorded.within(*CONTACT)
+    if contact.any() and recorded["set_force"].scalar.any():
+        time = recorded["contact_normal"].time[contact]
+        force = {"set": "set_force", "felt": "felt_normal", "true": "contact_normal"}
+        yield Panel(
+            "normal force [N]",
+            [
+                Line(said, time, recorded[name].scalar[contact], colour)
+                for (said, name), colour in zip(force.items(), (FAINT, ORANGE, BLUE), strict=True)
+            ],
+        )
+        yield Panel(
+            "tangential force [N]",
+            [
+                Line(said, time, np.linalg.norm(tangential(recorded, name), axis=1)[contact], colour)
+                for said, name, colour in (("felt", "felt_force", ORANGE), ("true", "contact_force", BLUE))
+            ],
+        )
+        work = recorded.within(WorkState.WORK)
+        if work.any():
+            wrong = recorded["contact_normal"].scalar[work] - recorded["set_force"].scalar[work]
+            line = Line("true − set", recorded["contact_normal"].time[work], wrong, BLUE)
+            yield Panel("force error [N]", [line], _both(bounds and bounds.force_error_max))
+    if (error := path_error(recorded)) is not None:
+        parts = (("along", error.along), ("across", error.lateral), ("along the tool axis", error.normal))
+        yield Panel(
+            "tip from its path [mm]",
+            [Line(name, error.time, 1e3 * value, _COLOURS[i]) for i, (name, value) in enumerate(parts)],
+            _both(bounds and 1e3 * bounds.path_deviation),
+        )
+    if (motion := hull_motion(recorded)) is not None:
+        time, displacement, turn = motion
+        lines = [Line(axis, time, 1e3 * displacement[:, i], _COLOURS[i]) for i, axis in enumerate(_AXES)]
+        yield Panel("hull from its place [mm]", lines)
+        yield Panel("turn of the hull [deg]", [Line("turn", time, np.degrees(turn), BLUE)])
+    for name, title, scale in (
+        ("thrust", "thrust [N]", 1.0),
+        ("tau_drive", "joint torque [N m]", 1.0),
+        ("q", "joint angle [deg]", float(np.degrees(1.0))),
+        ("current", "current at the hull [m/s]", 1.0),
+    ):
+        if name in recorded and recorded[name].labels:
+            series = recorded[name]
+            yield Panel(
+                title,
+                [
+                    Line(label.replace("_", " "), series.time, scale * series.value[:, i], CYCLE[i % len(_COLOURS)])
+                    for i, label in enumerate(series.labels)
+                ],
+            )
+    yield from _arm_wrench(recorded)
+
+
+def _arm_wrench(recorded: RecordedSeries) -> Iterator[Panel]:
+    if "arm_wrench" not in recorded or "believed.arm_wrench_B" not in recorded:
+        return
+    true, believed = recorded["arm_wrench"], recorded["believed.arm_wrench_B"]
+    for first, title in ((0, "arm's force on the hull [N]"), (3, "arm's moment on the hull [N m]")):
+        lines = []
+        for i, axis in enumerate(_AXES):
+            lines.append(Line(axis, true.time, true.value[:, first + i], _COLOURS[i]))
+            lines.append(Line(f"{axis} believed", believed.time, believed.value[:, first + i], _COLOURS[i + 3]))
+        yield Panel(title, lines)
+
+
+def _both(bound: float | None) -> tuple[float, ...]:
+    return () if bound is None else (bound, -bound)
+
+
+def _starts(runs: Sequence[RecordedSeries]) -> list[float]:
+    """Time [s] that is drawn as 0, of each run: 0 for one alone, the start of the work where all have worked."""
+    begun = [next((event.time for event in run.events if event.state is WorkState.WORK), None) for run in runs]
+    if len(runs) == 1 or None in begun:
+        return [0.0] * len(runs)
+    return [float(time) for time in begun if time is not None]
+
+
+def _draw(figure: go.Figure, row: int, of_runs: Mapping[str, Panel], start: Sequence[float]) -> None:
+    """One panel with the lines of all runs, and its bounds."""
+    legend = f"legend{row}" if row > 1 else "legend"
+    for k, panel in enumerate(of_runs.values()):
+        for line in panel.lines:
+            time, value = _thinned(line.time - start[k], line.value)
+            figure.add_trace(
+                go.Scatter(
+                    x=time.astype(np.float32),
+                    y=value.astype(np.float32),
+                    name=line.name,
+                    legend=legend,
+                    legendgroup=f"{row} {line.name}",
+                    showlegend=k == 0,
+                    mode="lines",
+                    line={"color": line.colour, "width": 1.2, "dash": _DASHES[k % 2]},
+                    hovertemplate="%{y:.3g}",
+                ),
+                row=row,
+                col=1,
+            )
+    panel = next(iter(of_runs.values()))
+    figure.update_yaxes(title_text=panel.title, row=row, col=1)
+    for bound in panel.bounds:
+        figure.add_hline(bound, line={"color": VERMILION, "width": 1, "dash": "dash"}, row=row, col=1)  # pyright: ignore[reportArgumentType]
+
+
+def _legends(figure: go.Figure, count: int) -> dict[str, dict[str, object]]:
+    """A legend above each panel, at its right."""
+    made: dict[str, dict[str, object]] = {}
+    for row in range(1, count + 1):
+        top = figure.layout["yaxis" if row == 1 else f"yaxis{row}"].domain[1]
+        place = {"x": 1.0, "xanchor": "right", "y": top, "yanchor": "bottom", "orientation": "h"}
+        made["legend" if row == 1 else f"legend{row}"] = {**place, "bgcolor": "rgba(0,0,0,0)", "font": {"size": 11}}
+    return made
+
+
+def _shade(figure: go.Figure, recorded: RecordedSeries, start: float) -> None:
+    """Shades the work state of the first run, and names the states that are long enough to be read."""
+    ends = [event.time for event in recorded.events[1:]] + [recorded.duration]
+    for event, end in zip(recorded.events, ends, strict=True):
+        if event.state is WorkState.WORK:
+            figure.add_vrect(
+                event.time - start, end - start, fillcolor=SKY, opacity=0.12, line_width=0, row="all", col=1
+            )  # pyright: ignore[reportArgumentType]
+        if event.state is WorkState.WORK or end - event.time > 0.05 * recorded.duration:
+            figure.add_annotation(
+                x=0.5 * (event.time + end) - start,
+                y=1.0,
+                yref="y domain",
+                yanchor="bottom",
+                text=event.state.value,
+                showarrow=False,
+                font={"size": 10},
+                xanchor="center",
+                yshift=14,
+            )
+
+
+def _legend(names: Sequence[str]) -> str:
+    return f"solid: {names[0]}; dotted: {', '.join(names[1:])}"
+
+
+def _thinned(time: Array, value: Array) -> tuple[Array, Array]:
+    """Least and greatest value of each bin, which keeps every peak and a small file."""
+    size = -(-len(time) // BINS)
+    if size <= 2:
+        return time, value
+    count = len(time) // size
+    bins = value[: count * size].reshape(count, size)
+    extremes = np.sort(np.stack([bins.argmin(axis=1), bins.argmax(axis=1)], axis=1), axis=1)
+    rows = (extremes + size * np.arange(count)[:, None]).ravel()
+    unknown = np.repeat(~np.isfinite(bins).all(axis=1), 2)
+    return time[rows], np.where(unknown, np.nan, value[rows])
+
+
+# Text colours follow the reader's light or dark screen; paper is light.
+_SHADES = f"""
+(() => {{
+  const dark = matchMedia("(prefers-color-scheme: dark)");
+  const paint = (on) => Plotly.relayout("{ELEMENT}", {{"font.color": on ? "#ccc" : "#333"}});
+  dark.addEventListener("change", () => paint(dark.matches));
+  addEventListener("beforeprint", () => paint(false));
+  addEventListener("afterprint", () => paint(dark.matches));
+  paint(dark.matches);
+}})();
+"""

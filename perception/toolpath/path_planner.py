@@ -82,6 +82,26 @@ def plan_path(
     return workable(path_found, tool_radius, seen)
 
 
+def path_on_model(X_AT: Array, path: ModelPath, *, spacing: float = 0.0015) -> ToolPath:
+    """Tool path on the object as its model says, where no scan tells more.
+
+    Args:
+        X_AT: (4, 4) pose of the object.
+        path: Path on the model, in T.
+        spacing: [m] of the samples along the arc length.
+
+    Returns:
+        The tool path in A.
+
+    Raises:
+        ConfigurationError: For a path with coinciding points.
+    """
+    carried = carry(X_AT, densified(path))
+    return _smoothed(
+        carried.p, carried.a, np.zeros(len(carried.p), bool), spacing, carried.b if carried.keeps_b else None
+    )
+
+
 def _towards(axes: Array, z: Array, p: Array) -> Array:
     """Unit axes (n, 3) from those of model and deviation, `z`, to those of the scan as far as these differ for sure."""
     apart = np.sum((axes - z) ** 2, axis=1)

@@ -186,14 +186,16 @@ class ProgressPrinter:
         self._progress, self._console = progress, console
         self._bar = progress.add_task("", total=1.0, note="")
         self._state: WorkState | None = None
+        self._note = ""
 
     def observe(self, moment: Moment) -> None:
         """Prints a new state; updates the bar every 250 steps."""
         reference, truth = moment.reference, moment.truth
         if reference.state is not self._state:
             self._state = reference.state
-            note = f"  {reference.note}" if reference.note else ""
-            self._console.print(f"{truth.time:7.1f} s  {reference.state}{note}", highlight=False)
+            note = f"  {reference.note}" if reference.note not in ("", self._note) else ""
+            self._note = reference.note
+            self._console.print(f"{truth.time:7.1f} s  {reference.state}{note}", highlight=False, soft_wrap=True)
         if moment.tick % self.slow_ticks[0] == 0:
             felt = moment.command.contact.normal
             said = f"{felt:5.1f} N felt" if reference.force and math.isfinite(felt) else ""

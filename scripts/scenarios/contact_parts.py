@@ -34,7 +34,9 @@ from sim.interfaces.protocols import Controller, Estimator, Sensor
 from sim.interfaces.spatial import Array, finite_number, shown
 from sim.sensors.depth_camera import DepthCamera
 from sim.sensors.sonar import BEAMS, Sonar
+from sim.sensors.survey import Survey
 
+SURVEY = "survey"  # sensor: the object's pose is known, and nothing looks for it
 _TERMS: dict[str, Term] = {"hydrodynamic-term": "hydrodynamic", "dynamic-term": "dynamic", "contact-term": "contact"}
 _FOREIGN = 100  # characters kept of the message of a foreign error
 _CONTROLLER, _ESTIMATOR = "--controller", "--estimator"  # begin the messages about them
@@ -103,7 +105,12 @@ def _sonar(model: mujoco.MjModel, X_BS: Array) -> tuple[Sensor, SensorModel | No
     return Sonar(model, HULL_BODY, X_BS), sonar_model(BEAMS.pitch)
 
 
-SENSORS = Registry("sensor", {"camera": _camera, "sonar": _sonar})
+def _survey(model: mujoco.MjModel, X_BS: Array) -> tuple[Sensor, SensorModel | None]:
+    del X_BS  # nothing looks
+    return Survey(model), None
+
+
+SENSORS = Registry("sensor", {"camera": _camera, "sonar": _sonar, SURVEY: _survey})
 CONTROLLERS: Registry[Controller] = Registry("controller", {"work": WorkController})
 
 

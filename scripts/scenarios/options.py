@@ -10,6 +10,7 @@ from controllers.ik.method import Method as IkMethod
 from controllers.planning.promise import WANTED, PromiseLimits
 from models.site.seabed import Kind
 from scenarios.arm_camera import ArmCameraSetup
+from scenarios.contact_parts import SURVEY
 from scenarios.perturbations.vehicle import Gears
 from scenarios.scenario import AblatedMethod, Belief, Control, Method, PublishedMethod, Scenario, Sensing, VehicleSetup
 from scenarios.site import Barrel, Ground, HoleManifold, KnownObject, OpenWater, Pile, Site, SiteObject
@@ -71,6 +72,8 @@ class ContactOptions(VehicleOptions):
     possible."""
     sensor: str = "camera"
     """Sensor for identification: camera, sonar, or one that an installed package registers."""
+    target_pose: Literal["found", "known"] = "found"
+    """known: the object's pose is known from a survey, and no sensor looks for it."""
     follow: bool = False
     """Follow the object by further depth frames while the vehicle scans it, and say if it moves."""
     arm_camera: bool = False
@@ -125,7 +128,7 @@ class ContactOptions(VehicleOptions):
             vehicle=VehicleSetup(vehicle=self.vehicle, arm_errors=self.arm_errors),
             belief=Belief(calibrated=self.calibrated, arm=None if self.arm is None else str(self.arm)),
             sensing=Sensing(
-                sensor=self.sensor,
+                sensor=SURVEY if self.target_pose == "known" else self.sensor,
                 looks=self.looks,
                 follow=self.follow,
                 arm_camera=ArmCameraSetup() if self.arm_camera else None,
@@ -215,13 +218,17 @@ class ObjectOptions(ContactOptions):
     """Name of one of the object's paths; default: the first."""
     length: float = 0.3
     """Length of the line over a mesh [m]."""
+    line: tuple[float, float, float, float] | None = None
+    """A path of one's own instead: x0 y0 x1 y1 [m] in the object's frame, straight over it, projected from above."""
     least: float = 0.6
     """Least share of the path that must be within reach; the rest is dropped at both ends, and reported."""
     range: float = 1.2
 
     def scenario(self) -> Scenario:
         """The work on the object."""
-        of = KnownObject(object=self.object, length=self.length, fouled=self.fouled, dented=self.dented)
+        if self.line is not None and self.path is not None:
+            raise ConfigurationError("--path and --line: one of the two")
+        of = KnownObject(object=self.object, length=self.length, line=self.line, fouled=self.fouled, dented=self.dented)
         forces = (60.0,) if self.quick else (60.0, 90.0, 60.0)
         return self.work("clean_object", of, self.path, forces=forces, least=self.least)
 

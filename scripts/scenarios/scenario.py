@@ -54,7 +54,7 @@ class Belief:
 class Sensing:
     """Sensors, and noise of those that a study varies."""
 
-    sensor: str = "camera"  # for identification: camera, sonar, or one that an installed package registers
+    sensor: str = "camera"  # for identification: camera, sonar, survey, or one that an installed package registers
     looks: int = 1  # depth frames, or pings, whose median the path is planned on
     follow: bool = False  # follow the object by further depth frames while the vehicle scans it
     dead_beams: tuple[int, ...] = ()  # of the Doppler log, 1 to 4

@@ -186,9 +186,10 @@ def _left_out(name: str, value: Any) -> bool:
 
 
 def _kind_of(value: Any) -> str:
-    """Name under which a registry makes the class of `value`."""
+    """Name under which a registry makes the class of `value`; MODULE:CLASS for one that is in none."""
     registry = next(known for base, known in registries().items() if isinstance(value, base))
-    return next((name for name in registry.names() if registry.maker(name) is type(value)), type(value).__name__)
+    own = f"{type(value).__module__}:{type(value).__qualname__}"
+    return next((name for name in registry.names() if registry.maker(name) is type(value)), own)
 
 
 def _lines(nested: Mapping[str, Any], name: str) -> list[str]:
@@ -224,10 +225,14 @@ def _made(kind: Any, given: Any, where: str) -> Any:
         raise ConfigurationError(f"{place}: must be a table, got {shown(given)}")
     given = dict(given)
     if kind in registries():
-        registry, name = registries()[kind], given.pop(KIND, None)
+        base, registry, name = kind, registries()[kind], given.pop(KIND, None)
         if name is None:
             raise ConfigurationError(f"{place}: needs a {KIND}; there are {', '.join(registry.names())}")
         kind = registry.maker(str(name))
+        if not (isinstance(kind, type) and issubclass(kind, base) and is_dataclass(kind)):
+            raise ConfigurationError(
+                f"{place}: {registry.kind} {shown(name)} must be a dataclass that inherits {base.__name__}"
+            )
     allowed = {field.name: field for field in fields(kind)}
     for key in given:
         if key not in allowed:

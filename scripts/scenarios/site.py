@@ -1,5 +1,6 @@
 """The site: the object to work on with its true pose, growth and dents, or the seabed; current and gusts."""
 
+import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
 from typing import Literal
@@ -15,12 +16,14 @@ from models.registry import Registry
 from models.site.seabed import KINDS, Kind, Seabed, seabed
 from perception.toolpath.path_shapes import laid_on, line
 from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.spatial import Array, checked_pose, exp_so3, finite_number, pose
+from sim.interfaces.spatial import Array, checked_pose, exp_so3, finite_number, pose, shown
 
 ALTITUDE = 2.5  # [m] height of the hull above the seabed during the scan
 HALF = 3.0  # [m] half the side of the terrain
 TILT = float(np.radians(5.0))  # [rad] largest tilt of the manifold on the seabed, about x and about y
 LEAN = float(np.radians(0.5))  # [rad] standard deviation of the pile's tilt about x and about y
+SHORTEST_LINE = 0.05  # [m]
+OVER = "over"  # path that is laid over an object
 _HIGHEST = 1.0  # [m] largest growth or dents
 _PATCHES = 3  # patches of growth or dents on an object
 Pose = tuple[tuple[float, float, float, float], ...]  # 4 rows
@@ -139,18 +142,30 @@ class KnownObject(Workpiece):
 
     object: str = "rock"  # a name of models.objects.targets.available(), or a mesh file [m]
     length: float = 0.3  # [m] of the line over a mesh
+    line: tuple[float, float, float, float] | None = None  # [m] x, y of both ends of a path over it; None: its own
+
+    def __post_init__(self) -> None:
+        if self.line is None:
+            return
+        for value in self.line:
+            finite_number(value, "--line [m]")
+        if math.dist(self.line[:2], self.line[2:]) < SHORTEST_LINE:
+            raise ConfigurationError(f"--line: must be at least {SHORTEST_LINE:g} m long, got {shown(self.line)}")
 
     def model(self) -> TargetModel:
         """Clean model as the library or the file has it."""
         return targets.of(self.object)
 
     def target(self, path: str | None) -> tuple[TargetModel, str]:
-        """The object and the path's name; a mesh without paths gets "over", along x and projected from above."""
+        """The object and the path's name; "over", from above, is `line`, or along x on a mesh without paths."""
         made = self.model()
-        if not made.paths:
+        if self.line is not None or not made.paths:
             top = made.center + np.array([0.0, 0.0, made.radius])
             half = np.array([0.5 * self.length, 0.0, 0.0])
-            made = made.with_path("over", laid_on(made, line(top - half, top + half), [0.0, 0.0, -1.0]))
+            start, end = top - half, top + half
+            if self.line is not None:
+                start, end, path = np.array([*self.line[:2], top[2]]), np.array([*self.line[2:], top[2]]), OVER
+            made = made.with_path(OVER, laid_on(made, line(start, end), [0.0, 0.0, -1.0]))
         name = path or next(iter(made.paths), "none")
         made.path(name)  # raises for an unknown name, and lists the known ones
         return made, name

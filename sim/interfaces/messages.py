@@ -203,7 +203,15 @@ class SurfaceMotionMeasurement:
     q: Array  # (n,) [rad] joint angles at exposure
 
 
-Look = DepthImage | SonarScan  # input of target identification
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SurveyedPose:
+    """Pose of the object as known from a survey of the site."""
+
+    time: float  # [s]
+    X_WT: Array  # (4, 4)
+
+
+Look = DepthImage | SonarScan | SurveyedPose  # input of target identification
 
 Measurement = (
     EncoderMeasurement
@@ -214,8 +222,7 @@ Measurement = (
     | PressureMeasurement
     | VisionMeasurement
     | SurfaceMotionMeasurement
-    | DepthImage
-    | SonarScan
+    | Look
 )
 
 

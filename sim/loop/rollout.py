@@ -15,12 +15,10 @@ import numpy as np
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import (
     Command,
-    DepthImage,
     Look,
     Measurement,
     ObjectMotion,
     Reference,
-    SonarScan,
     StateEstimate,
     Target,
     WorkState,
@@ -306,7 +304,7 @@ class Rollout:
         if tick % self._estimator_ticks == 0:
             self.estimator_state, self.estimate = self.parts.estimator.step(self.estimator_state, self._arrived)
             for measurement in self._arrived:
-                if isinstance(measurement, (DepthImage, SonarScan)):
+                if isinstance(measurement, Look):
                     self.frame = measurement
             self._arrived = []
         frame, finder, follower = self.frame, self.parts.finder, self.parts.follower

@@ -43,6 +43,7 @@ SHELVES = (
     Shelf("soil", "uuv run sample-seabed --soil NAME"),
     Shelf("sensor", "--sensor NAME"),
     Shelf("controller", "--controller NAME"),
+    Shelf("task", "kind of [task] in a scenario file; --task MODULE:CLASS"),
     Shelf("perturbation", "kind of [[perturbations]] in a scenario file"),
 )
 
@@ -96,17 +97,24 @@ def things(kind: str) -> Iterator[tuple[str, str]]:
             yield from _documented(ROOT / "models" / "site" / "soil.py", "SOILS")
         case "sensor":
             for name in _keys(HOME / "scenarios" / "contact_parts.py", "SENSORS"):
-                yield name, {"camera": "Stereo depth camera.", "sonar": "Multibeam 3D sonar."}.get(name, "")
+                yield (
+                    name,
+                    {
+                        "camera": "Stereo depth camera.",
+                        "sonar": "Multibeam 3D sonar.",
+                        "survey": "None: the object's pose is known (--target-pose known).",
+                    }.get(name, ""),
+                )
         case "controller":
             classes = _definitions(ROOT / "controllers" / "work_controller.py")
             for name in _keys(HOME / "scenarios" / "contact_parts.py", "CONTROLLERS"):
                 yield name, classes["WorkController"]
-        case "perturbation":
-            folder = HOME / "scenarios" / "perturbations"
+        case "task" | "perturbation":
+            folder = HOME / "scenarios" / f"{kind}s"
             documented = {}
-            for file in folder.glob("*.py"):
+            for file in (*folder.glob("*.py"), HOME / "scenarios" / "arm_identification" / "friction_run.py"):
                 documented |= _definitions(file)
-            for name, made in _kinds(folder / "perturbation.py"):
+            for name, made in _kinds(folder / f"{kind}.py"):
                 yield name, documented.get(made, "")
     yield from ((point.name, f"of {point.value}") for point in entry_points(group=f"{_GROUP}.{kind}"))
 
@@ -158,7 +166,8 @@ def _keys(file: Path, variable: str) -> list[str]:
     """Keys of the dictionary that a module-level variable is, or is made of."""
     for inner in ast.walk(_assigned(file, variable)):
         if isinstance(inner, ast.Dict):
-            return [_word(key) for key in inner.keys if isinstance(key, ast.Constant)]
+            named = [_assigned(file, key.id) if isinstance(key, ast.Name) else key for key in inner.keys]
+            return [_word(key) for key in named if isinstance(key, ast.Constant)]
     return []
 
 
@@ -174,13 +183,13 @@ def _assigned(file: Path, variable: str) -> ast.expr:
 
 
 def _kinds(file: Path) -> list[tuple[str, str]]:
-    """Names of perturbations, and of their classes."""
+    """Names of the things that a function's dictionary lists, and of their classes."""
     for inner in ast.walk(_tree(file)):
         if isinstance(inner, ast.Dict) and inner.keys:
             return [
-                (_word(key), value.attr)
+                (_word(key), value.attr if isinstance(value, ast.Attribute) else value.id)
                 for key, value in zip(inner.keys, inner.values, strict=True)
-                if isinstance(key, ast.Constant) and isinstance(value, ast.Attribute)
+                if isinstance(key, ast.Constant) and isinstance(value, ast.Attribute | ast.Name)
             ]
     return []
 

@@ -17,7 +17,7 @@ from sim.interfaces.errors import ConfigurationError, did_you_mean
 from sim.runs.command_line import RunOptions, parse
 from sim.runs.run_folder import claimed_folder
 
-_QUIET, _JSON, _SET = "--quiet", "--json", "--set"
+_QUIET, _JSON, _SET, _TASK = "--quiet", "--json", "--set", "--task"
 _HELP = f"""usage: uuv run NAME|FILE.toml [OPTIONS]
 
 NAME: {", ".join(JOBS)}; `uuv run NAME --help` lists its options.
@@ -25,6 +25,7 @@ FILE.toml: a scenario, such as the scenario.toml in the folder of every run.
 
   {_SET} KEY=VALUE ...  other values, by the keys of a scenario file and in its units, such as task.speed=0.03 or
                       perturbations.MountedObject.stiffness=1e4
+  {_TASK} MODULE:CLASS  a task of one's own, with its defaults, in place of the job's (`uuv new task NAME`)
   {_QUIET}              print the verdict and the folder alone
   {_JSON}               print metrics.json alone"""
 
@@ -74,7 +75,16 @@ def main(verb: str, args: Sequence[str]) -> int:
 
 
 def _assignments(args: Sequence[str]) -> tuple[list[str], list[str]]:
-    """Arguments without --set, and what follows each --set up to the next option."""
+    """Arguments without --task and --set, and the assignments that these mean, the task's first."""
+    args = list(args)
+    task: list[str] = []
+    if _TASK in args:
+        at = args.index(_TASK)
+        if at + 1 == len(args) or args[at + 1].startswith("-"):
+            raise ConfigurationError(f"{_TASK}: MODULE:CLASS is missing")
+        module = args[at + 1].partition(":")[0]
+        task = [f'task.kind="{args[at + 1]}"', f'name="{module.rpartition(".")[2]}"']
+        del args[at : at + 2]
     rest: list[str] = []
     values: list[str] = []
     into = rest
@@ -85,4 +95,4 @@ def _assignments(args: Sequence[str]) -> tuple[list[str], list[str]]:
         if arg.startswith("--"):
             into = rest
         into.append(arg)
-    return rest, values
+    return rest, task + values

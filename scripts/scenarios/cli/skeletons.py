@@ -1,4 +1,4 @@
-"""A working part of one's own, with a test: `uuv new controller|vehicle|object|sensor NAME`."""
+"""A working part of one's own, with a test: `uuv new controller|vehicle|object|sensor|task NAME`."""
 
 import keyword
 from collections.abc import Sequence
@@ -179,7 +179,110 @@ def test_the_barrel_is_found_with_it():
 """,
     use="uuv run clean-barrel --quick --sensor NAME:NAME",
 )
-SKELETONS = {"controller": CONTROLLER, "vehicle": VEHICLE, "object": OBJECT, "sensor": SENSOR}
+TASK = Skeleton(
+    part='''"""Task NAME: the hovering vehicle draws a circle with its tool, in free water."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from scenarios.tasks.task import NoFigures, PlacedTask, Task
+from sim.evaluation.metrics import Assessment, Requirement
+from sim.interfaces.messages import Reference, WorkState
+from sim.interfaces.spatial import pose
+
+UNFOLD, TURN = 6.0, 10.0  # [s] to the ready posture, and once around
+BOUND = 0.01  # [m] of the tip from the circle
+
+
+@dataclass(frozen=True, kw_only=True)
+class Circle(Task):
+    """Its fields are keys of a scenario file: --set task.radius=0.05."""
+
+    radius: float = 0.08  # [m]
+
+    def place(self, scenario, own, rng):
+        """The task for this vehicle; `rng` draws what is drawn."""
+        return PlacedCircle(radius=self.radius, own=own.at_work())
+
+
+@dataclass(kw_only=True)
+class PlacedCircle(PlacedTask):
+    """The plan, the scene and the judgement."""
+
+    title = "Circle in free water"
+    X_WB = pose(p=[0.0, 0.0, -2.0])  # of the hull, which keeps its place
+    radius: float
+    own: object
+    period: float = field(default=0.01, init=False)  # [s] of the plan
+
+    def scene(self, vehicle):
+        """Nothing but the vehicle."""
+        return vehicle
+
+    def planner(self):
+        """What asks for motion: an object with `period`, `init` and `step`."""
+        return self
+
+    def init(self, estimate):
+        """State of the plan: when it began [s], and where the arm was [rad]."""
+        return estimate.time, estimate.q
+
+    def step(self, state, estimate, target, last):
+        """Set points now: joint angles while the arm unfolds, then a pose of the tool."""
+        began, folded = state
+        time, vehicle = estimate.time - began, self.own.vehicle
+        still, way = np.zeros(3), vehicle.q_ready - folded
+        s = min(1.0, time / UNFOLD)
+        phase, X_WG, v_WG_W = WorkState.CLOSE_IN, None, still
+        if time > UNFOLD:
+            phase = WorkState.WORK if time < UNFOLD + TURN else WorkState.DONE
+            angle = 2.0 * np.pi * min(1.0, (time - UNFOLD) / TURN)
+            rate = 2.0 * np.pi / TURN if phase is WorkState.WORK else 0.0
+            X_WG = self.X_WB @ vehicle.X_BA @ self.own.chain.forward(vehicle.q_ready)
+            X_WG[:3, 3] += self.radius * np.array([0.0, np.sin(angle), np.cos(angle) - 1.0])
+            v_WG_W = self.radius * rate * np.array([0.0, np.cos(angle), -np.sin(angle)])
+        return state, Reference(
+            time=estimate.time,
+            state=phase,
+            X_WB=self.X_WB,
+            v_WB_W=still,
+            X_WG=X_WG,
+            v_WG_W=v_WG_W,
+            w_WG_W=still,
+            q=folded + s**3 * (10.0 - 15.0 * s + 6.0 * s * s) * way,
+            qd=30.0 * (s * (1.0 - s)) ** 2 / UNFOLD * way,
+            force=0.0,
+            force_control=False,
+            tare=False,
+            scan=False,
+            path_s=0.0,
+        )
+
+    def assess(self, ran, seed):
+        """Judged by the truth: the tip's distance from the circle after its first second."""
+        recording = ran.recording
+        work = np.flatnonzero(recording.within(WorkState.WORK))[500:]
+        off = np.linalg.norm(recording["p_pad"].value[work] - recording["p_command"].value[work], axis=1)
+        largest = float(off.max()) if work.size else None
+        check = Requirement(name="tip from the circle, peak", value=largest, bound=BOUND, unit="mm", scale=1e3)
+        return Assessment.of(recording, NoFigures(), [check], seed=seed, wall_s=ran.wall_s)
+''',
+    test="""from dataclasses import replace
+
+from scenarios import barrel, run
+from scenarios.site import OpenWater, Site
+
+from NAME import Circle
+
+
+def test_the_circle_is_drawn():
+    scenario = replace(barrel(seed=0), task=Circle(radius=0.05), site=Site(object=OpenWater()))
+    ran = run(scenario)
+    assert ran.assessment.accepted, ran.assessment.failed
+""",
+    use="uuv run clean-barrel --task NAME:Circle --set site.object.kind=OpenWater",
+)
+SKELETONS = {"controller": CONTROLLER, "vehicle": VEHICLE, "object": OBJECT, "sensor": SENSOR, "task": TASK}
 
 
 def main(verb: str, args: Sequence[str]) -> int:

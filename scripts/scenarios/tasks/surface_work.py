@@ -15,8 +15,9 @@ from models.site import scenes
 from models.site.sliding_contact import let_tool_slide
 from perception.clouds.scan import SensorModel
 from perception.object_tracker import FoundObjectFollower
+from perception.surveyed_object import SurveyedObjectFinder
 from perception.target_finder import FinderState, KnownObjectFinder, PublishedFinder
-from scenarios.contact_parts import exteroceptive_sensor
+from scenarios.contact_parts import SURVEY, exteroceptive_sensor
 from scenarios.own_vehicle import OwnVehicle
 from scenarios.scenario import Scenario
 from scenarios.site import Workpiece, coarse_detection
@@ -111,12 +112,14 @@ class PlacedSurfaceWork(PlacedTask):
         return scene
 
     def sensors(self, model: mujoco.MjModel) -> tuple[list[Sensor], SensorModel | None]:
-        """The camera, sonar or registered sensor."""
+        """The camera, sonar, survey or registered sensor."""
         sensor, seen_as = exteroceptive_sensor(self.scenario.sensing.sensor, model, self.own.X_BC)
         return [sensor], seen_as
 
-    def finder(self, sensor: SensorModel | None, seed: int) -> KnownObjectFinder:
+    def finder(self, sensor: SensorModel | None, seed: int) -> KnownObjectFinder | SurveyedObjectFinder:
         """Finder of the clean object."""
+        if self.scenario.sensing.sensor == SURVEY:
+            return SurveyedObjectFinder(self.target, self.truth.path)
         kind = PublishedFinder if "identification" in self.scenario.control.published else KnownObjectFinder
         return kind(
             self.target,

@@ -48,11 +48,17 @@ def test_list_names_everything_that_the_registries_do_without_importing_them(uuv
     from models.tools.sampler import TOOLS
     from scenarios.contact_parts import CONTROLLERS, SENSORS
     from scenarios.perturbations.perturbation import registry
+    from scenarios.tasks import task
 
     listed = {shelf.kind: [name for name, _ in catalogue.things(shelf.kind)] for shelf in catalogue.SHELVES}
     for kind, known in (("arm", ARMS), ("object", OBJECTS), ("soil", SOILS), ("tool", TOOLS)):
         assert sorted(listed[kind]) == list(known.names())
-    for kind, known in (("controller", CONTROLLERS), ("sensor", SENSORS), ("perturbation", registry())):
+    for kind, known in (
+        ("controller", CONTROLLERS),
+        ("sensor", SENSORS),
+        ("perturbation", registry()),
+        ("task", task.registry()),
+    ):
         assert sorted(listed[kind]) == list(known.names())
     assert {*listed["vehicle"]} <= {*models.available()}
     assert len(listed["vehicle"]) == 7
@@ -74,6 +80,9 @@ def test_list_names_everything_that_the_registries_do_without_importing_them(uuv
         (["run", "clean-object", "--object", "baril"], "(did you mean barrel?)"),
         (["run", "nothing.toml"], "nothing.toml"),
         (["run", "clean-barrel", "--blend", "0.1"], "--blend 0.1: a round tool does not turn"),
+        (["run", "clean-object", "--line", "0.1", "0.1", "0.1", "0.1"], "--line: must be at least 0.05 m long"),
+        (["run", "clean-object", "--line", "5", "5", "6", "6"], "rays miss it"),
+        (["run", "clean-object", "--line", "0", "0", "1", "1", "--path", "top"], "--path and --line: one of the two"),
         (["replay", "elsewhere"], "elsewhere: no run, a folder with metrics.json"),
         (["check", "no_module:hull"], "vehicle 'no_module:hull': cannot be imported"),
         (["new", "boat", "mine"], "no skeleton of a 'boat'; there are controller"),
@@ -162,7 +171,23 @@ def test_a_skeleton_passes_its_own_test(kind: str, uuv, tmp_path: Path):
     command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "test_mine.py"]
     ran = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
     assert ran.returncode == 0, ran.stdout
-    assert skeletons.SKELETONS[kind].use.replace("NAME", "mine").split()[-1] == "mine:mine"
+    assert "mine:mine" in skeletons.SKELETONS[kind].use.replace("NAME", "mine").split()
+
+
+def test_a_task_of_ones_own_is_run_and_replayed(uuv, tmp_path: Path):
+    uuv("new", "task", "draw")
+    (tmp_path / "other.py").write_text("def Thing():\n    return 1\n")
+    asked = ("--set", "site.object.kind=OpenWater", "task.radius=0.05")
+    made = json.loads(uuv("run", "clean-barrel", "--json", "--no-record", "--task", "draw:Circle", *asked))
+    assert made["accepted"], made["failed"]
+    assert made["provenance"]["options"]["task"] == {"kind": "draw:Circle", "radius": 0.05}
+    assert "the same to the bit" in uuv("replay", "draw")
+    for task, said in (
+        ("draw:Round", "has no attribute 'Round'"),
+        ("other:Thing", "task 'other:Thing' must be a dataclass that inherits Task"),
+    ):
+        assert said in uuv("run", "clean-barrel", "--task", task, code=2)
+    assert "MODULE:CLASS is missing" in uuv("run", "clean-barrel", "--task", code=2)
 
 
 def test_figures_that_differ():

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import plotly.graph_objects as go
@@ -191,7 +192,8 @@ def _draw(figure: go.Figure, row: int, of_runs: Mapping[str, Panel], start: Sequ
     panel = next(iter(of_runs.values()))
     figure.update_yaxes(title_text=panel.title, row=row, col=1)
     for bound in panel.bounds:
-        figure.add_hline(bound, line={"color": VERMILION, "width": 1, "dash": "dash"}, row=row, col=1)  # pyright: ignore[reportArgumentType]
+        drawn: dict[str, Any] = {"line": {"color": VERMILION, "width": 1, "dash": "dash"}, "row": row, "col": 1}
+        figure.add_hline(bound, **drawn)
 
 
 def _legends(figure: go.Figure, count: int) -> dict[str, dict[str, object]]:
@@ -209,9 +211,8 @@ def _shade(figure: go.Figure, recorded: RecordedSeries, start: float) -> None:
     ends = [event.time for event in recorded.events[1:]] + [recorded.duration]
     for event, end in zip(recorded.events, ends, strict=True):
         if event.state is WorkState.WORK:
-            figure.add_vrect(
-                event.time - start, end - start, fillcolor=SKY, opacity=0.12, line_width=0, row="all", col=1
-            )  # pyright: ignore[reportArgumentType]
+            shade: dict[str, Any] = {"fillcolor": SKY, "opacity": 0.12, "line_width": 0, "row": "all", "col": 1}
+            figure.add_vrect(event.time - start, end - start, **shade)
         if event.state is WorkState.WORK or end - event.time > 0.05 * recorded.duration:
             figure.add_annotation(
                 x=0.5 * (event.time + end) - start,

@@ -128,6 +128,8 @@ def _described(case: BenchmarkCase) -> dict[str, Any]:
     described = as_json(scenario)
     if not scenario.sensing.follow:
         del described["sensing"]["follow"]
+    if described["site"]["object"].get("line", ...) is None:
+        del described["site"]["object"]["line"]
     return described
 
 

@@ -39,7 +39,7 @@ class VehicleOptions(ScenarioOptions):
     """Options of every command that drives the whole vehicle."""
 
     vehicle: str = "uuv_puma"
-    """A name of models.available(), or an MJCF file with the named parts (docs/concepts.md)."""
+    """A name of models.available(), or an MJCF file with the named parts (docs/own_vehicle.md)."""
     controller: str = "work"
     """Controller: work, a registered name, or MODULE:CLASS."""
 
@@ -271,7 +271,7 @@ class InsertionOptions(TrialOptions):
     """Range from camera to manifold at the scan [m]."""
     vehicle: str = "uuv_puma"
     """uuv_puma, which then carries the sampler in place of its pad; or an MJCF file with the named parts
-    (docs/concepts.md), its geom `pad` a capsule."""
+    (docs/own_vehicle.md), its geom `pad` a capsule."""
 
     def scenario(self) -> Scenario:
         """The insertion."""
@@ -318,7 +318,7 @@ class SeabedOptions(TrialOptions):
     """Controller methods to leave out, e.g. compensation (ablation)."""
     vehicle: str = "uuv_puma"
     """uuv_puma, which then carries a core tube or a box in place of its pad; or an MJCF file with the named parts
-    (docs/concepts.md)."""
+    (docs/own_vehicle.md)."""
 
     def scenario(self) -> Scenario:
         """The sampling."""
@@ -381,7 +381,7 @@ class GearOptions(ScenarioOptions):
     """Identify the friction of the arm's gears."""
 
     vehicle: str = "uuv_puma"
-    """A name of models.available(), or an MJCF file with the named parts (docs/concepts.md)."""
+    """A name of models.available(), or an MJCF file with the named parts (docs/own_vehicle.md)."""
     seconds: float | None = None
     """Duration of the swings [s], after 4 s of unfolding; default 30, with --quick 15."""
     gear_spread: float = 0.3

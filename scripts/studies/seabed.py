@@ -29,7 +29,7 @@ class Options(StudyOptions):
     noise: float = 0.3
     """Standard deviation along the beam [% of the range]."""
     vehicle: str = "uuv_puma"
-    """A name of models.available(), or an MJCF file with the named parts (docs/concepts.md)."""
+    """A name of models.available(), or an MJCF file with the named parts (docs/own_vehicle.md)."""
     speed: bool = False
     """Measure times over the size of the cloud instead."""
 

@@ -614,7 +614,8 @@ def hull_figures(recording: Recording) -> HullMetrics:
 def _identification(recording: Recording, truth: TrueObject) -> IdentificationMetrics:
     """Error of the pose that the work went by, up to the object's symmetry; of the last find without any work.
 
-    Range, check and verdict are those of the last find.
+    So is the verdict: a single look may be refused after the mean was decided on. Range and check are those of the last
+    find.
     """
     if not recording.targets:
         return unmeasured(IdentificationMetrics, accepted=False, views=0)
@@ -626,7 +627,7 @@ def _identification(recording: Recording, truth: TrueObject) -> IdentificationMe
         orientation_error_rad=_finite(orientation),
         range_m=_finite(found.range_m),
         check_m=_finite(found.check_m),
-        accepted=found.accepted,
+        accepted=worked_on.accepted,
         views=len(recording.targets),
     )
 

@@ -3,7 +3,7 @@
 Both cameras look through the same flat port, whose normal is their optical axis. A ray that leaves the lens at the
 tangent s continues in water at the tangent s_w = s / sqrt(n^2 (1 + s^2) - s^2), from Snell's law sin a = n sin w. It
 crosses the port off the axis. In water the camera therefore has no single centre of projection, and a pinhole model is
-only a fit [Treibitz 2012] [Shortis 2015].
+only a fit [Treibitz 2012], [Shortis 2015].
 """
 
 from collections.abc import Sequence

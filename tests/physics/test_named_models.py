@@ -552,8 +552,8 @@ def test_it_hovers(name, within):
 
 
 def test_vehicle_of_the_concepts_page_keeps_its_place(root, within, capfd):
-    """The vehicle from scratch in docs/concepts.md, as it stands there."""
-    section = (root / "docs" / "concepts.md").read_text(encoding="utf-8").partition("## Your own vehicle")[2]
+    """The vehicle from scratch in docs/own_vehicle.md, as it stands there."""
+    section = (root / "docs" / "own_vehicle.md").read_text(encoding="utf-8").partition("## Vehicle")[2]
     code = next(
         block
         for block in re.findall(r"^```python\n(.*?)^```", section, flags=re.M | re.S)
@@ -561,16 +561,16 @@ def test_vehicle_of_the_concepts_page_keeps_its_place(root, within, capfd):
     )
     assert len(code.splitlines()) < 32
     names: dict[str, Any] = {}
-    exec(compile(code, "concepts.md", "exec"), names)
+    exec(compile(code, "own_vehicle.md", "exec"), names)
     assert "nan" not in capfd.readouterr().out
     plant = next(value for value in names.values() if isinstance(value, Plant))
     net, arm = lever(plant.model, plant.data)
-    within("concepts.md: net weight [N]", net, 1e-9)
+    within("own_vehicle.md: net weight [N]", net, 1e-9)
     assert arm[2] > 0.01
     assert plant.truth.time > 20.0
     assert np.linalg.norm(plant.truth.current_W) > 0.1  # or to stay would be no feat
-    within("concepts.md: off the place [m]", np.linalg.norm(plant.truth.p_WB), 0.01)
-    within("concepts.md: off the attitude [rad]", rotation_angle(np.eye(3), plant.truth.R_WB), 0.1)
+    within("own_vehicle.md: off the place [m]", np.linalg.norm(plant.truth.p_WB), 0.01)
+    within("own_vehicle.md: off the attitude [rad]", rotation_angle(np.eye(3), plant.truth.R_WB), 0.1)
 
 
 def test_script_lists_every_model(monkeypatch, capsys):

@@ -19,7 +19,7 @@ from sim.interfaces.protocols import Controller
 from untyped import untyped
 
 
-def names_of(root: Path, word: str, page: str = "docs/concepts.md", **given: Any) -> dict[str, Any]:
+def names_of(root: Path, word: str, page: str = "docs/own_controller.md", **given: Any) -> dict[str, Any]:
     """What the one block of Python with `word` in it defines, where the names in `given` are there already."""
     blocks = re.findall(r"```python\n(.*?)```", (root / page).read_text(), flags=re.DOTALL)
     (block,) = [block for block in blocks if word in block]
@@ -29,8 +29,8 @@ def names_of(root: Path, word: str, page: str = "docs/concepts.md", **given: Any
 
 
 def fields_of(root: Path, message: type) -> set[str]:
-    """Names in the first column of the table of a message's fields in concepts.md."""
-    page = (root / "docs" / "concepts.md").read_text()
+    """Names in the first column of the table of a message's fields in own_controller.md."""
+    page = (root / "docs" / "own_controller.md").read_text()
     table = page.split(f"| field of `{message.__name__}` | |\n|---|---|\n")[1].split("\n\n")[0]
     return {name for row in table.splitlines() for name in re.findall(r"`(\w+)`", row.split("|")[1])}
 
@@ -92,7 +92,7 @@ def test_the_controller_of_the_documents_bears_the_arm(root):
 def test_the_fault_of_the_documents_reaches_the_thruster(root, monkeypatch):
     """The commands pass, but for the one thruster, whose own is multiplied."""
     monkeypatch.setitem(sys.modules, "of_the_documents", ModuleType("of_the_documents"))  # dataclasses look there
-    names = names_of(root, "class SwingingPlant")
+    names = names_of(root, "class SwingingPlant", "docs/own_task.md")
     fault = names["Swinging"](thruster="heave_front")
     plant = assemble(replace(barrel(quick=True), perturbations=(fault,))).loop.plant
     given = np.linspace(0.1, 0.6, 6)

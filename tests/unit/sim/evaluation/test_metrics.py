@@ -317,15 +317,17 @@ def test_identification_is_bound_by_its_share_of_the_range(range_m: float, accep
 
 
 def test_what_is_judged_is_the_pose_that_the_work_went_by():
-    """The last find is 9 mm off, their mean 1 mm: the work went by the mean, and the last find's range stays."""
+    """The last find is refused, 9 mm off, their mean 1 mm: the work went by the mean; the last find's range stays."""
     recording = recorded()
-    last = replace(recording.targets[0], X_WT=pose(p=[0.009, 0.0, 0.0]) @ TRUTH.X_WT, range_m=1.5)
-    mean = replace(last, X_WT=pose(p=[0.001, 0.0, 0.0]) @ TRUTH.X_WT, range_m=1.0)
+    last = replace(recording.targets[0], X_WT=pose(p=[0.009, 0.0, 0.0]) @ TRUTH.X_WT, range_m=1.5, accepted=False)
+    mean = replace(last, accepted=True, X_WT=pose(p=[0.001, 0.0, 0.0]) @ TRUTH.X_WT, range_m=1.0)
     figures = assessed(replace(recording, targets=(*recording.targets, last), goes_by=mean)).metrics["identification"]
     assert figures["position_error_m"] == pytest.approx(0.001)
     assert figures["range_m"] == 1.5
+    assert figures["accepted"] is True
     before = assessed(replace(recording, targets=(*recording.targets, last))).metrics["identification"]
     assert before["position_error_m"] == pytest.approx(0.009)
+    assert before["accepted"] is False
 
 
 def test_run_that_never_touched_gives_nulls_and_says_why():

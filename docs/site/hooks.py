@@ -1,4 +1,4 @@
-"""Hooks of the documentation site: pages of the API by room, and equations as MathML, which browsers draw themselves."""
+"""Hooks of the documentation site: pages of the API by room, and equations as MathML, which browsers draw."""
 
 import html
 import re

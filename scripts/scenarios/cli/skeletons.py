@@ -27,7 +27,7 @@ from controllers.work_controller import WorkController
 class ForceLaw(ForceDisplacement):
     """Displacement of the tool along its axis from the force error: an integrator."""
 
-    gain = 1e-4  # [m/(N s)]
+    gain = 4e-4  # [m/(N s)]
 
     def step(self, state, wanted, felt, servo_compliance, dt):
         """Displacement [m] into the surface; `wanted` and `felt` [N], `dt` [s]."""
@@ -50,7 +50,7 @@ def test_the_main_job_is_done():
     contact = ran.assessment.metrics["contact"]
     assert ran.recording.final.state == "done"
     assert contact["lost_s"] == 0.0
-    assert contact["force_error_max_n"] < 15.0  # [N] the default law stays below 3
+    assert contact["force_error_max_n"] < 9.0  # [N] the bound of an accepted run; the default law stays below 3
 """,
     use="uuv run clean-barrel --quick --controller NAME:NAME",
 )

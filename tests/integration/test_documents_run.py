@@ -1,0 +1,40 @@
+"""What the documents tell a user to type is typed, page by page, in an empty folder."""
+
+import re
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+PAGES = ("first_run", "own_sensor", "own_task", "uuv")
+_PLACEHOLDER = re.compile(r"\b(RUN|NAME|VEHICLE|KIND)\b|my\.toml|perturbations\.MountedObject")
+_BLOCK = re.compile(r"^```(\w*)\n(.*?)^```", flags=re.MULTILINE | re.DOTALL)
+
+
+def typed(page: Path) -> list[tuple[str, str]]:
+    """Language and text of each block of a page that stands for itself."""
+    blocks = _BLOCK.findall(page.read_text(encoding="utf-8"))
+    return [(kind, text) for kind, text in blocks if not _PLACEHOLDER.search(text)]
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("page", PAGES)
+def test_what_a_page_says_works(page: str, root: Path, tmp_path: Path):
+    blocks = typed(root / "docs" / f"{page}.md")
+    commands = 0
+    for kind, text in blocks:
+        lines = [text] if kind == "python" else text.splitlines()
+        for line in lines:
+            words = [sys.executable, "-c", line] if kind == "python" else shlex.split(line, comments=True)
+            if not words:
+                continue
+            if words[0] == "uuv":
+                words = [sys.executable, "-m", "scenarios.cli.main", *words[1:]]
+            elif words[0] == "python":
+                words[0] = sys.executable
+            ran = subprocess.run(words, cwd=tmp_path, capture_output=True, text=True, check=False)
+            assert ran.returncode == 0, f"{line}\n{ran.stdout[-500:]}\n{ran.stderr[-500:]}"
+            commands += 1
+    assert commands > 2

@@ -89,7 +89,10 @@ def rendering() -> tuple[str, str]:
             continue
         if ran.returncode == 0:
             return OK, f"pictures by OpenGL ({f'MUJOCO_GL={backend}' if backend else 'the default backend'})"
-    return ABSENT, "pictures by OpenGL; apt install libosmesa6 and MUJOCO_GL=osmesa, or libegl1 and MUJOCO_GL=egl"
+    return (
+        ABSENT,
+        "OpenGL: pictures are drawn by ray casting; faster with libosmesa6 (MUJOCO_GL=osmesa) or libegl1 (egl)",
+    )
 
 
 def _numba_threads() -> int:

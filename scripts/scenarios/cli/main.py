@@ -16,6 +16,7 @@ uuv picture RUN               a still and a clip of a run
 uuv check VEHICLE             what a vehicle has of the contract, and what follows
 uuv doctor                    what works on this machine
 uuv new KIND NAME             a working skeleton with a test
+uuv completion bash           completion for the shell: source <(uuv completion bash)
 
 uuv VERB --help lists the options of a verb."""
 VERBS = {  # verb: module that has `main(args) -> exit code`
@@ -29,6 +30,7 @@ VERBS = {  # verb: module that has `main(args) -> exit code`
     "check": "scenarios.cli.check_vehicle",
     "doctor": "scenarios.cli.doctor",
     "new": "scenarios.cli.skeletons",
+    "completion": "scenarios.cli.completion",
 }
 
 

@@ -1,6 +1,7 @@
 """Pictures of a run that has ended: `uuv picture RUN` renders a still and a clip from its recorded motion."""
 
 import math
+import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
@@ -14,8 +15,9 @@ from scenarios.cli.past_runs import run_folder
 from scenarios.command import SCENARIO_FILE
 from scenarios.scenario import Scenario
 from scenarios.scenario_file import read_scenario
-from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.errors import one_line
 from sim.interfaces.spatial import Array
+from sim.reporting.ray_picture import RayPicture
 from sim.reporting.series_tables import PastRun
 
 STILL, CLIP = "scene.png", "clip.webp"
@@ -25,7 +27,8 @@ MURK = 0.35  # [1/m] by which what lies behind the work fades into the water
 _WATER = np.linspace([58.0, 110.0, 130.0], [16.0, 44.0, 60.0], HEIGHT)[:, None]  # its colour, from above down
 _USAGE = f"""usage: uuv picture RUN
 
-Renders {STILL}, where the tool is half-way on its path, and {CLIP}, ten seconds of the whole run, into its folder.
+Renders {STILL}, where the tool is half-way on its path, and {CLIP}, ten seconds of the whole run, into its folder: by
+MuJoCo's renderer, or by ray casting where there is no OpenGL.
 RUN: folder of a run, or the name of a job for its latest."""
 
 
@@ -45,7 +48,7 @@ def render(folder: Path) -> Iterator[Path]:
     """Renders still and clip of the run in `folder`; gives each file when it is written.
 
     Raises:
-        ConfigurationError: The run has no series, or there is no OpenGL here.
+        ConfigurationError: The run has no series.
     """
     past = PastRun.of(folder)
     stage = RunScene(read_scenario(folder / SCENARIO_FILE), past)
@@ -57,6 +60,33 @@ def render(folder: Path) -> Iterator[Path]:
     first, *others = [Image.fromarray(stage.frame(row)) for row in rows]
     first.save(folder / CLIP, save_all=True, append_images=others, duration=int(1e3 / PACE), loop=0, quality=80)
     yield folder / CLIP
+
+
+class GlPicture:
+    """MuJoCo's renderer."""
+
+    def __init__(self, model: mujoco.MjModel, height: int, width: int) -> None:
+        model.vis.global_.offwidth, model.vis.global_.offheight = width, height
+        self._renderer = mujoco.Renderer(model, height, width)
+
+    def render(self, data: mujoco.MjData, camera: mujoco.MjvCamera) -> tuple[np.ndarray, Array]:
+        """Colours (h, w, 3) and depth (h, w) [m]."""
+        renderer = self._renderer
+        renderer.update_scene(data, camera)
+        seen = renderer.render()
+        renderer.enable_depth_rendering()
+        depth = renderer.render()
+        renderer.disable_depth_rendering()
+        return seen, depth
+
+
+def _view(model: mujoco.MjModel) -> GlPicture | RayPicture:
+    """MuJoCo's renderer, or ray casting where there is no OpenGL."""
+    try:
+        return GlPicture(model, HEIGHT, WIDTH)
+    except Exception as error:  # of any kind: it depends on what is missing
+        print(f"no OpenGL here ({one_line(str(error), 80)}): pictures by ray casting", file=sys.stderr)
+        return RayPicture(model, HEIGHT, WIDTH)
 
 
 class RunScene:
@@ -74,13 +104,7 @@ class RunScene:
         self._hull = np.column_stack(hull)[np.minimum(every, len(hull[0]) - 1)]
         light = self._model.vis.headlight
         light.ambient[:], light.diffuse[:], light.specular[:] = 0.5, 0.6, 0.1
-        self._model.vis.global_.offwidth, self._model.vis.global_.offheight = WIDTH, HEIGHT
-        try:
-            self._renderer = mujoco.Renderer(self._model, HEIGHT, WIDTH)
-        except Exception as error:
-            raise ConfigurationError(
-                f"picture: there is no OpenGL here ({error}); try MUJOCO_GL=egl (libegl1) or osmesa (libosmesa6)"
-            ) from error
+        self._view = _view(self._model)
         self._camera = mujoco.MjvCamera()
         self._aim()
 
@@ -91,12 +115,7 @@ class RunScene:
     def frame(self, row: int) -> np.ndarray:
         """Picture (HEIGHT, WIDTH, 3) of the scene at a row."""
         self._put(row)
-        renderer = self._renderer
-        renderer.update_scene(self._data, self._camera)
-        seen = renderer.render()
-        renderer.enable_depth_rendering()
-        depth = renderer.render()
-        renderer.disable_depth_rendering()
+        seen, depth = self._view.render(self._data, self._camera)
         clear = np.exp(-MURK * np.maximum(depth - self._camera.distance, 0.0))[..., None]
         return (clear * seen + (1.0 - clear) * _WATER).astype(np.uint8)
 

@@ -12,7 +12,6 @@ from PIL import Image
 
 from scenarios.cli import catalogue, skeletons
 from scenarios.cli.compare_runs import alike
-from scenarios.cli.doctor import rendering
 from scenarios.cli.main import main
 from scenarios.cli.picture import CLIP, FRAMES, HEIGHT, STILL, WIDTH
 from scenarios.options import barrel
@@ -99,9 +98,41 @@ def test_a_mistake_is_one_line(args: list[str], said: str, uuv, tmp_path: Path):
 
 def test_help_of_every_verb(uuv):
     assert "uuv run clean-barrel --seed 3" in uuv()
-    for verb in ("list", "run", "compare", "replay", "report", "view", "picture", "check", "doctor", "new"):
+    for verb in (
+        "list",
+        "run",
+        "compare",
+        "replay",
+        "report",
+        "view",
+        "picture",
+        "check",
+        "doctor",
+        "new",
+        "completion",
+    ):
         assert uuv(verb, "--help").startswith(f"usage: uuv {verb}")
     assert "--corner" in uuv("run", "clean-barrel", "--help")
+
+
+@pytest.mark.skipif(shutil.which("bash") is None, reason="no bash here")
+@pytest.mark.parametrize(
+    ("words", "wanted"),
+    [
+        (["uuv", "re"], {"replay", "report"}),
+        (["uuv", "run", "clean-b"], {"clean-barrel"}),
+        (["uuv", "run", "clean-barrel", "--az"], {"--azimuth"}),
+        (["uuv", "run", "clean-barrel", "--no-r"], {"--no-record"}),
+        (["uuv", "new", "ta"], {"task"}),
+        (["uuv", "replay", "sample"], {"sample-seabed"}),
+    ],
+)
+def test_words_are_completed(words: list[str], wanted: set[str], uuv, tmp_path: Path):
+    typed = " ".join(f"'{word}'" for word in words)
+    asked = f"COMP_WORDS=({typed}); COMP_CWORD={len(words) - 1}; _uuv; printf '%s\\n' \"${{COMPREPLY[@]}}\""
+    program = uuv("completion", "bash") + asked
+    said = subprocess.run(["bash", "-c", program], cwd=tmp_path, capture_output=True, text=True, check=True)
+    assert set(said.stdout.split()) == wanted
 
 
 def test_a_run_is_repeated_compared_and_read_back(uuv, tmp_path: Path):
@@ -140,8 +171,6 @@ def test_a_run_is_repeated_compared_and_read_back(uuv, tmp_path: Path):
 
 @pytest.mark.long
 def test_still_and_clip_of_a_run(uuv, tmp_path: Path):
-    if "ok" not in rendering()[0]:
-        pytest.skip("no OpenGL here")
     folder = tmp_path / "first"
     assert uuv("run", "clean-barrel", "--quick", "--quiet", "--out", str(folder)).startswith("accepted")
     program = "import sys; from scenarios.cli.main import main; sys.argv = ['uuv', 'picture', 'first']; main()"

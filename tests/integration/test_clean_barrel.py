@@ -130,8 +130,11 @@ def test_with_a_camera_on_the_arm_the_tool_keeps_its_place(request: pytest.Fixtu
 
 @pytest.mark.parametrize(
     "options",
-    [("--forces", "20"), ("--speed", "0.05"), ("--wave", "0", "0.1", "0", "--wave-frequency", "0.15")],
-    ids=["small force", "fast", "wave across"],
+    [
+        pytest.param(("--forces", "20"), id="small force"),
+        pytest.param(("--speed", "0.05"), id="fast", marks=pytest.mark.long),
+        pytest.param(("--wave", "0", "0.1", "0", "--wave-frequency", "0.15"), id="wave across"),
+    ],
 )
 def test_the_tool_stays_in_contact(request: pytest.FixtureRequest, tmp_path: Path, options: tuple[str, ...], within):
     """A small force, a fast tool, and a wave along the lone sway thruster, which is not taken for its loss."""

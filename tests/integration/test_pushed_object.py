@@ -15,7 +15,14 @@ SCANS = 5.0  # [s] at which the hull of seed 1 is at rest and scans
 AT, RAMP, UNTIL = 7.0, 0.5, 9.5  # [s] of the push, and of the end
 
 
-@pytest.mark.parametrize("by", [(0.0, 0.01, 0.0), (0.03, 0.0, 0.0), (0.03, -0.04, 0.0)], ids=["1 cm", "along", "5 cm"])
+@pytest.mark.parametrize(
+    "by",
+    [
+        pytest.param((0.0, 0.01, 0.0), id="1 cm"),
+        pytest.param((0.03, 0.0, 0.0), id="along", marks=pytest.mark.long),
+        pytest.param((0.03, -0.04, 0.0), id="5 cm", marks=pytest.mark.long),
+    ],
+)
 def test_push_is_noticed_within_a_second_and_measured(by, within):
     scenario = replace(barrel(seed=1, follow=True), perturbations=(PushedObject(at=AT, by=by, ramp=RAMP),))
     assembly = assemble(scenario)
@@ -35,6 +42,7 @@ def test_push_is_noticed_within_a_second_and_measured(by, within):
     assert figures["distance_m"] == pytest.approx(np.linalg.norm(by), abs=0.006)
 
 
+@pytest.mark.long
 def test_an_object_that_rests_raises_no_alarm():
     """Twelve seconds of a hull that is held in the current, 60 frames."""
     recording = run_through(assemble(barrel(seed=2, follow=True)), longest=17.0).recording

@@ -40,9 +40,9 @@ def test_mean_of_one_is_that_one(within):
 
 
 def test_errors_shrink_by_the_root_of_the_number(rng, within):
-    """Of 16 finds a quarter is left, in place and in turn, over 200 means (chi-square: 3 % of deviation)."""
+    """Of 16 finds a quarter is left, in place and in turn, over 100 means (chi-square: 4 % of deviation)."""
     moves, turns = [], []
-    for _ in range(200):
+    for _ in range(100):
         mean = fuse_poses([found(off(rng, 2e-3, 3e-3)) for _ in range(16)])
         assert mean.path is not None
         # About the middle of the path, 0.3 m from the object's origin, the turn moves too.

@@ -64,7 +64,7 @@ def test_the_carton_is_found_upright(name: str, door: str, within):
     within("angle [deg]", angle, 0.6)  # measured 0.06
 
 
-@pytest.mark.parametrize("axis", [0, 1, 2])
+@pytest.mark.parametrize("axis", [0, *(pytest.param(axis, marks=pytest.mark.long) for axis in (1, 2))])
 @pytest.mark.parametrize("name", X_SENSOR)
 def test_it_is_not_accepted_upside_down_where_that_is_expected(name: str, axis: int):
     """The search begins from attitudes near the wrong one only; the upright pose lies too far from what is expected."""

@@ -118,6 +118,7 @@ def test_flange_tells_the_height(within):
     within("axis [rad]", angle, np.deg2rad(0.5))
 
 
+@pytest.mark.long
 def test_a_plain_pile_is_not_said_to_be_known():
     """Without the flange the model slides along what is seen: no height, no acceptance."""
     plain = pile(flange=False)

@@ -50,6 +50,7 @@ def test_a_folder_of_meshes_and_clouds(tmp_path):
     assert {each.name for each in made.candidates} == {"starfish", "valve", "plate"}
 
 
+@pytest.mark.long
 def test_twins_and_what_is_not_there_are_refused():
     scene = object_scene("starfish", 7000)
     twins = recognised(scene, {"one": target_of("starfish"), "other": target_of("starfish")})

@@ -18,9 +18,9 @@ from numpy.typing import ArrayLike
 from models.vehicle import Vehicle
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.extras import wanted
-from sim.interfaces.messages import ObjectMotion, Reference, Target, WorkState
+from sim.interfaces.messages import DepthImage, ObjectMotion, Reference, Target, WorkState
 from sim.interfaces.pose_covariance import PoseCovariance
-from sim.interfaces.spatial import quat_wxyz_from_rotation
+from sim.interfaces.spatial import Array, inverse, pose, quat_wxyz_from_rotation, transform_points
 from sim.loop.rollout import Moment, ticks_per_period
 from sim.reporting.rerun_rows import PoseRows, SeriesRows
 from sim.reporting.rerun_scene import (
@@ -90,12 +90,17 @@ class RerunLog:
         moving = draw(stream.static, model, data, vehicle)
         stream.show(blueprint(middle_of(model, data, vehicle)))
         describe_series(stream.static, vehicle)
-        self._series, self._poses = SeriesRows(vehicle), PoseRows(vehicle, moving)
+        sites = model.actuator_trnid[vehicle.thruster_actuators, 0]
+        places = inverse(pose(data.xmat[vehicle.hull].reshape(3, 3), data.xpos[vehicle.hull]))
+        thrusters_B = transform_points(places, data.site_xpos[sites])
+        self._series, self._poses = SeriesRows(vehicle), PoseRows(vehicle, moving, thrusters_B)
         self._cloud_colors: dict[str, tuple[int, int, int]] = {}
         self._state: WorkState | None = None
         self._target: Target | None = None
         self._goes_by: Target | None = None
         self._motion_said = False
+        self._frame: DepthImage | None = None
+        self._note = ""
         self._sent_at = perf_counter()
         self._time = 0.0  # [s] of the last step observed
         self._closed = False
@@ -134,6 +139,9 @@ class RerunLog:
         if moment.motion is not None and moment.motion.moved and not self._motion_said:
             self._motion_said = True
             self._moved(moment.motion, truth.time)
+        if isinstance(moment.frame, DepthImage) and moment.frame is not self._frame:
+            self._frame = moment.frame
+            self._look(moment.frame, pose(truth.R_WB, truth.p_WB), truth.time)
         if moment.tick % self._ticks == 0:
             self._series.add(moment)
             if perf_counter() - self._sent_at > FLUSH_WALL_S:
@@ -233,8 +241,12 @@ class RerunLog:
     def _enter(self, reference: Reference, time: float) -> None:
         rr, state = self._rr, reference.state
         self._state = state
-        level = "WARN" if reference.note else "INFO"
-        text = f"{state.value}: {reference.note}" if reference.note else state.value
+        level = "INFO" if reference.abort is None else "WARN"
+        text = f"{state.value}: {reference.note}" if reference.note not in ("", self._note) else state.value
+        self._note = reference.note
+        if self._frame is not None and state is not WorkState.SCAN:  # it would hide the work
+            self._stream.event("world/camera", rr.Clear(recursive=True), time)
+            self._frame = None
         self._stream.event("state/log", rr.TextLog(text, level=level, color=STATE_COLORS[state]), time)
         self._stream.event("state/now", rr.StateChange(state=state.value), time)
         self.flush()
@@ -263,6 +275,20 @@ class RerunLog:
             text += f"; path: normal {normal} mm, along {along} mm, across {across} mm"
         self._stream.event("state/log", self._rr.TextLog(text, level="INFO"), time)
         self._show_ellipsoid("mean", target.covariance, time)
+
+    def _look(self, image: DepthImage, X_WB: Array, time: float) -> None:
+        """Show a depth frame where the camera took it, every second pixel."""
+        rr, X_WC = self._rr, X_WB @ image.X_BC
+        depth = np.nan_to_num(1e3 * image.depth[::2, ::2], nan=0.0, posinf=0.0).clip(0.0, 65535.0).astype(np.uint16)
+        height, width = depth.shape
+        K = image.K / 2.0
+        K[2, 2] = 1.0
+        w, x, y, z = quat_wxyz_from_rotation(X_WC[:3, :3])
+        where = rr.Transform3D(translation=X_WC[:3, 3], quaternion=rr.Quaternion(xyzw=[x, y, z, w]))
+        eye = rr.Pinhole(image_from_camera=K, width=width, height=height, image_plane_distance=0.4)
+        self._stream.event("world/camera", where, time)
+        self._stream.event("world/camera", eye, time)
+        self._stream.event("world/camera/depth", rr.DepthImage(depth, meter=1000.0), time)
 
     def _moved(self, motion: ObjectMotion, time: float) -> None:
         text = (

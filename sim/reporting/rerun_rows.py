@@ -6,36 +6,45 @@ from typing import Any
 import numpy as np
 
 from models.vehicle import Vehicle
+from sim.evaluation.metrics import Bounds
 from sim.interfaces.messages import WorkState
 from sim.interfaces.spatial import Array
 from sim.loop.rollout import Moment
 from sim.reporting.rerun_scene import LIFT
 from sim.reporting.rerun_stream import LogStream
 
+JET_SCALE = 1 / 250.0  # [m]/[N] of the thrusters' jets
 FORCE_SCALE = 1 / 150.0  # [m]/[N] of force arrows: those of the tool must be visible beyond the wrist
 CURRENT_SCALE = 3.0  # [m]/[m/s] of the current's arrow
+BOUND_MM = 1e3 * Bounds().path_deviation  # [mm] of an accepted path
 _NOWHERE = np.full(3, np.nan)
 _STILL = np.zeros(3)
 
 
 class SeriesRows:
-    """Forces along and across the tool, path error, drift of the hull, thrusts and joints."""
+    """Forces along and across the tool, path error, drift of the hull, thrusts, joints, and errors of the estimate.
+
+    Before the tare a felt force is only the bias of the torque sensors: it is left out.
+    """
 
     def __init__(self, vehicle: Vehicle) -> None:
         n, m = len(vehicle.joint_names), len(vehicle.thruster_names)
-        self._widths = (1, 3, 3, 3, 3, 3, m, n, n, 3, 3)
+        self._widths = (1, 3, 3, 3, 3, 3, m, n, n, 3, 3, 3, 3)
         self._rows: list[Array] = []
+        self._tared = False
 
     def add(self, moment: Moment) -> None:
         """Keep one step."""
-        truth, reference = moment.truth, moment.reference
+        truth, reference, contact = moment.truth, moment.reference, moment.command.contact
+        self._tared |= reference.tare
+        felt, felt_W = (contact.normal, contact.force_W) if self._tared and not reference.tare else (np.nan, _NOWHERE)
         commanded = _NOWHERE
         if reference.state is WorkState.WORK and reference.X_WG is not None:
             commanded = reference.X_WG[:3, 3] + (truth.time - reference.time) * reference.v_WG_W
         self._rows.append(
             np.concatenate(
                 (
-                    (truth.time, reference.force, moment.command.contact.normal, truth.contact_normal),
+                    (truth.time, reference.force, felt, truth.contact_normal),
                     truth.p_pad - commanded,
                     reference.v_WG_W,
                     truth.R_WG[:, 2],
@@ -43,8 +52,10 @@ class SeriesRows:
                     truth.thrust,
                     truth.q,
                     truth.tau_drive,
-                    moment.command.contact.force_W,
+                    felt_W,
                     truth.contact_force_W,
+                    moment.estimate.X_WB[:3, 3] - truth.p_WB,
+                    moment.estimate.position_sigma,
                 )
             )
         )
@@ -54,7 +65,7 @@ class SeriesRows:
         if not self._rows:
             return
         parts = _columns(self._rows, self._widths)
-        time, force, error, velocity, axis, drift, thrust, q, tau, felt_W, true_W = parts
+        time, force, error, velocity, axis, drift, thrust, q, tau, felt_W, true_W, off, sigma = parts
         speed = np.linalg.norm(velocity, axis=1, keepdims=True)
         tangent = np.divide(velocity, speed, out=np.full_like(velocity, np.nan), where=speed > 1e-6)
         deviation = [np.sum(error * way, axis=1) for way in (tangent, np.cross(axis, tangent), axis)]
@@ -67,24 +78,30 @@ class SeriesRows:
             ("thrust", thrust),
             ("joint_angle", np.degrees(q)),
             ("joint_torque", tau),
+            ("navigation", 1e3 * np.column_stack([off, sigma])),
         ):
             stream.columns(f"series/{name}", time[:, 0], _rr().Scalars.columns(scalars=values))
+        ends = time[[0, -1], 0]
+        bounds = np.tile([BOUND_MM, -BOUND_MM], (2, 1))
+        stream.columns("series/path_error/bound", ends, _rr().Scalars.columns(scalars=bounds))
 
 
 class PoseRows:
-    """Poses of the vehicle's bodies, arrows of forces and current, and the worked part of the path."""
+    """Poses of the vehicle's bodies, arrows of forces, jets and current, and the worked part of the path."""
 
-    def __init__(self, vehicle: Vehicle, moving: Sequence[tuple[int, str]]) -> None:
+    def __init__(self, vehicle: Vehicle, moving: Sequence[tuple[int, str]], thrusters_B: Array) -> None:
         """Take the bodies.
 
         Args:
             vehicle: the vehicle.
             moving: index and entity of each body whose pose changes.
+            thrusters_B: (m, 3) [m] places of the thrusters, hull axes.
         """
-        k = len(moving)
+        k, m = len(moving), len(thrusters_B)
+        self._thrusters_B, self._pushes_B = thrusters_B, np.asarray(vehicle.thruster_wrench)[:3].T
         self._arm_base, self._bodies = vehicle.arm_base, np.array([body for body, _ in moving])
         self._entities = [entity for _, entity in moving]
-        self._widths = (1, 1, 3 * k, 4 * k, 3, 3, 3, 3, 3, 3, 3)
+        self._widths = (1, 1, 3 * k, 4 * k, 3, 3, 3, 3, 3, 3, 3, 9, m)
         self._rows: list[Array] = []
         self._tip: Array | None = None
 
@@ -105,6 +122,8 @@ class PoseRows:
                     truth.p_WB,
                     _STILL if load is None else truth.R_WB @ load.arm_wrench_B[:3],
                     truth.current_W,
+                    truth.R_WB.ravel(),
+                    truth.thrust,
                 )
             )
         )
@@ -115,7 +134,7 @@ class PoseRows:
             return
         rr, rows, k = _rr(), len(self._rows), len(self._entities)
         parts = _columns(self._rows, self._widths)
-        time, working, p, quat_wxyz, tip, axis, contact, base, hull, arm, current = parts
+        time, working, p, quat_wxyz, tip, axis, contact, base, hull, arm, current, R_WB, thrust = parts
         time = time[:, 0]
         p, quat_wxyz = p.reshape(rows, k, 3), quat_wxyz.reshape(rows, k, 4)
         for i, entity in enumerate(self._entities):
@@ -128,6 +147,18 @@ class PoseRows:
             ("current", above, CURRENT_SCALE * current),
         ):
             stream.columns(f"world/arrows/{name}", time, rr.Arrows3D.columns(origins=origin, vectors=vector))
+        R_WB = R_WB.reshape(rows, 3, 3)
+        places = np.einsum("nij,kj->nki", R_WB, self._thrusters_B) + hull[:, None]
+        jets = -JET_SCALE * thrust[:, :, None] * np.einsum("nij,kj->nki", R_WB, self._pushes_B)
+        stream.columns(
+            "world/arrows/jets",
+            time,
+            [
+                *rr.Arrows3D.columns(origins=places.reshape(-1, 3), vectors=jets.reshape(-1, 3)).partition(
+                    [len(self._thrusters_B)] * rows
+                )
+            ],
+        )
         self._send_done(stream, time, working[:, 0] > 0.0, tip - 2.0 * LIFT * axis)  # over the planned one
 
     def _send_done(self, stream: LogStream, time: Array, working: np.ndarray, tip: Array) -> None:

@@ -118,6 +118,11 @@ def blueprint(middle: Array) -> Any:
                         plot("joint_angle", "Joint angles"),
                         name="Drives",
                     ),
+                    rrb.Vertical(
+                        plot("navigation", "Hull's place: error and stated deviation"),
+                        rrb.Spatial2DView(origin="world/camera", name="Depth image"),
+                        name="Senses",
+                    ),
                 ),
                 column_shares=[3, 2],
             ),
@@ -163,7 +168,12 @@ def draw(log: StaticLog, model: mujoco.MjModel, data: mujoco.MjData, vehicle: Ve
         else:
             xyzw = np.roll(data.xquat[body], -1)
             log(entity, rr.Transform3D(translation=data.xpos[body], quaternion=xyzw))
-    for name, color, radius in (("contact", VERMILION, 0.012), ("arm_on_hull", ORANGE, 0.012), ("current", SKY, 0.02)):
+    for name, color, radius in (
+        ("contact", VERMILION, 0.012),
+        ("arm_on_hull", ORANGE, 0.012),
+        ("jets", GREEN, 0.015),
+        ("current", SKY, 0.02),
+    ):
         style = rr.Arrows3D.from_fields(colors=color, radii=radius, labels=name.replace("_", " "), show_labels=False)
         log(f"world/arrows/{name}", style)
     log("world/path/done", rr.LineStrips3D.from_fields(colors=GREEN, radii=0.009))
@@ -187,11 +197,15 @@ def describe_series(log: StaticLog, vehicle: Vehicle) -> None:
         "thrust": tuple(f"{name} [N]" for name in vehicle.thruster_names),
         "joint_angle": tuple(f"{name} [deg]" for name in vehicle.joint_names),
         "joint_torque": tuple(f"{name} [N m]" for name in vehicle.joint_names),
+        "navigation": (*(f"error {axis} [mm]" for axis in "xyz"), *(f"sigma {axis} [mm]" for axis in "xyz")),
+        "path_error/bound": ("bound [mm]", "bound [mm]"),
     }
     for name, labels in names.items():
         colors = [LINES[i % len(LINES)] for i in range(len(labels))]
         if name in ("force", "tangential_force"):
             colors = [YELLOW, ORANGE, SKY][-len(labels) :]
+        if name.endswith("/bound"):
+            colors = [VERMILION] * len(labels)
         log(f"series/{name}", rr.SeriesLines(names=labels, colors=colors, widths=1.5))
     log(
         "state/now",

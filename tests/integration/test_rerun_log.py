@@ -5,6 +5,7 @@ import subprocess
 import sys
 import time
 from collections import defaultdict
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -19,6 +20,7 @@ from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import (
     Command,
     ContactEstimate,
+    DepthImage,
     HullLoad,
     Reference,
     StateEstimate,
@@ -34,6 +36,7 @@ from sim.reporting.rerun_log import RerunLog
 
 X_WT = pose(p=[1.0, 0.1, -1.5])
 PERIOD = 0.002  # [s]
+DEPTH = DepthImage(time=0.2, depth=np.full((48, 64), 1.5), K=np.diag([50.0, 50.0, 1.0]), X_BC=np.eye(4))
 
 
 def scene() -> mujoco.MjModel:
@@ -129,11 +132,13 @@ def test_closed_log_holds_everything_up_to_its_end(tmp_path: Path):
         log.log_mesh("seabed", np.eye(3), [[0, 1, 2]], 0.2)
         log.log_arrows("axes", np.zeros((2, 3)), np.ones((2, 3)), 0.3)
         for moment in moments(model):
-            log.observe(moment)
+            looks = 0.2 < moment.truth.time < 0.21
+            log.observe(replace(moment, frame=DEPTH) if looks else moment)
             if moment.truth.time > 2.0:
                 break
     last = last_times(file)
-    for series in ("force", "path_error", "hull_drift", "thrust", "joint_angle", "joint_torque"):
+    series_shown = "force path_error path_error/bound hull_drift thrust joint_angle joint_torque navigation"
+    for series in series_shown.split():
         assert last[f"/series/{series}"] == pytest.approx(2.0)
     for suffix in ("", "_enlarged"):  # ellipsoids of the find, and of the mean once the work goes by it
         assert last[f"/world/uncertainty/found{suffix}"] == pytest.approx(0.0)
@@ -144,10 +149,13 @@ def test_closed_log_holds_everything_up_to_its_end(tmp_path: Path):
         "arrows/contact",
         "arrows/arm_on_hull",
         "arrows/current",
+        "arrows/jets",
         "path/done",
     ):
         assert last[f"/world/{entity}"] == pytest.approx(2.0)
     assert last["/world/path/planned"] == 0.0
+    assert last["/world/camera/depth"] == pytest.approx(0.202)
+    assert last["/world/camera"] == pytest.approx(0.5)  # taken away when the scan is over
     assert last["/world/clouds/scan"] == pytest.approx(0.1)
     assert last["/world/found/seabed"] == pytest.approx(0.2)
     assert last["/world/found/axes"] == pytest.approx(0.3)

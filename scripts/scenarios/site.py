@@ -2,6 +2,7 @@
 
 import math
 from abc import ABC, abstractmethod
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -11,6 +12,7 @@ from models.objects import deformed, targets
 from models.objects.block import RADIUS as BLOCK_RADIUS
 from models.objects.manifold import Manifold as ManifoldBlock
 from models.objects.manifold import manifold
+from models.objects.target_model import ModelPath
 from models.objects.targets import TargetModel, helix, pile, ring, vertical
 from models.registry import Registry
 from models.site.seabed import KINDS, Kind, Seabed, seabed
@@ -23,6 +25,7 @@ HALF = 3.0  # [m] half the side of the terrain
 TILT = float(np.radians(5.0))  # [rad] largest tilt of the manifold on the seabed, about x and about y
 LEAN = float(np.radians(0.5))  # [rad] standard deviation of the pile's tilt about x and about y
 SHORTEST_LINE = 0.05  # [m]
+BESIDE = 41  # places across an object at which a path over it is tried
 OVER = "over"  # path that is laid over an object
 _HIGHEST = 1.0  # [m] largest growth or dents
 _PATCHES = 3  # patches of growth or dents on an object
@@ -160,15 +163,31 @@ class KnownObject(Workpiece):
         """The object and the path's name; "over", from above, is `line`, or along x on a mesh without paths."""
         made = self.model()
         if self.line is not None or not made.paths:
-            top = made.center + np.array([0.0, 0.0, made.radius])
-            half = np.array([0.5 * self.length, 0.0, 0.0])
-            start, end = top - half, top + half
-            if self.line is not None:
-                start, end, path = np.array([*self.line[:2], top[2]]), np.array([*self.line[2:], top[2]]), OVER
-            made = made.with_path(OVER, laid_on(made, line(start, end), [0.0, 0.0, -1.0]))
+            above, path = float(made.center[2] + made.radius), OVER if self.line is not None else path
+            lines = (self.line,) if self.line is not None else self._lines_over(made)
+            made = made.with_path(OVER, _first_laid(made, lines, above))
         name = path or next(iter(made.paths), "none")
         made.path(name)  # raises for an unknown name, and lists the known ones
         return made, name
+
+    def _lines_over(self, made: TargetModel) -> Iterator[tuple[float, float, float, float]]:
+        """Lines along x over the middle, and beside it where the object may have a hole there."""
+        x, y = made.center[:2]
+        half = 0.5 * self.length
+        for aside in sorted(np.linspace(-made.radius, made.radius, BESIDE), key=abs):
+            yield x - half, y + aside, x + half, y + aside
+
+
+def _first_laid(made: TargetModel, lines: Iterable[tuple[float, float, float, float]], above: float) -> ModelPath:
+    """The first of the lines (x, y of both ends) that lies on the object all along, seen from above."""
+    refused: ConfigurationError | None = None
+    for x0, y0, x1, y1 in lines:
+        try:
+            return laid_on(made, line([x0, y0, above], [x1, y1, above]), [0.0, 0.0, -1.0])
+        except ConfigurationError as error:
+            refused = refused or error
+    assert refused is not None
+    raise ConfigurationError(f"{refused}; --line x0 y0 x1 y1 [m] lays the path elsewhere") from refused
 
 
 @dataclass(frozen=True, kw_only=True)

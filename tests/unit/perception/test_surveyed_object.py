@@ -1,9 +1,11 @@
 """An object whose pose is known: nothing looks for it, and the tool is led along its model."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
 
 from models.objects.targets import barrel, block
 from models.site.scenes import work_site
@@ -82,3 +84,14 @@ def test_line_of_ones_own_over_an_object():
     assert name == "over"
     assert path.p[0, :2] == pytest.approx([-0.1, -0.05], abs=1e-6)
     assert path.p[-1, :2] == pytest.approx([0.1, 0.08], abs=1e-6)
+
+
+def test_line_over_a_mesh_avoids_its_hole(tmp_path: Path):
+    trimesh.creation.torus(0.35, 0.1).export(tmp_path / "torus.stl")
+    target, name = KnownObject(object=str(tmp_path / "torus.stl")).target(None)
+    p = target.path(name).p
+    ring = np.linalg.norm(p[:, :2], axis=1)
+    assert np.abs(ring - 0.35).max() < 0.1
+    assert np.ptp(p[:, 0]) == pytest.approx(0.3, abs=0.01)
+    with pytest.raises(ConfigurationError, match="--line x0 y0 x1 y1"):
+        KnownObject(object=str(tmp_path / "torus.stl"), length=2.0).target(None)

@@ -1,8 +1,9 @@
 """Options of the commands that run one scenario, and the scenario that they describe; angles in degrees, as typed."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 
@@ -38,6 +39,8 @@ def site_of(options: ScenarioOptions, of: SiteObject) -> Site:
 class VehicleOptions(ScenarioOptions):
     """Options of every command that drives the whole vehicle."""
 
+    groups: ClassVar[Mapping[str, str]] = {"vehicle": "vehicle arm_errors"}
+
     vehicle: str = "uuv_puma"
     """A name of models.available(), or an MJCF file with the named parts (docs/own_vehicle.md)."""
     controller: str = "work"
@@ -51,6 +54,13 @@ class VehicleOptions(ScenarioOptions):
 @dataclass(kw_only=True)
 class ContactOptions(VehicleOptions):
     """Options that all contact scenarios share."""
+
+    groups: ClassVar[Mapping[str, str]] = {
+        "work": "forces speed contactless turn blend least_chance range",
+        "object": "path length arc rise azimuth height corner object line least fouled dented",
+        "sensing": "sensor target_pose looks follow arm_camera",
+        "control": "controller without published ik calibrated arm",
+    }
 
     forces: tuple[float, ...] = ()
     """Set forces [N] on equal parts of the path; default: 60 90 60 along an object, 60 90 around it."""

@@ -13,12 +13,12 @@ import signal
 import sys
 import sysconfig
 import traceback
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
 from types import FrameType, TracebackType
-from typing import Any, NoReturn, TypeVar
+from typing import Any, ClassVar, NoReturn, TypeVar
 
 from sim.interfaces.errors import UuvError, one_line
 from sim.interfaces.extras import missing
@@ -37,6 +37,8 @@ Options = TypeVar("Options")
 class RunOptions:
     """Options of every run that change no figure."""
 
+    groups: ClassVar[Mapping[str, str]] = {"output": "out view record"}  # title: names of the options
+
     out: Path | None = None
     """New folder for metrics.json, run.rrd and report.html; runs/<scenario>/<time>-<seed> by default."""
     view: bool = False
@@ -48,6 +50,8 @@ class RunOptions:
 @dataclass(kw_only=True)
 class ScenarioOptions(RunOptions):
     """Options of every scenario."""
+
+    groups: ClassVar[Mapping[str, str]] = {"water": "current gust wave wave_frequency"}
 
     seed: int = 0
     """Seed of everything random: where the object lies, the noise of the sensors, the gusts."""
@@ -117,13 +121,13 @@ def parse(kind: type[Options], args: Sequence[str] | None = None) -> Options:
 
     TRACEBACK is removed first: `run_scenario` evaluates it.
     """
-    import tyro  # here, so that `sim` runs without it
+    from sim.runs.option_groups import cli  # here, so that `sim` runs without tyro
 
     args = [arg for arg in (sys.argv[1:] if args is None else args) if arg != TRACEBACK]
     said = io.StringIO()
     try:
         with contextlib.redirect_stderr(said):
-            options = tyro.cli(kind, args=args)
+            options = cli(kind, args)
     except SystemExit as stop:
         if stop.code != BAD_INPUT:
             raise  # --help

@@ -1,0 +1,72 @@
+"""Options of a command in groups: `tyro` shows each group under its title, and one class still holds them all.
+
+A class of options, or a base of it, tells its groups by `groups`: title, and names of its fields.
+"""
+
+import ast
+import inspect
+import textwrap
+from collections.abc import Sequence
+from dataclasses import MISSING, Field, field, fields, make_dataclass
+from itertools import pairwise
+from typing import Annotated, Any, TypeVar, get_type_hints
+
+import tyro
+
+Options = TypeVar("Options")
+REST = "job"  # title of the group of all others
+
+
+def cli(kind: type[Options], args: Sequence[str]) -> Options:
+    """Parse `args` into a `kind`, as `tyro.cli` does, with its options in groups.
+
+    Raises:
+        SystemExit: --help, or a mistake; tyro has told it.
+    """
+    titles = _titles(kind)
+    if len(titles) < 2:
+        return tyro.cli(kind, args=args)
+    hints, told = get_type_hints(kind, include_extras=True), _told(kind)
+    members: dict[str, list[tuple[str, Any, Any]]] = {title: [] for title in titles.values()}
+    for each in fields(kind):  # pyright: ignore[reportArgumentType]
+        hint = Annotated[hints[each.name], tyro.conf.arg(help=told.get(each.name, ""))]
+        members[titles[each.name]].append((each.name, hint, _default(each)))
+    parts = []
+    for title, group in members.items():
+        part = make_dataclass(title, group, kw_only=True)
+        parts.append((title, Annotated[part, tyro.conf.OmitArgPrefixes], field(default_factory=part)))
+    whole = tyro.cli(make_dataclass("Grouped", parts), args=args, description=inspect.getdoc(kind))
+    return kind(**{name: value for title in members for name, value in vars(getattr(whole, title)).items()})
+
+
+def _titles(kind: type) -> dict[str, str]:
+    """Title of the group of each field."""
+    named = {}
+    for base in kind.__mro__:
+        for title, names in vars(base).get("groups", {}).items():
+            named |= {name: title for name in names.split() if name not in named}
+    titles = {each.name: named.get(each.name, REST) for each in fields(kind)}
+    order = sorted(set(titles.values()), key=lambda title: (title != REST, title == "output"))
+    return {name: title for wanted in order for name, title in titles.items() if title == wanted} if named else {}
+
+
+def _default(each: Field[Any]) -> Any:
+    if each.default_factory is not MISSING:
+        return field(default_factory=each.default_factory)
+    return field() if each.default is MISSING else field(default=each.default)
+
+
+def _told(kind: type) -> dict[str, str]:
+    """What the class and its bases say below each field."""
+    told: dict[str, str] = {}
+    for base in reversed(kind.__mro__[:-1]):
+        try:
+            (body,) = ast.parse(textwrap.dedent(inspect.getsource(base))).body
+        except OSError:  # typed in at a prompt
+            continue
+        assert isinstance(body, ast.ClassDef)
+        for declared, below in pairwise(body.body):
+            match declared, below:
+                case ast.AnnAssign(target=ast.Name(id=name)), ast.Expr(value=ast.Constant(value=str(said))):
+                    told[name] = " ".join(said.split())
+    return told

@@ -1,0 +1,56 @@
+"""Options are shown in groups, with what their class says of them, and parsed as without groups."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import ClassVar
+
+import pytest
+import tyro
+
+from scenarios.options import BarrelOptions, InsertionOptions, PileOptions, SeabedOptions
+from sim.runs.option_groups import cli
+
+
+@pytest.mark.parametrize("kind", [BarrelOptions, PileOptions, InsertionOptions, SeabedOptions])
+def test_same_options_as_without_groups(kind: type, capsys: pytest.CaptureFixture[str]):
+    args = ["--seed", "3", "--current", "0", "0.2", "0", "--no-record", "--out", "there"]
+    assert cli(kind, args) == tyro.cli(kind, args=args)
+    assert cli(kind, []) == kind()
+    with pytest.raises(SystemExit):
+        cli(kind, ["--help"])
+    said = capsys.readouterr().out
+    for title in ("water options", "output options", "vehicle options", "job options"):
+        assert title in said
+    for each in fields(kind):
+        assert each.name.replace("_", "-") in said
+    assert "Steady current [m/s], world axes" in " ".join(said.replace("│", " ").split())
+
+
+@dataclass(kw_only=True)
+class Base:
+    """A base."""
+
+    groups: ClassVar[Mapping[str, str]] = {"place": "where"}
+
+    where: Path | None = None
+    """A place."""
+
+
+@dataclass(kw_only=True)
+class Derived(Base):
+    """Does it."""
+
+    often: int = 2
+    """How often."""
+    where: Path | None = Path("here")
+
+
+def test_a_default_of_a_derived_class_stays(capsys: pytest.CaptureFixture[str]):
+    assert cli(Derived, []) == Derived()
+    assert cli(Derived, ["--where", "there", "--often", "3"]) == Derived(where=Path("there"), often=3)
+    with pytest.raises(SystemExit):
+        cli(Derived, ["--help"])
+    said = capsys.readouterr().out
+    assert "A place. (default: here)" in said
+    assert said.index("How often.") < said.index("place options")

@@ -11,8 +11,11 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
 from controllers.tuning import table
+from models.meshes import ray_casting
+from models.naming import CAMERA_SITE
 from scenarios import first_start
 from scenarios.assembly import Assembly, assemble
+from scenarios.contact_parts import SURVEY
 from scenarios.runner import Run, SignalStop, assessed, rehearse, run_through
 from scenarios.scenario import Scenario
 from scenarios.scenario_file import as_dict, write_scenario
@@ -60,6 +63,8 @@ def command(
     draws = options.record and not absent(LOG)
     if options.record and not draws:
         console.print(f"no run.rrd and report.html, series as .npz: {to_install(LOG)}", markup=False, highlight=False)
+    if CAMERA_SITE not in scenario.task.spares and scenario.sensing.sensor != SURVEY:
+        ray_casting.installed()  # or the refusal, before anything is compiled
     first_start.build()
     folder = new_folder(scenario.name, options.out, scenario.seed)  # before the work: the folder may be unusable
     assembly = assembled(scenario, full=options.record)

@@ -34,9 +34,12 @@ def cli(kind: type[Options], args: Sequence[str]) -> Options:
     parts = []
     for title, group in members.items():
         part = make_dataclass(title, group, kw_only=True)
-        parts.append((title, Annotated[part, tyro.conf.OmitArgPrefixes], field(default_factory=part)))
-    whole = tyro.cli(make_dataclass("Grouped", parts), args=args, description=inspect.getdoc(kind))
-    return kind(**{name: value for title in members for name, value in vars(getattr(whole, title)).items()})
+        whole = all(each.default is not MISSING or each.default_factory is not MISSING for each in fields(part))
+        hint = Annotated[part, tyro.conf.OmitArgPrefixes]
+        parts.append((title, hint, field(default_factory=part) if whole else field()))
+    grouped = make_dataclass("Grouped", parts, kw_only=True)
+    found = tyro.cli(grouped, args=args, description=inspect.getdoc(kind))
+    return kind(**{name: value for title in members for name, value in vars(getattr(found, title)).items()})
 
 
 def _titles(kind: type) -> dict[str, str]:

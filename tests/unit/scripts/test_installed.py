@@ -31,8 +31,8 @@ r = run(barrel(seed=0, quick=True))
 show(r, "my_run")
 print(r.assessment.accepted, r.assessment.failed)
 """
-LEFT = {"metrics.json", "report.html", "scenario.toml"}
 TABLES = {"events", "series_loop", "series_poses", "series_slow", "series_slow_late"}
+LEFT = {"metrics.json", "report.html", "scenario.toml", *(f"{name}.parquet" for name in TABLES)}
 FALL = """
 import mujoco
 import models

@@ -41,14 +41,16 @@ class Base:
 class Derived(Base):
     """Does it."""
 
+    what: str
+    """What it does."""
     often: int = 2
     """How often."""
     where: Path | None = Path("here")
 
 
 def test_a_default_of_a_derived_class_stays(capsys: pytest.CaptureFixture[str]):
-    assert cli(Derived, []) == Derived()
-    assert cli(Derived, ["--where", "there", "--often", "3"]) == Derived(where=Path("there"), often=3)
+    assert cli(Derived, ["--what", "it"]) == Derived(what="it")
+    assert cli(Derived, ["--what", "it", "--where", "there"]) == Derived(what="it", where=Path("there"))
     with pytest.raises(SystemExit):
         cli(Derived, ["--help"])
     said = capsys.readouterr().out

@@ -146,6 +146,7 @@ def _report(run: Run, folder: Path, title: str) -> None:
         options=flat(as_dict(run.scenario)),
         pictures=run.assembly.placed.pictures(run.result),
         gains=table(*getattr(run.assembly.parts.controller, "tunings", ())),
+        again=f"uuv replay {folder}",
     )
 
 

@@ -26,6 +26,7 @@ def write_report(
     options: Mapping[str, Any],
     pictures: Iterable[tuple[str, str, Figure]] = (),
     gains: Iterable[tuple[str, str, str, str]] = (),
+    again: str = "",
 ) -> None:
     """Write the page.
 
@@ -37,6 +38,7 @@ def write_report(
         options: Options of the scenario, listed unchanged.
         pictures: Title, caption and figure of each picture.
         gains: Part, name, value, unit and meaning of each gain of the controller.
+        again: Command that repeats the run.
 
     Raises:
         ConfigurationError: The folder does not exist.
@@ -58,7 +60,7 @@ def write_report(
             drawn,
             _drives(recording),
             _gains(list(gains)),
-            f"<section><h2>How the run was made</h2>{_provenance(recording, assessment, options)}</section>",
+            f"<section><h2>How the run was made</h2>{_provenance(recording, assessment, options, again)}</section>",
         )
     )
     write_whole(path, page(title, body))
@@ -203,9 +205,10 @@ def _motion(assessment: Assessment) -> str:
     return f"<p>The object was followed in {motion['frames']} frames: {text(said)}.</p>"
 
 
-def _provenance(recording: Recording, assessment: Assessment, options: Mapping[str, Any]) -> str:
+def _provenance(recording: Recording, assessment: Assessment, options: Mapping[str, Any], again: str) -> str:
     return provenance(
         {
+            **({"run it again": again} if again else {}),
             **{f"option {name}": value for name, value in options.items()},
             "seed": assessment.metrics["run"]["seed"],
             "trajectory, SHA-256": assessment.metrics["run"]["trajectory_sha256"],

@@ -192,7 +192,8 @@ def test_check_says_what_a_vehicle_has_and_lacks(uuv):
 
 
 @pytest.mark.parametrize(
-    "kind", ["vehicle", "object", *(pytest.param(kind, marks=pytest.mark.long) for kind in ("sensor", "controller"))]
+    "kind",
+    ["vehicle", "object", *(pytest.param(kind, marks=pytest.mark.long) for kind in ("sensor", "controller", "task"))],
 )
 def test_a_skeleton_passes_its_own_test(kind: str, uuv, tmp_path: Path):
     uuv("new", kind, "mine")
@@ -200,7 +201,8 @@ def test_a_skeleton_passes_its_own_test(kind: str, uuv, tmp_path: Path):
     command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "test_mine.py"]
     ran = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
     assert ran.returncode == 0, ran.stdout
-    assert "mine:mine" in skeletons.SKELETONS[kind].use.replace("NAME", "mine").split()
+    named = {"task": "mine:Circle"}.get(kind, "mine:mine")
+    assert named in skeletons.SKELETONS[kind].use.replace("NAME", "mine").split()
 
 
 def test_a_task_of_ones_own_is_run_and_replayed(uuv, tmp_path: Path):

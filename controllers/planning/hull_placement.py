@@ -18,22 +18,22 @@ import itertools
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from enum import Enum, auto
-from typing import NamedTuple, cast
+from typing import cast
 
-import numba
 import numpy as np
 from scipy.spatial import ConvexHull
 
 from controllers.hull.thrust_margin import ThrustMargin
-from controllers.mkps import Chain, IkOptions, solve
-from controllers.planning.hull_path import (
-    arm_gap,
-    hull_gap,
-    hull_gap_kernel,
-    joint_centres_kernel,
-    joint_gap_kernel,
-    skin_of,
+from controllers.mkps import Chain, solve
+from controllers.planning.arm_margins import FEW_STEPS, ROUNDING, ArmMargins, Dropped, ToolTrack, reach
+from controllers.planning.hull_path import hull_gap, hull_gap_kernel, skin_of
+from controllers.planning.path_poses import (
+    STANDOFF_STEPS,
+    from_moving_hull,
+    middle_part,
+    samples_along,
+    tool_loads,
+    tool_poses,
 )
 from models.objects.targets import TargetModel
 from models.vehicle import Vehicle
@@ -44,13 +44,7 @@ from sim.interfaces.spatial import Array, exp_so3, inverse, pose, readonly, tran
 _TRAVELS = (0.0, 0.5, 1.0, 1.4)  # travels of the hull that are tried, as shares of the line between the path's ends
 _SHORTER = 0.04  # share of a path by which it is shortened per try, where it is too long
 _STILL = readonly(np.zeros(3))
-_FEW_STEPS = IkOptions(max_iterations=60)
-_STANDOFF_STEPS = 3  # number of poses tried between the stand-off and the surface
-_ROUNDING = 1e-9  # [m] far above the rounding of a distance
 _BETTER = 1e-4  # share by which a margin must be larger to count: a round tool turned by half has the same one
-_LARGEST_STEP = 0.8  # [rad] of a joint between two poses of a path
-_AT_LIMIT = 0.02  # [rad] from its limit a joint counts as at it, in a message
-_ROOMY_THRUST = 0.4  # [-] unused share of thrust, left for the current, that gives a margin of 1
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -87,149 +81,6 @@ class PlacementSearch:
     clearance: float = 0.25  # [m] least distance of the hull to the object
     arm_clearance: float = 0.06  # [m] distance of joint centres to the object that gives a margin of 1
     samples: int = 15  # number of poses tried along the path
-
-
-def tool_pose(path: ToolPath, s: float, roll: float) -> tuple[Array, Array, Array]:
-    """Tool pose at arc length `s` of a path, and its derivative with respect to `s`.
-
-    Args:
-        path: tool path in W.
-        s: [m] arc length.
-        roll: [rad] rotation of the tool about its own axis from the path's x.
-
-    Returns:
-        The pose X_WG (4, 4), the derivative of its origin (3,) [-], and that of its axes (3,) [rad/m], W.
-    """
-    X, tangent, turn = np.eye(4), np.empty(3), np.empty(3)
-    _tool_pose(_Samples(path.s, path.p, path.z, path.x), s, roll, X, tangent, turn)
-    return X, tangent, turn
-
-
-def middle_part(path: ToolPath, share: float) -> ToolPath:
-    """Middle `share` [-] of a path, its arc length counted anew from 0."""
-    if share >= 1.0:
-        return path
-    cut = 0.5 * (1.0 - share) * float(path.s[-1])
-    keep = (path.s >= cut) & (path.s <= float(path.s[-1]) - cut)
-    return part_of(path, keep)
-
-
-def part_of(path: ToolPath, keep: np.ndarray) -> ToolPath:
-    """The samples of a path where `keep` (N,) is True, from the first to the last one on which the tool can press.
-
-    The arc length is counted anew from 0.
-    """
-    if path.fits is not None and (keep & path.fits).any():
-        first, last = np.flatnonzero(keep & path.fits)[[0, -1]]
-        keep = keep & (np.arange(len(keep)) >= first) & (np.arange(len(keep)) <= last)
-    fits = None if path.fits is None else path.fits[keep]
-    s, p, z, x = path.s[keep], path.p[keep], path.z[keep], path.x[keep]
-    return replace(path, s=s - s[0], p=p, z=z, x=x, on_scan=path.on_scan[keep], fits=fits)
-
-
-def stretches(path: ToolPath) -> tuple[tuple[float, float], ...]:
-    """Begin and end [m] of each stretch of a path on which the tool can press, in order."""
-    if path.fits is None:
-        return ((0.0, float(path.s[-1])),)
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], path.fits, [False]]).astype(np.int8)))
-    return tuple((float(path.s[first]), float(path.s[last - 1])) for first, last in edges.reshape(-1, 2))
-
-
-_SCALE = np.array([1.0, 1.0, 1.0, 0.4, 0.4, 0.4])[:, None]  # [m/rad] weights rotation against translation
-_SINGULAR = 0.12  # smallest singular value of the weighted Jacobian that gives a margin of 1
-_MOST_TURN = 0.3  # [rad] of the tool between two samples of its path
-_HALF_STEP = 2e-3  # [m] half step of the central differences along the path
-
-
-class _Samples(NamedTuple):
-    """A tool path as the kernels take it; as in `ToolPath`."""
-
-    s: Array  # (k,) [m]
-    p: Array  # (k, 3) [m]
-    z: Array  # (k, 3)
-    x: Array  # (k, 3)
-
-
-@numba.njit(cache=True)
-def _tool_pose(path, s, roll, X, tangent, turn):
-    low, high = max(0.0, s - _HALF_STEP), min(path.s[-1], s + _HALF_STEP)
-    R_low, p_low = _frame(path, low, roll)
-    R_high, p_high = _frame(path, high, roll)
-    X[:3, :3], X[:3, 3] = _frame(path, s, roll)
-    for i in range(3):
-        j, k = (i + 1) % 3, (i + 2) % 3
-        total = 0.0
-        for m in range(3):  # vee of the antisymmetric part of R_high R_low^T
-            total += R_high[k, m] * R_low[j, m] - R_high[j, m] * R_low[k, m]
-        turn[i] = 0.5 * total / (high - low)
-        tangent[i] = (p_high[i] - p_low[i]) / (high - low)
-
-
-@numba.njit(cache=True)
-def _frame(path, s, roll):
-    """Axes (3, 3) and position (3,) of the tool at `s`, interpolated between the path's samples."""
-    i = min(max(np.searchsorted(path.s, s) - 1, 0), path.s.shape[0] - 2)
-    share = (s - path.s[i]) / (path.s[i + 1] - path.s[i])
-    p = (1.0 - share) * path.p[i] + share * path.p[i + 1]
-    z = (1.0 - share) * path.z[i] + share * path.z[i + 1]
-    z /= np.sqrt((z * z).sum())
-    x = (1.0 - share) * path.x[i] + share * path.x[i + 1]
-    x -= (x * z).sum() * z
-    x /= np.sqrt((x * x).sum())
-    y = np.array([z[1] * x[2] - z[2] * x[1], z[2] * x[0] - z[0] * x[2], z[0] * x[1] - z[1] * x[0]])
-    c, sn = np.cos(roll), np.sin(roll)
-    R = np.empty((3, 3))
-    R[:, 0], R[:, 1], R[:, 2] = c * x + sn * y, c * y - sn * x, z
-    return R, p
-
-
-@numba.njit(cache=True)
-def _step_and_room(before, q, low, high):
-    """Largest change of a joint from `before` to `q`, and the smallest distance of `q` to the limits; (n,) each."""
-    jump, room = 0.0, np.inf
-    for j in range(q.shape[0]):
-        jump = max(jump, abs(q[j] - before[j]))
-        room = min(room, min(q[j] - low[j], high[j] - q[j]))
-    return jump, room
-
-
-@numba.njit(cache=True)
-def _are_above(margin, J, push, torque_limits):
-    """True if the margins of torque and of singular postures are above `margin` by more than rounding.
-
-    Args:
-        margin: [-]
-        J: (6, n) Jacobian of the tip.
-        push: (3,) [N] force on it, same axes.
-        torque_limits: (n,) [N m]
-    """
-    n = J.shape[1]
-    for j in range(n):
-        load = abs(J[0, j] * push[0] + J[1, j] * push[1] + J[2, j] * push[2]) / torque_limits[j]
-        if 3.0 * (1.0 - load) < margin + 1e-9:
-            return False
-    # The smallest singular value is above t where the Gram matrix less t^2 has a Cholesky factorisation.
-    k, t = min(6, n), _SINGULAR * margin * (1.0 + 1e-6)
-    L, trace = np.empty((k, k)), 0.0
-    for a in range(k):
-        for b in range(a + 1):
-            total = -t * t if a == b else 0.0
-            for m in range(max(6, n)):
-                if n < 6:
-                    total += J[m, a] * J[m, b] * _SCALE[m, 0] * _SCALE[m, 0]
-                else:
-                    total += J[a, m] * J[b, m] * _SCALE[a, 0] * _SCALE[b, 0]
-            if a == b:
-                trace += total
-            for m in range(b):
-                total -= L[a, m] * L[b, m]
-            if a == b:
-                if not total > 1e-12 * abs(trace):
-                    return False
-                L[a, a] = np.sqrt(total)
-            else:
-                L[a, b] = total / L[b, b]
-    return True
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -282,14 +133,14 @@ def place_hull(
     # The poses relative to the travelling hull: its displacement since mid-path is subtracted.
     even = np.linspace(0.0, float(path.s[-1]), search.samples)
     done = np.interp(shares, even, np.linspace(-0.5, 0.5, search.samples))
-    done = np.pad(done, _STANDOFF_STEPS, mode="edge")
+    done = np.pad(done, STANDOFF_STEPS, mode="edge")
     gone = done[:, None] * travel_W
     drag = holding.drag if holding else 0.0
     tracks = [
         ToolTrack(
-            poses=_seen(tool_poses(path, shares, roll, standoff), gone),
+            poses=from_moving_hull(tool_poses(path, shares, roll, standoff), gone),
             gone=gone,
-            loads=_loads(path, shares, roll, force, drag),
+            loads=tool_loads(path, shares, roll, force, drag),
         )
         for roll in rolls
     ]
@@ -308,8 +159,8 @@ def place_hull(
 
     def too_close(X_WB: Array, away_W: Array) -> bool:
         """True if the hull, displaced by `away_W` (3,) [m], is nearer to the object than its clearance."""
-        gap = hull_gap_kernel(X_WB, around.hull_box, skin, away_W, search.clearance - _ROUNDING)
-        if abs(gap - search.clearance) <= _ROUNDING:  # the kernel cannot tell
+        gap = hull_gap_kernel(X_WB, around.hull_box, skin, away_W, search.clearance - ROUNDING)
+        if abs(gap - search.clearance) <= ROUNDING:  # the kernel cannot tell
             gap = hull_gap(X_WB, around.hull_box, skin - away_W)
         return gap < search.clearance
 
@@ -348,7 +199,7 @@ def place_hull(
         held = " while the thrusters hold it" if holding else ""
         where = "0%: nowhere is there room for the hull"
         if furthest is not None:
-            at = float(shares[min(max(furthest.at - _STANDOFF_STEPS, 0), len(shares) - 1)])
+            at = float(shares[min(max(furthest.at - STANDOFF_STEPS, 0), len(shares) - 1)])
             where = f"{furthest.reached:.0%}, up to {at:.2f} m, where {arm.said(furthest)}"
         raise ReachError(
             f"the tool path is out of reach: no place of the hull lets the arm take all of it{held}, at best {where}"
@@ -409,191 +260,6 @@ class _Mounting:
         """Hull yaw [rad] with which the arm reaches forward from `base` to `middle`."""
         away = base - middle
         return float(np.arctan2(away[1], away[0])) + np.pi - self.forward
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class ToolTrack:
-    """Tool poses along a path, from the stand-off and back to it."""
-
-    poses: list[Array]  # k poses (4, 4) in W, relative to the travelling hull
-    gone: Array  # (k, 3) [m] displacement of the hull at each since mid-path, W
-    loads: Array | None = None  # (k, 3) [N] force of the world on the tip at each, tool axes; None: thrust is left out
-
-
-class Limit(Enum):
-    """What ends a path for the arm."""
-
-    REACH = auto()  # no inverse kinematics
-    TURN = auto()  # a joint would turn too far between two poses
-    JOINT = auto()  # of a joint's angle
-    TORQUE = auto()
-    SINGULAR = auto()
-    OBJECT = auto()  # nearness of the arm to the object
-    THRUST = auto()
-
-
-class Worked(NamedTuple):
-    """Path that the arm takes from a hull pose."""
-
-    margin: float  # [-] smallest along it
-    q_start: Array  # (n,) [rad] joint angles at its first pose
-
-
-class Dropped(NamedTuple):
-    """First pose of a path that fails from a hull pose."""
-
-    at: int  # its index
-    reached: float  # share of the poses before it
-    limit: Limit
-    q: Array  # (n,) joint angles there [rad]; for TURN the steps to them [rad], for TORQUE those per newton [m]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class ArmMargins:
-    """Margins of the arm at work from a hull pose."""
-
-    vehicle: Vehicle
-    chain: Chain  # kinematics of its arm
-    planes: Array  # (f, 4) faces of the object's convex hull, outward unit normal and offset [m], W
-    force: float  # [N] largest set force
-    clearance: float  # [m] distance of joint centres to the object that gives a margin of 1
-    holding: ThrustMargin | None = None  # thrust margin of the vehicle; None leaves thrust out
-
-    def along(self, track: ToolTrack, X_WB: Array, to_beat: float) -> "Worked | Dropped":
-        """Smallest margin of a hull pose along tool poses, by inverse kinematics on one branch.
-
-        Args:
-            track: the tool poses.
-            X_WB: (4, 4) hull pose.
-            to_beat: [-] margin to be exceeded, but at least 0.05; otherwise the candidate is dropped.
-
-        Returns:
-            The margin with the first joint angles; or the first pose that fails, and why.
-        """
-        X_AW = inverse(X_WB @ self.vehicle.X_BA)
-        low, high = self.vehicle.q_limits[:, 0], self.vehicle.q_limits[:, 1]
-        margin, floor = np.inf, max(to_beat, 0.05)
-        q, q_start = self.vehicle.q_ready, None
-        slides = np.array([kind == "p" for kind in self.chain.joint_types])
-        for i, X_WG in enumerate(track.poses):
-            share = i / len(track.poses)
-            result = solve(self.chain, X_AW @ X_WG, q, 1e-4, 1e-3, branch="keep", options=_FEW_STEPS)
-            jump, room = _step_and_room(q, result.q, low, high)
-            if not result.converged:
-                return Dropped(i, share, Limit.REACH, result.q)
-            if i and jump > _LARGEST_STEP:
-                return Dropped(i, share, Limit.TURN, result.q - q)
-            q = result.q
-            margin = min(margin, room / 0.5)
-            if margin <= floor:  # cheap margins first: most candidates are rejected here
-                return Dropped(i, share, Limit.JOINT, q)
-            X_AG, J = self.chain.kinematics(q)
-            # These two, and the gap, seldom are the smallest margin: kernels, equal but for rounding, tell where.
-            if not _are_above(margin, J, X_AG[:3, 2] * self.force, self.vehicle.torque_limits):
-                torque = 1.0 - np.abs(J[:3].T @ (X_AG[:3, 2] * self.force) / self.vehicle.torque_limits).max()
-                margin = min(margin, 3.0 * torque)
-                if margin <= floor:
-                    return Dropped(i, share, Limit.TORQUE, J[:3].T @ X_AG[:3, 2])
-                margin = min(margin, np.linalg.svd(J * _SCALE, compute_uv=False)[-1] / _SINGULAR)
-                if margin <= floor:
-                    return Dropped(i, share, Limit.SINGULAR, q)
-            centres = joint_centres_kernel(slides, self.chain.axes, self.chain.points, q)[2 : self.chain.n - 2]
-            if joint_gap_kernel(centres, X_AW, self.planes, track.gone[i]) < margin * self.clearance + _ROUNDING:
-                margin = min(margin, arm_gap(self.chain, q, X_AW, self.planes, track.gone[i]) / self.clearance)
-                if margin <= floor:
-                    return Dropped(i, share, Limit.OBJECT, q)
-            if self.holding is not None and track.loads is not None:
-                margin = min(margin, (1.0 - self.holding.used(q, X_WB[:3, :3], track.loads[i])) / _ROOMY_THRUST)
-                if margin <= floor:
-                    return Dropped(i, share, Limit.THRUST, q)
-            if i == 0:
-                q_start = q
-        assert q_start is not None
-        return Worked(float(margin), q_start)
-
-    def said(self, dropped: "Dropped") -> str:
-        """What ends the path where a candidate was dropped, in a few words."""
-        vehicle = self.vehicle
-
-        def joint(sizes: Array) -> str:
-            return vehicle.joint_names[int(np.argmax(sizes))]
-
-        match dropped.limit:
-            case Limit.REACH:
-                low, high = vehicle.q_limits[:, 0], vehicle.q_limits[:, 1]
-                at_limit = np.flatnonzero(np.minimum(dropped.q - low, high - dropped.q) < _AT_LIMIT)
-                names = ", ".join(vehicle.joint_names[j] for j in at_limit)
-                return (
-                    f"{names} {'is' if len(at_limit) == 1 else 'are'} at the limit" if names else "the arm is too short"
-                )
-            case Limit.TURN:
-                return f"{joint(np.abs(dropped.q))} would turn by {np.degrees(np.abs(dropped.q).max()):.0f} deg at once"
-            case Limit.JOINT:
-                low, high = vehicle.q_limits[:, 0], vehicle.q_limits[:, 1]
-                return f"{joint(-np.minimum(dropped.q - low, high - dropped.q))} comes to its limit"
-            case Limit.TORQUE:
-                return f"{joint(np.abs(dropped.q) / vehicle.torque_limits)} cannot bear the push"
-            case Limit.SINGULAR:
-                return "the arm is stretched, or its wrist"
-            case Limit.OBJECT:
-                return "the arm comes too near to the object"
-            case Limit.THRUST:
-                return "the thrusters cannot bear push and friction"
-
-
-def samples_along(path: ToolPath, count: int) -> Array:
-    """Arc lengths [m] at which a path is tested: `count` even ones, and more where the tool turns over an edge."""
-    even = np.linspace(0.0, float(path.s[-1]), count)
-    frame = np.hstack([path.x, np.cross(path.z, path.x), path.z])
-    turned = np.concatenate([[0.0], np.cumsum(np.sqrt(0.5 * np.sum(np.diff(frame, axis=0) ** 2, axis=1)))])  # [rad]
-    at = np.interp(even, path.s, turned)
-    more = np.maximum(np.ceil(np.diff(at) / _MOST_TURN) - 1, 0).astype(np.int64)
-    if not more.any():
-        return even
-    between = [
-        np.interp(np.linspace(a, b, k + 2)[1:-1], turned, path.s) for a, b, k in zip(at, at[1:], more, strict=False)
-    ]
-    return np.sort(np.concatenate([even, *between]))
-
-
-def tool_poses(path: ToolPath, shares: Array, roll: float, standoff: float) -> list[Array]:
-    """Tool poses (4, 4) from the stand-off to the surface, along the path, and back off the surface.
-
-    Args:
-        path: tool path in W.
-        shares: [m] arc lengths of the poses on the path.
-        roll: [rad] rotation of the tool about its own axis.
-        standoff: [m] from which the tool approaches.
-
-    Returns:
-        The poses in W, `_STANDOFF_STEPS` before and after those on the path.
-    """
-    along = [tool_pose(path, s, roll)[0] for s in shares]
-    steps = standoff * np.arange(1, _STANDOFF_STEPS + 1) / _STANDOFF_STEPS
-    down, up = ([pose(X[:3, :3], X[:3, 3] - X[:3, 2] * step) for step in steps] for X in (along[0], along[-1]))
-    return down[::-1] + along + up
-
-
-def _loads(path: ToolPath, shares: Array, roll: float, force: float, drag: float) -> Array:
-    """Force of the surface on the tip (k, 3) [N], tool axes, at each of `tool_poses`; zero off the surface."""
-    loads = np.zeros((len(shares) + 2 * _STANDOFF_STEPS, 3))
-    for load, s in zip(loads[_STANDOFF_STEPS:], shares, strict=False):
-        X, tangent, _ = tool_pose(path, s, roll)
-        load[:] = -force * (np.array([0.0, 0.0, 1.0]) + drag * X[:3, :3].T @ tangent)
-    return loads
-
-
-def _seen(poses: list[Array], gone: Array) -> list[Array]:
-    """Make `poses` relative to a hull displaced by `gone` (k, 3) [m] since mid-path, in place."""
-    for X, way in zip(poses, gone, strict=True):
-        X[:3, 3] -= way
-    return poses
-
-
-def reach(chain: Chain) -> float:
-    """Length [m] of the stretched arm, from joint to joint to the tip."""
-    stations = np.vstack([np.zeros(3), chain.points, chain.X_base_tip0[:3, 3]])
-    return float(np.linalg.norm(np.diff(stations, axis=0), axis=1).sum())
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -681,14 +347,14 @@ class PathStanding:
         count = (self.search or PlacementSearch()).samples
         shares = samples_along(path, count)
         poses = tool_poses(path, shares, placement.roll, self.limits.standoff)
-        loads = _loads(path, shares, placement.roll, self.limits.force, holding.drag)
+        loads = tool_loads(path, shares, placement.roll, self.limits.force, holding.drag)
         done = np.interp(shares, np.linspace(0.0, float(path.s[-1]), count), np.linspace(0.0, 1.0, count))
-        done = np.pad(done, _STANDOFF_STEPS, mode="edge")
+        done = np.pad(done, STANDOFF_STEPS, mode="edge")
         q, most = placement.q_start, 0.0
         for X_WG, load, share in zip(poses, loads, done, strict=True):
             X_WB = placement.hull_at(share)
             X_AG = inverse(X_WB @ self.vehicle.X_BA) @ X_WG
-            q = solve(self.chain, X_AG, q, 1e-4, 1e-3, branch="keep", options=_FEW_STEPS).q
+            q = solve(self.chain, X_AG, q, 1e-4, 1e-3, branch="keep", options=FEW_STEPS).q
             most = max(most, holding.used(q, X_WB[:3, :3], load))
         return most
 

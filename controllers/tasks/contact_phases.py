@@ -4,7 +4,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, fields
 
-from controllers.planning.hull_placement import stretches
+from controllers.planning.path_poses import stretches
 from controllers.planning.trajectories import BEND, Progress, SpeedLaw, progress_along
 from controllers.tasks.arrival import Since
 from controllers.tasks.phase import ZERO, Abort, Context, Held, Outcome, Phase, PhaseEvent, Setpoint, towards, way_back

@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 from scipy.spatial import cKDTree
 
-from controllers.planning.hull_placement import tool_poses
+from controllers.planning.path_poses import tool_poses
 from controllers.planning.seabed_height import WorkHeight, arm_gap, choose_height
 from controllers.planning.work_vehicle import WorkVehicle
 from models.naming import CAMERA_SITE, TOOL_GEOM

@@ -8,20 +8,16 @@ import models
 from controllers.hull.thrust_margin import ThrustMargin
 from controllers.mkps import Chain, solve
 from controllers.planning import hull_path
+from controllers.planning.arm_margins import ArmMargins, Dropped, ToolTrack, Worked
 from controllers.planning.hull_placement import (
-    ArmMargins,
-    Dropped,
     PathStanding,
     Placement,
     PlacementSearch,
     StandingLimits,
     Surroundings,
-    ToolTrack,
-    Worked,
-    middle_part,
     place_hull,
-    tool_pose,
 )
+from controllers.planning.path_poses import middle_part, tool_pose
 from models.naming import ARM_BASE_BODY, TIP_SITE
 from models.objects.targets import TargetModel, barrel, pile, ring, vertical
 from models.site import scenes

@@ -5,7 +5,7 @@ import pytest
 
 import models
 from controllers.mkps import Chain, solve
-from controllers.planning.hull_placement import tool_pose
+from controllers.planning.path_poses import tool_pose
 from controllers.planning.seabed_height import HeightSearch, choose_height, jet_shear, silt_height
 from controllers.planning.work_vehicle import WorkVehicle
 from models.naming import ARM_BASE_BODY, TIP_SITE

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from controllers.planning.hull_placement import samples_along
+from controllers.planning.path_poses import samples_along
 from controllers.planning.trajectories import TURN, JointMove, PoseMove, Progress, SpeedLaw, progress_along
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import ToolPath

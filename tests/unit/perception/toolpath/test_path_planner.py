@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from controllers.planning.hull_placement import part_of, stretches
+from controllers.planning.path_poses import part_of, stretches
 from depth_scenes import dented_barrel, look, seen_from
 from models.meshes.nearest_surface import NearestSurface
 from models.meshes.ray_casting import RayScene

@@ -1,0 +1,207 @@
+"""Margins of the arm along a tool path: limits of joints and torques, singular postures, distance, thrust."""
+
+from dataclasses import dataclass
+from enum import Enum, auto
+from typing import NamedTuple
+
+import numba
+import numpy as np
+
+from controllers.hull.thrust_margin import ThrustMargin
+from controllers.mkps import Chain, IkOptions, solve
+from controllers.planning.hull_path import arm_gap, joint_centres_kernel, joint_gap_kernel
+from models.vehicle import Vehicle
+from sim.interfaces.spatial import Array, inverse
+
+FEW_STEPS = IkOptions(max_iterations=60)
+ROUNDING = 1e-9  # [m] far above the rounding of a distance
+_LARGEST_STEP = 0.8  # [rad] of a joint between two poses of a path
+_AT_LIMIT = 0.02  # [rad] from its limit a joint counts as at it, in a message
+_ROOMY_THRUST = 0.4  # [-] unused share of thrust, left for the current, that gives a margin of 1
+_SCALE = np.array([1.0, 1.0, 1.0, 0.4, 0.4, 0.4])[:, None]  # [m/rad] weights rotation against translation
+_SINGULAR = 0.12  # smallest singular value of the weighted Jacobian that gives a margin of 1
+
+
+@numba.njit(cache=True)
+def _step_and_room(before, q, low, high):
+    """Largest change of a joint from `before` to `q`, and the smallest distance of `q` to the limits; (n,) each."""
+    jump, room = 0.0, np.inf
+    for j in range(q.shape[0]):
+        jump = max(jump, abs(q[j] - before[j]))
+        room = min(room, min(q[j] - low[j], high[j] - q[j]))
+    return jump, room
+
+
+@numba.njit(cache=True)
+def _are_above(margin, J, push, torque_limits):
+    """True if the margins of torque and of singular postures are above `margin` by more than rounding.
+
+    Args:
+        margin: [-]
+        J: (6, n) Jacobian of the tip.
+        push: (3,) [N] force on it, same axes.
+        torque_limits: (n,) [N m]
+    """
+    n = J.shape[1]
+    for j in range(n):
+        load = abs(J[0, j] * push[0] + J[1, j] * push[1] + J[2, j] * push[2]) / torque_limits[j]
+        if 3.0 * (1.0 - load) < margin + 1e-9:
+            return False
+    # The smallest singular value is above t where the Gram matrix less t^2 has a Cholesky factorisation.
+    k, t = min(6, n), _SINGULAR * margin * (1.0 + 1e-6)
+    L, trace = np.empty((k, k)), 0.0
+    for a in range(k):
+        for b in range(a + 1):
+            total = -t * t if a == b else 0.0
+            for m in range(max(6, n)):
+                if n < 6:
+                    total += J[m, a] * J[m, b] * _SCALE[m, 0] * _SCALE[m, 0]
+                else:
+                    total += J[a, m] * J[b, m] * _SCALE[a, 0] * _SCALE[b, 0]
+            if a == b:
+                trace += total
+            for m in range(b):
+                total -= L[a, m] * L[b, m]
+            if a == b:
+                if not total > 1e-12 * abs(trace):
+                    return False
+                L[a, a] = np.sqrt(total)
+            else:
+                L[a, b] = total / L[b, b]
+    return True
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ToolTrack:
+    """Tool poses along a path, from the stand-off and back to it."""
+
+    poses: list[Array]  # k poses (4, 4) in W, relative to the travelling hull
+    gone: Array  # (k, 3) [m] displacement of the hull at each since mid-path, W
+    loads: Array | None = None  # (k, 3) [N] force of the world on the tip at each, tool axes; None: thrust is left out
+
+
+class Limit(Enum):
+    """What ends a path for the arm."""
+
+    REACH = auto()  # no inverse kinematics
+    TURN = auto()  # a joint would turn too far between two poses
+    JOINT = auto()  # of a joint's angle
+    TORQUE = auto()
+    SINGULAR = auto()
+    OBJECT = auto()  # nearness of the arm to the object
+    THRUST = auto()
+
+
+class Worked(NamedTuple):
+    """Path that the arm takes from a hull pose."""
+
+    margin: float  # [-] smallest along it
+    q_start: Array  # (n,) [rad] joint angles at its first pose
+
+
+class Dropped(NamedTuple):
+    """First pose of a path that fails from a hull pose."""
+
+    at: int  # its index
+    reached: float  # share of the poses before it
+    limit: Limit
+    q: Array  # (n,) joint angles there [rad]; for TURN the steps to them [rad], for TORQUE those per newton [m]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ArmMargins:
+    """Margins of the arm at work from a hull pose."""
+
+    vehicle: Vehicle
+    chain: Chain  # kinematics of its arm
+    planes: Array  # (f, 4) faces of the object's convex hull, outward unit normal and offset [m], W
+    force: float  # [N] largest set force
+    clearance: float  # [m] distance of joint centres to the object that gives a margin of 1
+    holding: ThrustMargin | None = None  # thrust margin of the vehicle; None leaves thrust out
+
+    def along(self, track: ToolTrack, X_WB: Array, to_beat: float) -> "Worked | Dropped":
+        """Smallest margin of a hull pose along tool poses, by inverse kinematics on one branch.
+
+        Args:
+            track: the tool poses.
+            X_WB: (4, 4) hull pose.
+            to_beat: [-] margin to be exceeded, but at least 0.05; otherwise the candidate is dropped.
+
+        Returns:
+            The margin with the first joint angles; or the first pose that fails, and why.
+        """
+        X_AW = inverse(X_WB @ self.vehicle.X_BA)
+        low, high = self.vehicle.q_limits[:, 0], self.vehicle.q_limits[:, 1]
+        margin, floor = np.inf, max(to_beat, 0.05)
+        q, q_start = self.vehicle.q_ready, None
+        slides = np.array([kind == "p" for kind in self.chain.joint_types])
+        for i, X_WG in enumerate(track.poses):
+            share = i / len(track.poses)
+            result = solve(self.chain, X_AW @ X_WG, q, 1e-4, 1e-3, branch="keep", options=FEW_STEPS)
+            jump, room = _step_and_room(q, result.q, low, high)
+            if not result.converged:
+                return Dropped(i, share, Limit.REACH, result.q)
+            if i and jump > _LARGEST_STEP:
+                return Dropped(i, share, Limit.TURN, result.q - q)
+            q = result.q
+            margin = min(margin, room / 0.5)
+            if margin <= floor:  # cheap margins first: most candidates are rejected here
+                return Dropped(i, share, Limit.JOINT, q)
+            X_AG, J = self.chain.kinematics(q)
+            # These two, and the gap, seldom are the smallest margin: kernels, equal but for rounding, tell where.
+            if not _are_above(margin, J, X_AG[:3, 2] * self.force, self.vehicle.torque_limits):
+                torque = 1.0 - np.abs(J[:3].T @ (X_AG[:3, 2] * self.force) / self.vehicle.torque_limits).max()
+                margin = min(margin, 3.0 * torque)
+                if margin <= floor:
+                    return Dropped(i, share, Limit.TORQUE, J[:3].T @ X_AG[:3, 2])
+                margin = min(margin, np.linalg.svd(J * _SCALE, compute_uv=False)[-1] / _SINGULAR)
+                if margin <= floor:
+                    return Dropped(i, share, Limit.SINGULAR, q)
+            centres = joint_centres_kernel(slides, self.chain.axes, self.chain.points, q)[2 : self.chain.n - 2]
+            if joint_gap_kernel(centres, X_AW, self.planes, track.gone[i]) < margin * self.clearance + ROUNDING:
+                margin = min(margin, arm_gap(self.chain, q, X_AW, self.planes, track.gone[i]) / self.clearance)
+                if margin <= floor:
+                    return Dropped(i, share, Limit.OBJECT, q)
+            if self.holding is not None and track.loads is not None:
+                margin = min(margin, (1.0 - self.holding.used(q, X_WB[:3, :3], track.loads[i])) / _ROOMY_THRUST)
+                if margin <= floor:
+                    return Dropped(i, share, Limit.THRUST, q)
+            if i == 0:
+                q_start = q
+        assert q_start is not None
+        return Worked(float(margin), q_start)
+
+    def said(self, dropped: "Dropped") -> str:
+        """What ends the path where a candidate was dropped, in a few words."""
+        vehicle = self.vehicle
+
+        def joint(sizes: Array) -> str:
+            return vehicle.joint_names[int(np.argmax(sizes))]
+
+        match dropped.limit:
+            case Limit.REACH:
+                low, high = vehicle.q_limits[:, 0], vehicle.q_limits[:, 1]
+                at_limit = np.flatnonzero(np.minimum(dropped.q - low, high - dropped.q) < _AT_LIMIT)
+                names = ", ".join(vehicle.joint_names[j] for j in at_limit)
+                return (
+                    f"{names} {'is' if len(at_limit) == 1 else 'are'} at the limit" if names else "the arm is too short"
+                )
+            case Limit.TURN:
+                return f"{joint(np.abs(dropped.q))} would turn by {np.degrees(np.abs(dropped.q).max()):.0f} deg at once"
+            case Limit.JOINT:
+                low, high = vehicle.q_limits[:, 0], vehicle.q_limits[:, 1]
+                return f"{joint(-np.minimum(dropped.q - low, high - dropped.q))} comes to its limit"
+            case Limit.TORQUE:
+                return f"{joint(np.abs(dropped.q) / vehicle.torque_limits)} cannot bear the push"
+            case Limit.SINGULAR:
+                return "the arm is stretched, or its wrist"
+            case Limit.OBJECT:
+                return "the arm comes too near to the object"
+            case Limit.THRUST:
+                return "the thrusters cannot bear push and friction"
+
+
+def reach(chain: Chain) -> float:
+    """Length [m] of the stretched arm, from joint to joint to the tip."""
+    stations = np.vstack([np.zeros(3), chain.points, chain.X_base_tip0[:3, 3]])
+    return float(np.linalg.norm(np.diff(stations, axis=0), axis=1).sum())

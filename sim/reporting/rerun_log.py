@@ -245,7 +245,7 @@ class RerunLog:
         text = f"{state.value}: {reference.note}" if reference.note not in ("", self._note) else state.value
         self._note = reference.note
         if self._frame is not None and state is not WorkState.SCAN:  # it would hide the work
-            self._stream.event("world/camera", rr.Clear(recursive=True), time)
+            self._stream.event("world/camera/depth", rr.Clear(recursive=False), time)
             self._frame = None
         self._stream.event("state/log", rr.TextLog(text, level=level, color=STATE_COLORS[state]), time)
         self._stream.event("state/now", rr.StateChange(state=state.value), time)

@@ -154,8 +154,8 @@ def test_closed_log_holds_everything_up_to_its_end(tmp_path: Path):
     ):
         assert last[f"/world/{entity}"] == pytest.approx(2.0)
     assert last["/world/path/planned"] == 0.0
-    assert last["/world/camera/depth"] == pytest.approx(0.202)
-    assert last["/world/camera"] == pytest.approx(0.5)  # taken away when the scan is over
+    assert last["/world/camera"] == pytest.approx(0.202)
+    assert last["/world/camera/depth"] == pytest.approx(0.5)  # taken away when the scan is over
     assert last["/world/clouds/scan"] == pytest.approx(0.1)
     assert last["/world/found/seabed"] == pytest.approx(0.2)
     assert last["/world/found/axes"] == pytest.approx(0.3)

@@ -85,5 +85,5 @@ img { width: 100%; height: auto; display: block }
   .accepted { color: #9fe3c5; background: #10382a } .not-accepted { color: #ffc49b; background: #45240d }
   .reasons { color: #ffc49b } img { background: #fff; border-radius: .4em }
 }
-@media print { main { max-width: none } section { break-inside: avoid-page } }
+@media print { main { max-width: none } img, tr { break-inside: avoid } .modebar { display: none !important } }
 """

@@ -5,20 +5,46 @@ started here get CI=1 instead, under which they neither send usage data nor writ
 """
 
 import os
+import socket
 import subprocess
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+PORT = 9876  # of the viewer, Rerun's own choice
+WAIT = 15.0  # [s] for a viewer to start
 _SMALL = 1_000_000  # [bytes] smaller logs load fast enough without compaction
 _PATIENCE = 20.0  # [s] longest time for compaction
 
 
-def spawn_viewer(rr: Any) -> None:
-    """Start the viewer, or find the running one; `rr` is the module `rerun`."""
+def spawn_viewer(rr: Any, stream: Any) -> bool:
+    """Start the viewer, or find the running one.
+
+    Args:
+        rr: The module `rerun`.
+        stream: Recording that is to be shown; without one `rerun` starts nothing.
+
+    Returns:
+        Whether it listens; without a screen or a graphics driver it may not start.
+    """
     with _quiet():
-        rr.spawn(connect=False)
+        rr.spawn(connect=False, recording=stream, port=PORT, executable_path=str(_program()))
+    return _listens(WAIT)
+
+
+def _listens(patience: float) -> bool:
+    """Whether a viewer takes connections, within `patience` [s]."""
+    until = time.monotonic() + patience
+    while True:
+        try:
+            socket.create_connection(("127.0.0.1", PORT), timeout=1.0).close()
+            return True
+        except OSError:
+            if time.monotonic() > until:
+                return False
+            time.sleep(0.1)
 
 
 def compact(file: Path) -> bool:

@@ -31,8 +31,10 @@ class LogStream:
         self._whole: list[int] = []  # [bytes] readable size of the file after each flush
         self.lost = ""  # why the log was abandoned; empty: it was not
         self._stream = rr.RecordingStream("uuv-arm")
-        if view:
-            spawn_viewer(rr)
+        shown = view and spawn_viewer(rr, self._stream)
+        if view and not shown:
+            print(f"view: the Rerun viewer did not start here; afterwards: uuv view {path.parent}", file=sys.stderr)
+        if shown:
             self._stream.set_sinks(rr.FileSink(str(path)), rr.GrpcSink())
         else:
             self._stream.save(str(path))

@@ -75,6 +75,7 @@ def timelines(runs: Mapping[str, RecordedSeries], bounds: Bounds | None = None) 
         paper_bgcolor="rgba(0,0,0,0)",
         plot_bgcolor="rgba(0,0,0,0)",
         hovermode="x",
+        modebar={"bgcolor": "rgba(0,0,0,0)"},
         font={"family": "system-ui, sans-serif", "size": 12, "color": FAINT},
         title={"text": _legend(list(runs)), "font": {"size": 13}} if len(runs) > 1 else None,
         **_legends(figure, len(titles)),

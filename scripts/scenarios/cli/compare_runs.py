@@ -38,7 +38,7 @@ def main(verb: str, args: Sequence[str]) -> int:
     found = tables(runs, every=_ALL in args)
     console = Console(width=None if Console().is_terminal else 140)
     for title, rows in found.items():
-        console.print(table(title, [str(run.folder) for run in runs], rows))
+        console.print(table(title, [str(run.folder) for run in runs], rows) if rows else f"{title}: none")
     if absent("log"):
         console.print(f"no page of the time series: {to_install('log')}", markup=False, highlight=False)
     elif without := [str(run.folder) for run in runs[:2] if not run.rates]:
@@ -75,6 +75,7 @@ def write_page(runs: Sequence[PastRun], found: Mapping[str, Rows]) -> Path:
         f"<section><h2>{report_page.text(title)}</h2>"
         f"{report_page.table(('', *names), [(key, *map(_said, values)) for key, values in rows])}</section>"
         for title, rows in found.items()
+        if rows
     )
     title = " against ".join(names)
     body = f"<header><h1>{report_page.text(title)}</h1></header>{listed}<section><h2>Time series</h2>{drawn}</section>"

@@ -1,5 +1,6 @@
 """Rerun's program as we start it: a log made compact holds the same, and what is no log stays as it is."""
 
+import socket
 from pathlib import Path
 
 import numpy as np
@@ -7,7 +8,7 @@ import pytest
 import rerun as rr
 from rerun.chunk import RrdReader
 
-from sim.reporting import rerun_program
+from sim.reporting import rerun_program, rerun_stream
 
 
 def values(file: Path) -> tuple[np.ndarray, int]:
@@ -51,3 +52,35 @@ def test_what_cannot_be_made_compact_stays(tmp_path, monkeypatch, content):
     assert file.read_bytes() == content
     assert not rerun_program.compact(tmp_path / "none.rrd")
     assert [path.name for path in tmp_path.iterdir()] == ["run.rrd"]
+
+
+class Spawned:
+    """Stands for the module `rerun` where a viewer is to be started: keeps what it is told."""
+
+    def __init__(self) -> None:
+        self.told: dict[str, object] = {}
+
+    def spawn(self, **told: object) -> None:
+        self.told = told
+
+
+def test_viewer_is_started_for_this_recording_and_waited_for(monkeypatch):
+    """Without the recording, `rerun` starts nothing and says that it is disabled."""
+    assert not rr.is_enabled()
+    stream, fake = rr.RecordingStream("test"), Spawned()
+    with socket.create_server(("127.0.0.1", 0)) as viewer:
+        monkeypatch.setattr(rerun_program, "PORT", viewer.getsockname()[1])
+        assert rerun_program.spawn_viewer(fake, stream)
+    assert fake.told["recording"] is stream
+    assert Path(str(fake.told["executable_path"])).is_file()
+    monkeypatch.setattr(rerun_program, "WAIT", 0.2)
+    assert not rerun_program.spawn_viewer(fake, stream)
+
+
+def test_log_is_whole_where_no_viewer_starts(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(rerun_stream, "spawn_viewer", lambda *_: False)
+    stream = rerun_stream.LogStream(tmp_path / "run.rrd", "a run", view=True)
+    stream.event("a", rr.Scalars(1.0), 0.5)
+    stream.close()
+    assert f"afterwards: uuv view {tmp_path}" in capsys.readouterr().err
+    assert any(chunk.entity_path == "/a" for chunk in RrdReader(tmp_path / "run.rrd").stream().to_chunks())

@@ -14,13 +14,13 @@ import sys
 import sysconfig
 import traceback
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from importlib.util import find_spec
 from pathlib import Path
 from types import FrameType, TracebackType
-from typing import Any, ClassVar, NoReturn, TypeVar
+from typing import Any, ClassVar, NoReturn, TypeVar, cast
 
-from sim.interfaces.errors import UuvError, one_line
+from sim.interfaces.errors import UuvError, did_you_mean, one_line
 from sim.interfaces.extras import missing
 from sim.runs.run_folder import give_back, new_folder
 
@@ -135,7 +135,10 @@ def parse(kind: type[Options], args: Sequence[str] | None = None) -> Options:
         rows = (row.strip(" │|") for row in re.sub(r"\x1b\[[0-9;]*m", "", said.getvalue()).splitlines()[1:])
         parts = re.split(r"^[─-]{8,}$", "\n".join(rows), flags=re.MULTILINE)
         mistake = next((part for part in parts if part.strip()), "bad options")
-        raise _refusal(f"{mistake.strip().rstrip('.')} (--help lists the options)") from None
+        unknown = re.search(r"Unrecognized options?: (--[\w-]+)", mistake)
+        known = [f"--{each.name.replace('_', '-')}" for each in fields(cast(Any, kind))]
+        meant = did_you_mean(unknown[1], known) if unknown else ""
+        raise _refusal(f"{mistake.strip().rstrip('.')} (--help lists the options){meant}") from None
     for name, value in vars(options).items():
         if name.endswith("seed") and value is not None and value < 0:
             raise _refusal(f"--{name.replace('_', '-')}: must not be negative, got {value}")

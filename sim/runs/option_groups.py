@@ -9,7 +9,7 @@ import textwrap
 from collections.abc import Sequence
 from dataclasses import MISSING, Field, field, fields, make_dataclass
 from itertools import pairwise
-from typing import Annotated, Any, TypeVar, get_type_hints
+from typing import Annotated, Any, TypeVar, cast, get_type_hints
 
 import tyro
 
@@ -28,7 +28,7 @@ def cli(kind: type[Options], args: Sequence[str]) -> Options:
         return tyro.cli(kind, args=args)
     hints, told = get_type_hints(kind, include_extras=True), _told(kind)
     members: dict[str, list[tuple[str, Any, Any]]] = {title: [] for title in titles.values()}
-    for each in fields(kind):  # pyright: ignore[reportArgumentType]
+    for each in fields(cast(Any, kind)):
         hint = Annotated[hints[each.name], tyro.conf.arg(help=told.get(each.name, ""))]
         members[titles[each.name]].append((each.name, hint, _default(each)))
     parts = []

@@ -1,5 +1,6 @@
 """The code in the documents runs as it stands there."""
 
+import pkgutil
 import re
 import sys
 from dataclasses import fields, replace
@@ -14,6 +15,7 @@ import models
 from controllers.arm.inverse_dynamics import ArmDynamics
 from models.vehicle import Vehicle
 from scenarios import assemble, barrel
+from scenarios.cli.skeletons import SENSOR
 from sim.interfaces.messages import Command, Reference, StateEstimate
 from sim.interfaces.protocols import Controller
 from untyped import untyped
@@ -102,3 +104,21 @@ def test_the_fault_of_the_documents_reaches_the_thruster(root, monkeypatch):
         plant.step(Command(time=time, joint_torque=np.zeros(6), thrusters=given, scan=False))
     factor = np.where(np.array(untyped(plant).plant.vehicle.thruster_names) == "heave_front", 1.3, 1.0)
     np.testing.assert_allclose(sent, [given, factor * given], rtol=1e-12)
+
+
+def test_the_sensor_of_the_documents_is_the_skeletons(root):
+    page = (root / "docs" / "own_sensor.md").read_text(encoding="utf-8")
+    (block,) = re.findall(r"```python\n(.*?)```", page, flags=re.DOTALL)
+    assert SENSOR.part.replace("NAME", "noisy").endswith(block)
+
+
+def test_code_that_the_methods_name_is_there(root):
+    page = (root / "docs" / "methods.md").read_text(encoding="utf-8")
+    files = re.findall(r"`((?:\w+/)+\w+\.py)`", page)
+    assert len(files) > 10
+    for file in files:
+        assert (root / file).is_file(), file
+    names = re.findall(r"\]\[([\w.]+)\]", page)
+    assert len(names) > 10
+    for name in names:
+        assert pkgutil.resolve_name(name) is not None

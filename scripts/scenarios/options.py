@@ -42,7 +42,7 @@ class VehicleOptions(ScenarioOptions):
     groups: ClassVar[Mapping[str, str]] = {"vehicle": "vehicle arm_errors"}
 
     vehicle: str = "uuv_puma"
-    """A name of models.available(), or an MJCF file with the named parts (docs/own_vehicle.md)."""
+    """A name of models.available(), an MJCF file with the named parts (docs/own_vehicle.md), or MODULE:FUNCTION."""
     controller: str = "work"
     """Controller: work, a registered name, or MODULE:CLASS."""
 
@@ -57,7 +57,7 @@ class ContactOptions(VehicleOptions):
 
     groups: ClassVar[Mapping[str, str]] = {
         "work": "forces speed contactless turn blend least_chance range",
-        "object": "path length arc rise azimuth height corner object line least fouled dented",
+        "object": "path length arc rise azimuth height corner object scale line least fouled dented",
         "sensing": "sensor target_pose looks follow arm_camera",
         "control": "controller without published ik calibrated arm",
     }
@@ -81,7 +81,7 @@ class ContactOptions(VehicleOptions):
     """Successive depth frames, or pings, whose median the tool path is planned on; 16 where growth or dents are
     possible."""
     sensor: str = "camera"
-    """Sensor for identification: camera, sonar, or one that an installed package registers."""
+    """Sensor for identification: camera, sonar, survey (the pose is known), a registered name, or MODULE:FUNCTION."""
     target_pose: Literal["found", "known"] = "found"
     """known: the object's pose is known from a survey, and no sensor looks for it."""
     follow: bool = False
@@ -223,7 +223,9 @@ class ObjectOptions(ContactOptions):
     """Clean a known object with a set force."""
 
     object: str = "rock"
-    """A name of models.objects.targets.available(), or a mesh file."""
+    """A name of models.objects.targets.available(), a mesh file, or MODULE:FUNCTION."""
+    scale: float | None = None
+    """Unit of a mesh file [m]: 0.001 for one in mm; default: metres."""
     path: str | None = None
     """Name of one of the object's paths; default: the first."""
     length: float = 0.3
@@ -238,7 +240,14 @@ class ObjectOptions(ContactOptions):
         """The work on the object."""
         if self.line is not None and self.path is not None:
             raise ConfigurationError("--path and --line: one of the two")
-        of = KnownObject(object=self.object, length=self.length, line=self.line, fouled=self.fouled, dented=self.dented)
+        of = KnownObject(
+            object=self.object,
+            scale=self.scale,
+            length=self.length,
+            line=self.line,
+            fouled=self.fouled,
+            dented=self.dented,
+        )
         forces = (60.0,) if self.quick else (60.0, 90.0, 60.0)
         return self.work("clean_object", of, self.path, forces=forces, least=self.least)
 

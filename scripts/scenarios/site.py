@@ -143,7 +143,8 @@ class Pile(Workpiece):
 class KnownObject(Workpiece):
     """Object of the library by name, those of other packages included, or a mesh file with a line laid over its top."""
 
-    object: str = "rock"  # a name of models.objects.targets.available(), or a mesh file [m]
+    object: str = "rock"  # a name of models.objects.targets.available(), or a mesh file
+    scale: float | None = None  # [m] unit of a mesh file; None: metres
     length: float = 0.3  # [m] of the line over a mesh
     line: tuple[float, float, float, float] | None = None  # [m] x, y of both ends of a path over it; None: its own
 
@@ -157,7 +158,7 @@ class KnownObject(Workpiece):
 
     def model(self) -> TargetModel:
         """Clean model as the library or the file has it."""
-        return targets.of(self.object)
+        return targets.of(self.object, self.scale)
 
     def target(self, path: str | None) -> tuple[TargetModel, str]:
         """The object and the path's name; "over", from above, is `line`, or along x on a mesh without paths."""

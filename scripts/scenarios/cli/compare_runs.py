@@ -16,7 +16,7 @@ from sim.reporting.series_tables import PastRun
 from sim.runs.saving import write_whole
 
 _LEFT_OUT = ("provenance", "timings", "schema")
-_ASKED = ("scenario", "options.")  # part of the provenance that says what was asked for
+_ASKED = ("scenario", "options.", "model_sha256")  # what was asked for, and the model that follows from it
 _ALL = "--all"
 _SAME = 0.02  # share by which figures may differ and still count as alike
 _USAGE = f"""usage: uuv compare RUN RUN [RUN ...] [{_ALL}]

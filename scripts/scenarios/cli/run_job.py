@@ -14,20 +14,22 @@ from scenarios.cli.catalogue import JOBS
 from scenarios.command import command
 from scenarios.scenario_file import read_scenario, with_values
 from sim.interfaces.errors import ConfigurationError, did_you_mean
-from sim.runs.command_line import RunOptions, parse
+from sim.runs.command_line import Options, RunOptions, parse
 from sim.runs.run_folder import claimed_folder
 
 _QUIET, _JSON, _SET, _TASK = "--quiet", "--json", "--set", "--task"
+_MORE = f"""\
+  {_SET} KEY=VALUE ...  other values, by the keys of a scenario file and in its units, such as task.speed=0.03
+                      or perturbations.MountedObject.stiffness=1e4
+  {_TASK} MODULE:CLASS  a task of one's own, with its defaults, in place of the job's (`uuv new task NAME`)
+  {_QUIET}              print the verdict and the folder alone
+  {_JSON}               print metrics.json alone"""
 _HELP = f"""usage: uuv run NAME|FILE.toml [OPTIONS]
 
 NAME: {", ".join(JOBS)}; `uuv run NAME --help` lists its options.
 FILE.toml: a scenario, such as the scenario.toml in the folder of every run.
 
-  {_SET} KEY=VALUE ...  other values, by the keys of a scenario file and in its units, such as task.speed=0.03 or
-                      perturbations.MountedObject.stiffness=1e4
-  {_TASK} MODULE:CLASS  a task of one's own, with its defaults, in place of the job's (`uuv new task NAME`)
-  {_QUIET}              print the verdict and the folder alone
-  {_JSON}               print metrics.json alone"""
+{_MORE}"""
 
 
 @dataclass(kw_only=True)
@@ -47,10 +49,10 @@ def main(verb: str, args: Sequence[str]) -> int:
         return 0
     name, (rest, values) = args[0], _assignments([arg for arg in args[1:] if arg not in (_QUIET, _JSON)])
     if name in JOBS:
-        chosen = parse(getattr(jobs, JOBS[name]), rest)
+        chosen = _parsed(getattr(jobs, JOBS[name]), rest)
         scenario = chosen.scenario()
     elif name.endswith(".toml"):
-        chosen = parse(FileOptions, rest)
+        chosen = _parsed(FileOptions, rest)
         scenario = read_scenario(name)
         if chosen.seed is not None:
             scenario = replace(scenario, seed=chosen.seed)
@@ -72,6 +74,16 @@ def main(verb: str, args: Sequence[str]) -> int:
         verdict = "accepted" if metrics["accepted"] else "not accepted: " + "; ".join(metrics["failed"])
         print(f"{verdict}\n{folder}")
     return code
+
+
+def _parsed(kind: type[Options], args: Sequence[str]) -> Options:
+    """Options of the job; --help tells those of `uuv run` too."""
+    try:
+        return parse(kind, args)
+    except SystemExit as stop:
+        if not stop.code:
+            print(f"\nand of every job:\n{_MORE}")
+        raise
 
 
 def _assignments(args: Sequence[str]) -> tuple[list[str], list[str]]:

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from scenarios.cli.catalogue import ROOT
 from sim.interfaces.errors import ConfigurationError, did_you_mean
 
 
@@ -298,9 +299,17 @@ def main(verb: str, args: Sequence[str]) -> int:
     if not name.isidentifier() or keyword.iskeyword(name) or name.startswith("test_") or name != name.lower():
         raise ConfigurationError(f"NAME: a module's name in lower case, such as my_{kind}, got {name!r}")
     written = write(kind, name, Path())
-    use = SKELETONS[kind].use.replace("NAME", name)
-    print(f"written: {', '.join(map(str, written))}\n\ntry:   {use}\ntest:  python -m pytest {written[1]}")
+    use, by = SKELETONS[kind].use.replace("NAME", name), _wrapper()
+    print(f"written: {', '.join(map(str, written))}\n\ntry:   {by}{use}\ntest:  {by}python -m pytest {written[1]}")
     return 0
+
+
+def _wrapper() -> str:
+    """What stands before a command here: the wrapper of a clone, nothing where the wheel is installed."""
+    uvw = ROOT / "uvw"
+    if not uvw.is_file():
+        return ""
+    return "./uvw run " if Path.cwd() == ROOT else f"{uvw} run "
 
 
 def write(kind: str, name: str, folder: Path) -> tuple[Path, Path]:

@@ -128,8 +128,10 @@ def _described(case: BenchmarkCase) -> dict[str, Any]:
     described = as_json(scenario)
     if not scenario.sensing.follow:
         del described["sensing"]["follow"]
-    if described["site"]["object"].get("line", ...) is None:
-        del described["site"]["object"]["line"]
+    of = described["site"]["object"]
+    for later in ("line", "scale"):
+        if of.get(later, ...) is None:
+            del of[later]
     return described
 
 

@@ -1,6 +1,7 @@
 """A run with its user output: visual log, progress, table, report; and the results of a run that has ended."""
 
 import math
+import shlex
 import sys
 import time
 from collections.abc import Callable
@@ -12,7 +13,6 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
 from controllers.tuning import table
 from models.meshes import ray_casting
-from models.naming import CAMERA_SITE
 from scenarios import first_start
 from scenarios.assembly import Assembly, assemble
 from scenarios.contact_parts import SURVEY
@@ -60,10 +60,14 @@ def command(
         Interrupted: A signal asked for the end; raised after all results are written. A second signal ends at once.
     """
     console = Console()
-    draws = options.record and not absent(LOG)
-    if options.record and not draws:
-        console.print(f"no run.rrd and report.html, series as .npz: {to_install(LOG)}", markup=False, highlight=False)
-    if CAMERA_SITE not in scenario.task.spares and scenario.sensing.sensor != SURVEY:
+    lacking = absent(LOG) if options.record else ()
+    draws = options.record and not lacking
+    if lacking:
+        series = ", series as .npz" if "pyarrow" in lacking else ""
+        said = f"no run.rrd and report.html{series}: {to_install(LOG)} ({', '.join(lacking)} missing)"
+        console.print(said, markup=False, highlight=False, soft_wrap=True)
+    sensing = scenario.sensing
+    if scenario.task.looks and (sensing.sensor != SURVEY or sensing.arm_camera is not None):
         ray_casting.installed()  # or the refusal, before anything is compiled
     first_start.build()
     folder = new_folder(scenario.name, options.out, scenario.seed)  # before the work: the folder may be unusable
@@ -146,7 +150,7 @@ def _report(run: Run, folder: Path, title: str) -> None:
         options=flat(as_dict(run.scenario)),
         pictures=run.assembly.placed.pictures(run.result),
         gains=table(*getattr(run.assembly.parts.controller, "tunings", ())),
-        again=f"uuv replay {folder}",
+        again=f"uuv replay {shlex.quote(str(folder))}",
     )
 
 

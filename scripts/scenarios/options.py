@@ -83,7 +83,7 @@ class ContactOptions(VehicleOptions):
     sensor: str = "camera"
     """Sensor for identification: camera, sonar, survey (the pose is known), a registered name, or MODULE:FUNCTION."""
     target_pose: Literal["found", "known"] = "found"
-    """known: the object's pose is known from a survey, and no sensor looks for it."""
+    """known: the object's pose is known from a survey, and no sensor looks for it, nor for growth and dents."""
     follow: bool = False
     """Follow the object by further depth frames while the vehicle scans it, and say if it moves."""
     arm_camera: bool = False
@@ -121,6 +121,10 @@ class ContactOptions(VehicleOptions):
         """
         if self.turn is None and self.blend:
             raise ConfigurationError(f"--blend {self.blend:g}: a round tool does not turn in a corner; give --turn too")
+        if self.target_pose == "known" and (self.sensor, self.looks) != ("camera", 1):
+            raise ConfigurationError("--target-pose known: nothing looks for the object, so no --sensor and --looks")
+        if self.target_pose == "known" and "identification" in self.published:
+            raise ConfigurationError("--target-pose known and --published identification: one of the two")
         return Scenario(
             name=name,
             seed=self.seed,

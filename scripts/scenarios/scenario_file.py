@@ -88,12 +88,13 @@ def from_dict(nested: Mapping[str, Any]) -> Scenario:
     return _made(Scenario, nested, "")
 
 
-def with_values(scenario: Scenario, assignments: Iterable[str]) -> Scenario:
+def with_values(scenario: Scenario, assignments: Iterable[str], option: str = "--set") -> Scenario:
     """The scenario with other values at some keys of its file.
 
     Args:
         scenario: The base.
         assignments: As for `assigned`.
+        option: Where they were given; messages begin with it.
 
     Raises:
         ConfigurationError: A key or value is none of those allowed.
@@ -104,7 +105,7 @@ def with_values(scenario: Scenario, assignments: Iterable[str]) -> Scenario:
             put(nested, key, value)
         return from_dict(nested)
     except ConfigurationError as error:
-        raise ConfigurationError(f"--set: {str(error).removeprefix('--')}") from error
+        raise ConfigurationError(f"{option}: {str(error).removeprefix('--')}") from error
 
 
 def assigned(assignments: Iterable[str]) -> dict[str, Any]:

@@ -1,6 +1,7 @@
 """Optional packages, and the extra of `uuv-arm` that brings each."""
 
 import contextlib
+import sys
 from collections.abc import Iterator
 from importlib.util import find_spec
 
@@ -21,6 +22,9 @@ EXTRAS = {  # module: extra, as in pyproject.toml
 }
 
 
+_OLDER = ("rl", "open3d")  # extras without packages for Python 3.13
+
+
 def missing(error: ImportError) -> MissingLibraryError | None:
     """What to say where `error` is for want of an optional package; None: it is not."""
     module = (error.name or "").partition(".")[0]
@@ -30,7 +34,9 @@ def missing(error: ImportError) -> MissingLibraryError | None:
 
 
 def to_install(extra: str) -> str:
-    """Command that installs an extra."""
+    """Command that installs an extra; what else it takes, where this Python is too new for it."""
+    if extra in _OLDER and sys.version_info >= (3, 13):
+        return f"the extra {extra} needs Python 3.11 or 3.12"
     return f"pip install 'uuv-arm[{extra}]'"
 
 

@@ -210,7 +210,7 @@ class PastRun:
         """All series and events, as functions of `sim.evaluation` take them.
 
         Raises:
-            ConfigurationError: The run was made with --no-record.
+            ConfigurationError: The run was made with --no-record, or its tables do not tell the series of a column.
         """
         series: dict[str, Series] = {}
         for rate in self.rates or (LOOP,):
@@ -224,6 +224,8 @@ class PastRun:
                 labels = tuple(column.label for column in group) if group[0].label else ()
                 value = np.column_stack([column.values for column in group])
                 series[name] = Series(time=time, value=value, unit=group[0].unit, labels=labels)
+        if not series:
+            raise ConfigurationError(f"{self.folder}: its tables are of another version")
         said = {name: column.values for name, column in self._columns(EVENTS).items()}
         events = [
             Event(time=float(time), state=WorkState(state), note=str(note), abort=AbortCode(abort) if abort else None)

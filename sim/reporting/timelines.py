@@ -59,7 +59,7 @@ def timelines(runs: Mapping[str, RecordedSeries], bounds: Bounds | None = None) 
         return ""
     figure = make_subplots(rows=len(titles), shared_xaxes=True, vertical_spacing=0.16 / len(titles))
     for row, title in enumerate(titles, start=1):
-        _draw(figure, row, {name: found[title] for name, found in drawn.items() if title in found}, start)
+        _draw(figure, row, {k: found[title] for k, found in enumerate(drawn.values()) if title in found}, start)
     first = next(iter(runs.values()))
     _shade(figure, first, start[0])
     touched = next((event.time for event in first.events if event.state in CONTACT), None)
@@ -169,12 +169,13 @@ def _starts(runs: Sequence[RecordedSeries]) -> list[float]:
     return [float(time) for time in begun if time is not None]
 
 
-def _draw(figure: go.Figure, row: int, of_runs: Mapping[str, Panel], start: Sequence[float]) -> None:
-    """One panel with the lines of all runs, and its bounds."""
+def _draw(figure: go.Figure, row: int, of_runs: Mapping[int, Panel], start: Sequence[float]) -> None:
+    """One panel with the lines of all runs, by their number, and its bounds."""
+    told: set[str] = set()  # names in the legend
     legend = f"legend{row}" if row > 1 else "legend"
-    for k, panel in enumerate(of_runs.values()):
+    for k, panel in of_runs.items():
         for line in panel.lines:
-            time, value = _thinned(line.time - start[k], line.value)
+            time, value = thinned(line.time - start[k], line.value)
             figure.add_trace(
                 go.Scatter(
                     x=time.astype(np.float32),
@@ -182,7 +183,7 @@ def _draw(figure: go.Figure, row: int, of_runs: Mapping[str, Panel], start: Sequ
                     name=line.name,
                     legend=legend,
                     legendgroup=f"{row} {line.name}",
-                    showlegend=k == 0,
+                    showlegend=line.name not in told,
                     mode="lines",
                     line={"color": line.colour, "width": 1.2, "dash": _DASHES[k % 2]},
                     hovertemplate="%{y:.3g}",
@@ -190,6 +191,7 @@ def _draw(figure: go.Figure, row: int, of_runs: Mapping[str, Panel], start: Sequ
                 row=row,
                 col=1,
             )
+            told.add(line.name)
     panel = next(iter(of_runs.values()))
     figure.update_yaxes(title_text=panel.title, row=row, col=1)
     for bound in panel.bounds:
@@ -232,17 +234,18 @@ def _legend(names: Sequence[str]) -> str:
     return f"solid: {names[0]}; dotted: {', '.join(names[1:])}"
 
 
-def _thinned(time: Array, value: Array) -> tuple[Array, Array]:
+def thinned(time: Array, value: Array) -> tuple[Array, Array]:
     """Least and greatest value of each bin, which keeps every peak and a small file."""
     size = -(-len(time) // BINS)
     if size <= 2:
         return time, value
-    count = len(time) // size
-    bins = value[: count * size].reshape(count, size)
-    extremes = np.sort(np.stack([bins.argmin(axis=1), bins.argmax(axis=1)], axis=1), axis=1)
-    rows = (extremes + size * np.arange(count)[:, None]).ravel()
-    unknown = np.repeat(~np.isfinite(bins).all(axis=1), 2)
-    return time[rows], np.where(unknown, np.nan, value[rows])
+    count = -(-len(time) // size)
+    bins = np.pad(value, (0, count * size - len(value)), mode="edge").reshape(count, size)
+    least = np.where(np.isnan(bins), np.inf, bins).argmin(axis=1)
+    most = np.where(np.isnan(bins), -np.inf, bins).argmax(axis=1)
+    extremes = np.sort(np.stack([least, most], axis=1), axis=1)
+    rows = np.minimum((extremes + size * np.arange(count)[:, None]).ravel(), len(value) - 1)
+    return time[rows], value[rows]
 
 
 # Text colours follow the reader's light or dark screen; paper is light.

@@ -9,8 +9,9 @@ from rich.console import Console
 from rich.table import Table
 
 from scenarios.cli.past_runs import run_folder
-from scenarios.command import SCENARIO_FILE, flat
+from scenarios.command import LOG, SCENARIO_FILE, flat
 from scenarios.scenario_file import as_dict, read_scenario
+from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.extras import absent, to_install
 from sim.reporting.series_tables import PastRun
 from sim.runs.saving import write_whole
@@ -39,12 +40,15 @@ def main(verb: str, args: Sequence[str]) -> int:
     console = Console(width=None if Console().is_terminal else 140)
     for title, rows in found.items():
         console.print(table(title, [str(run.folder) for run in runs], rows) if rows else f"{title}: none")
-    if absent("log"):
-        console.print(f"no page of the time series: {to_install('log')}", markup=False, highlight=False)
+    if absent(LOG):
+        console.print(f"no page of the time series: {to_install(LOG)}", markup=False, highlight=False)
     elif without := [str(run.folder) for run in runs[:2] if not run.rates]:
         console.print(f"no page of the time series: {', '.join(without)} was run with --no-record", highlight=False)
     else:
-        console.print(f"written to {write_page(runs, found)}", highlight=False, soft_wrap=True)
+        try:
+            console.print(f"written to {write_page(runs, found)}", highlight=False, soft_wrap=True)
+        except ConfigurationError as error:
+            console.print(f"no page of the time series: {error}", highlight=False, soft_wrap=True)
     return 0
 
 
@@ -70,7 +74,9 @@ def write_page(runs: Sequence[PastRun], found: Mapping[str, Rows]) -> Path:
     from sim.reporting.timelines import timelines
 
     names = _short([run.folder for run in runs])
-    drawn = timelines({name: run.recorded for name, run in zip(names[:2], runs, strict=False)}, Bounds())
+    both = runs[:2]
+    bounds = Bounds() if all("tool" in run.metrics for run in both) else None
+    drawn = timelines({name: run.recorded for name, run in zip(names, both, strict=False)}, bounds)
     listed = "".join(
         f"<section><h2>{report_page.text(title)}</h2>"
         f"{report_page.table(('', *names), [(key, *map(_said, values)) for key, values in rows])}</section>"

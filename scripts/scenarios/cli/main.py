@@ -3,6 +3,7 @@
 import importlib
 import os
 import sys
+from ctypes.util import find_library
 from pathlib import Path
 from typing import NoReturn
 
@@ -51,8 +52,8 @@ def main() -> NoReturn:
 
         print(f"error: no verb {verb!r}; there are {', '.join(VERBS)}{did_you_mean(verb, VERBS)}", file=sys.stderr)
         raise SystemExit(2)
-    if verb == "picture" and not os.environ.get("DISPLAY"):
-        os.environ.setdefault("MUJOCO_GL", "egl")  # read when MuJoCo is imported
+    if verb == "picture" and not os.environ.get("DISPLAY") and find_library("EGL"):
+        os.environ.setdefault("MUJOCO_GL", "egl")  # read when MuJoCo is imported, which fails without that library
     sys.path.insert(0, str(Path.cwd()))  # own parts, MODULE:ATTRIBUTE, are looked for where one works
     if verb == "list":  # a second is too long to say what there is: nothing heavy is imported
         raise SystemExit(importlib.import_module(VERBS[verb]).main(args[1:]))

@@ -27,7 +27,7 @@ MURK = 0.35  # [1/m] by which what lies behind the work fades into the water
 _WATER = np.linspace([58.0, 110.0, 130.0], [16.0, 44.0, 60.0], HEIGHT)[:, None]  # its colour, from above down
 _USAGE = f"""usage: uuv picture RUN
 
-Renders {STILL}, where the tool is half-way on its path, and {CLIP}, ten seconds of the whole run, into its folder: by
+Renders {STILL}, five seconds after the work began, and {CLIP}, ten seconds of the whole run, into its folder: by
 MuJoCo's renderer, or by ray casting where there is no OpenGL.
 RUN: folder of a run, or the name of a job for its latest."""
 

@@ -47,7 +47,7 @@ def main(verb: str, args: Sequence[str]) -> int:
     if not args or args[0] in ("-h", "--help"):
         print(_HELP)
         return 0
-    name, (rest, values) = args[0], _assignments([arg for arg in args[1:] if arg not in (_QUIET, _JSON)])
+    name, (rest, task, values) = args[0], _assignments([arg for arg in args[1:] if arg not in (_QUIET, _JSON)])
     if name in JOBS:
         chosen = _parsed(getattr(jobs, JOBS[name]), rest)
         scenario = chosen.scenario()
@@ -60,7 +60,7 @@ def main(verb: str, args: Sequence[str]) -> int:
         raise ConfigurationError(
             f"no job {name!r}; there are {', '.join(JOBS)}, or a scenario file (.toml){did_you_mean(name, JOBS)}"
         )
-    scenario = with_values(scenario, values)
+    scenario = with_values(with_values(scenario, task, _TASK), values)
     if _QUIET not in args and _JSON not in args:
         return command(scenario, chosen, started)
     with contextlib.redirect_stdout(io.StringIO()):
@@ -86,8 +86,8 @@ def _parsed(kind: type[Options], args: Sequence[str]) -> Options:
         raise
 
 
-def _assignments(args: Sequence[str]) -> tuple[list[str], list[str]]:
-    """Arguments without --task and --set, and the assignments that these mean, the task's first."""
+def _assignments(args: Sequence[str]) -> tuple[list[str], list[str], list[str]]:
+    """Arguments without --task and --set, and the assignments that each of these means."""
     args = list(args)
     task: list[str] = []
     if _TASK in args:
@@ -107,4 +107,4 @@ def _assignments(args: Sequence[str]) -> tuple[list[str], list[str]]:
         if arg.startswith("--"):
             into = rest
         into.append(arg)
-    return rest, task + values
+    return rest, task, values

@@ -30,6 +30,7 @@ from sim.sensors.depth_camera import DepthCamera
 class InsertionTask(Task):
     """Insert a sampler into a hole of a manifold."""
 
+    looks: ClassVar[bool] = True
     hole: str = "a"
     depth: float = 0.06  # [m] to reach below the mouth
     error: tuple[float, float] = (0.0, 0.0)  # [m] added to the identified hole along its x and y

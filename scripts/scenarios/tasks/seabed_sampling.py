@@ -50,6 +50,7 @@ LOOKS = 10  # pings for the surface; from a single ping it is 3 to 8 mm off, mos
 class SeabedSamplingTask(Task):
     """Take a core of the seabed, or drag a box through it."""
 
+    looks: ClassVar[bool] = True
     spares: ClassVar[Collection[str]] = (CAMERA_SITE,)
     drag: bool = False  # False: push a core tube in and withdraw it
     push: float = 50.0  # [N] set force on the core tube

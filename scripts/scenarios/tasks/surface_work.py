@@ -1,6 +1,7 @@
 """Surface work: a tool is pressed on an object, or held above it, along a path."""
 
 from dataclasses import dataclass, field
+from typing import ClassVar
 
 import mujoco
 import numpy as np
@@ -46,6 +47,7 @@ class ToolTurn:
 class SurfaceWorkTask(Task):
     """Press a tool along a path of an object with set forces."""
 
+    looks: ClassVar[bool] = True
     path: str | None = None  # of the object; None: its first
     turn: ToolTurn | None = None  # of a tool that is not round; None: it is round
     forces: tuple[float, ...] = (60.0, 90.0, 60.0)  # [N] set forces on equal parts of the path

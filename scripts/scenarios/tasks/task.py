@@ -53,6 +53,7 @@ class Task(ABC):
     """What is to be done; the base of all tasks. Its fields are keys of a scenario's file."""
 
     spares: ClassVar[Collection[str]] = ()  # named parts of the vehicle that it does without
+    looks: ClassVar[bool] = False  # a camera or a sonar looks at the site, which takes a ray caster
 
     @property
     def tool(self) -> str | None:

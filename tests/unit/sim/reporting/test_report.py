@@ -27,7 +27,7 @@ from sim.reporting.report import write_report
 from sim.reporting.report_figures import object_as_found
 from sim.reporting.results_table import results_table
 from sim.reporting.series_tables import PastRun, write_series
-from sim.reporting.timelines import timelines
+from sim.reporting.timelines import thinned, timelines
 
 DT = 0.01  # [s]
 TRUTH = TrueObject(model=barrel(), path="longitudinal", X_WT=pose(p=[0.0, 0.0, -1.5]))
@@ -220,6 +220,27 @@ def test_series_are_read_back_as_they_were(tmp_path: Path, monkeypatch: pytest.M
         assert np.array_equal(read[name].time, series.time)
     assert read["thrust"].labels == VEHICLE.thruster_names
     assert past.table("events").to_pydict()["note"] == ["", "felt < 1 N & lost"]
+
+
+def test_second_run_keeps_its_dashes_where_the_first_lacks_a_panel():
+    run = recorded(WorkState.WORK, WorkState.DONE)
+    few = {name: series for name, series in run.series.items() if name != "thrust"}
+    page = timelines({"first": replace(run, series=few), "second": run})
+    drawn = json.loads(re.findall(r'"timelines",\s*(\[.*?\]),\s*\{"template"', page, flags=re.DOTALL)[0])
+    thrust = [trace for trace in drawn if trace["name"] == VEHICLE.thruster_names[0].replace("_", " ")]
+    assert [(trace["line"]["dash"], trace["showlegend"]) for trace in thrust] == [("dot", True)]
+
+
+def test_thinned_lines_keep_every_peak():
+    time = 0.002 * np.arange(60_001)
+    value = np.zeros(60_001)
+    value[[17, 30_001, -2]] = 5.0, -7.0, 9.0
+    value[16] = np.nan  # beside a peak
+    kept_time, kept = thinned(time, value)
+    assert len(kept) < 3000
+    assert {5.0, -7.0, 9.0} <= set(kept)
+    assert np.all(np.diff(kept_time) >= 0.0)
+    assert np.isnan(thinned(time, np.full(60_001, np.nan))[1]).all()
 
 
 def test_missing_folder_is_refused(tmp_path: Path):

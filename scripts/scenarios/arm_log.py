@@ -7,7 +7,7 @@ import numpy as np
 
 from models.arms.serial_arm import SerialArm
 from sim.interfaces.spatial import Array
-from sim.reporting.rerun_program import spawn_viewer
+from sim.reporting.rerun_program import send_to
 
 TIMELINE = "sim_time"
 
@@ -19,11 +19,7 @@ class ArmLog:
         import rerun as rr  # slow to import, and needless without a log
 
         self._rr, self._stream = rr, rr.RecordingStream("uuv-arm")
-        if view:
-            spawn_viewer(rr)
-            self._stream.set_sinks(rr.FileSink(str(file)), rr.GrpcSink())
-        else:
-            self._stream.save(str(file))
+        send_to(rr, self._stream, file, view=view)
         self._stream.send_recording_name(title)
         self._stream.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
         self._stream.send_blueprint(blueprint, make_active=True, make_default=True)

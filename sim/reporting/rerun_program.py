@@ -7,6 +7,7 @@ started here get CI=1 instead, under which they neither send usage data nor writ
 import os
 import socket
 import subprocess
+import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -17,6 +18,23 @@ PORT = 9876  # of the viewer, Rerun's own choice
 WAIT = 15.0  # [s] for a viewer to start
 _SMALL = 1_000_000  # [bytes] smaller logs load fast enough without compaction
 _PATIENCE = 20.0  # [s] longest time for compaction
+
+
+def send_to(rr: Any, stream: Any, file: Path, *, view: bool) -> None:
+    """Send a recording to a file, with `view` also to a viewer; where none starts, a line on stderr says so.
+
+    Args:
+        rr: The module `rerun`.
+        stream: The recording.
+        file: File to write.
+        view: Show it too.
+    """
+    if view and spawn_viewer(rr, stream):
+        stream.set_sinks(rr.FileSink(str(file)), rr.GrpcSink())
+        return
+    if view:
+        print(f"view: the Rerun viewer did not start here; afterwards: rerun {file}", file=sys.stderr)
+    stream.save(str(file))
 
 
 def spawn_viewer(rr: Any, stream: Any) -> bool:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from sim.interfaces.spatial import Array
-from sim.reporting.rerun_program import compact, spawn_viewer
+from sim.reporting.rerun_program import compact, send_to
 from sim.reporting.rerun_scene import TIMELINE
 
 ROOM = 4 << 20  # [bytes] cut off a log that filled the disk, so that metrics and report can be written
@@ -31,13 +31,7 @@ class LogStream:
         self._whole: list[int] = []  # [bytes] readable size of the file after each flush
         self.lost = ""  # why the log was abandoned; empty: it was not
         self._stream = rr.RecordingStream("uuv-arm")
-        shown = view and spawn_viewer(rr, self._stream)
-        if view and not shown:
-            print(f"view: the Rerun viewer did not start here; afterwards: uuv view {path.parent}", file=sys.stderr)
-        if shown:
-            self._stream.set_sinks(rr.FileSink(str(path)), rr.GrpcSink())
-        else:
-            self._stream.save(str(path))
+        send_to(rr, self._stream, path, view=view)
         self._stream.send_recording_name(title)
 
     def static(self, entity: str, what: Any) -> None:

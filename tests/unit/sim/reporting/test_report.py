@@ -232,7 +232,7 @@ def test_second_run_keeps_its_dashes_where_the_first_lacks_a_panel():
 
 
 def test_thinned_lines_keep_every_peak():
-    time = 0.002 * np.arange(60_001)
+    time = 0.002 * np.arange(60_001, dtype=np.float64)
     value = np.zeros(60_001)
     value[[17, 30_001, -2]] = 5.0, -7.0, 9.0
     value[16] = np.nan  # beside a peak

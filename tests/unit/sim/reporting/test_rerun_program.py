@@ -78,9 +78,9 @@ def test_viewer_is_started_for_this_recording_and_waited_for(monkeypatch):
 
 
 def test_log_is_whole_where_no_viewer_starts(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(rerun_stream, "spawn_viewer", lambda *_: False)
+    monkeypatch.setattr(rerun_program, "spawn_viewer", lambda *_: False)
     stream = rerun_stream.LogStream(tmp_path / "run.rrd", "a run", view=True)
     stream.event("a", rr.Scalars(1.0), 0.5)
     stream.close()
-    assert f"afterwards: uuv view {tmp_path}" in capsys.readouterr().err
+    assert f"afterwards: rerun {tmp_path / 'run.rrd'}" in capsys.readouterr().err
     assert any(chunk.entity_path == "/a" for chunk in RrdReader(tmp_path / "run.rrd").stream().to_chunks())

@@ -13,7 +13,7 @@ from numba.extending import intrinsic
 from numba.np.numpy_support import carray
 
 from controllers.arm.position_force import NUMBERS, WANTED, ForceDisplacement, ForceDisplacementState, K
-from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.errors import ConfigurationError, plain
 from sim.interfaces.kernels import keyed_by_imports
 
 # double law(double* memory, double wanted, double felt, double servo_compliance, double dt)
@@ -49,7 +49,8 @@ class KernelForceLaw(ForceDisplacement):
         try:
             object.__setattr__(self, "_compiled", numba.cfunc(_LAW)(of_pointer))
         except NumbaError as error:
-            said = [line for line in str(error).splitlines() if line and not line.startswith("Failed in")]
+            lines = [line.strip() for line in plain(str(error)).splitlines()]
+            said = [line for line in lines if line and not line.startswith("Failed in")]
             name = getattr(self.law, "__name__", repr(self.law))
             raise ConfigurationError(f"force law {name}: numba cannot compile it: {said[0]}") from None
 

@@ -6,12 +6,18 @@ from difflib import get_close_matches
 
 LONGEST = 300  # [characters] longest message
 _TAIL = 90  # [characters] kept from the end of a message that is too long: there it says what was given
+_COLOUR = re.compile(r"\x1b\[[0-9;]*m")  # of other packages' messages, where colorama is installed
 _UNPRINTABLE = re.compile(r"\s*[\x00-\x1f\x7f-\x9f\u2028\u2029\ud800-\udfff]+\s*")
+
+
+def plain(text: str) -> str:
+    """`text` without the colours of a terminal."""
+    return _COLOUR.sub("", text)
 
 
 def one_line(text: str, most: int = LONGEST) -> str:
     """`text` on one line of at most `most` characters; a longer one loses its middle."""
-    line = _UNPRINTABLE.sub(" ", text).strip()
+    line = _UNPRINTABLE.sub(" ", plain(text)).strip()
     if len(line) <= most:
         return line
     tail = min(_TAIL, most // 3)

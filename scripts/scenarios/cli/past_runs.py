@@ -38,7 +38,7 @@ def run_folder(given: str) -> Path:
     """
     for folder in (Path(given), RUNS / given / LATEST, RUNS / given.replace("-", "_") / LATEST):
         if (folder / "metrics.json").exists():
-            return folder
+            return folder.parent / folder.readlink() if folder.is_symlink() else folder  # `latest` moves on
     there = sorted(path.name for path in RUNS.iterdir() if path.is_dir()) if RUNS.is_dir() else []
     known = f"; runs/ has {', '.join(there)}" if there else "; there is no folder runs/ here"
     raise ConfigurationError(f"{given}: no run, a folder with metrics.json{known}")

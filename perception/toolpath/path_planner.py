@@ -97,9 +97,8 @@ def path_on_model(X_AT: Array, path: ModelPath, *, spacing: float = 0.0015) -> T
         ConfigurationError: For a path with coinciding points.
     """
     carried = carry(X_AT, densified(path))
-    return _smoothed(
-        carried.p, carried.a, np.zeros(len(carried.p), bool), spacing, carried.b if carried.keeps_b else None
-    )
+    seen = np.zeros(len(carried.p), dtype=bool)
+    return _smoothed(carried.p, carried.a, seen, spacing, carried.b if carried.keeps_b else None)
 
 
 def _towards(axes: Array, z: Array, p: Array) -> Array:

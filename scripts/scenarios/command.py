@@ -87,7 +87,14 @@ def command(
         if draws or options.view:
             from sim.reporting.rerun_log import RerunLog
 
-            log = RerunLog(folder / "run.rrd", plant.model, timestep=plant.timestep, title=title, view=options.view)
+            log = RerunLog(
+                folder / "run.rrd",
+                plant.model,
+                timestep=plant.timestep,
+                title=title,
+                view=options.view,
+                bounds=placed.bounds,
+            )
             observers.append(log)
         bar = progress(console)
         observers += [placed.story(recorder, log), ProgressPrinter(bar, console)]
@@ -150,6 +157,7 @@ def _report(run: Run, folder: Path, title: str) -> None:
         options=flat(as_dict(run.scenario)),
         pictures=run.assembly.placed.pictures(run.result),
         gains=table(*getattr(run.assembly.parts.controller, "tunings", ())),
+        bounds=run.assembly.placed.bounds,
         again=f"uuv replay {shlex.quote(str(folder))}",
     )
 

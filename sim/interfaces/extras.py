@@ -20,8 +20,6 @@ EXTRAS = {  # module: extra, as in pyproject.toml
     "ray": "cluster",
     "open3d": "open3d",
 }
-
-
 _OLDER = ("rl", "open3d")  # extras without packages for Python 3.13
 
 

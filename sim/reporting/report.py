@@ -26,6 +26,7 @@ def write_report(
     options: Mapping[str, Any],
     pictures: Iterable[tuple[str, str, Figure]] = (),
     gains: Iterable[tuple[str, str, str, str]] = (),
+    bounds: Bounds | None = None,
     again: str = "",
 ) -> None:
     """Write the page.
@@ -38,6 +39,7 @@ def write_report(
         options: Options of the scenario, listed unchanged.
         pictures: Title, caption and figure of each picture.
         gains: Part, name, value, unit and meaning of each gain of the controller.
+        bounds: Bounds to draw; None: none.
         again: Command that repeats the run.
 
     Raises:
@@ -56,7 +58,7 @@ def write_report(
             _uncertainty(assessment),
             _motion(assessment),
             "</section>",
-            _series(recording, assessment),
+            _series(recording, bounds),
             drawn,
             _drives(recording),
             _gains(list(gains)),
@@ -66,10 +68,10 @@ def write_report(
     write_whole(path, page(title, body))
 
 
-def _series(recording: Recording, assessment: Assessment) -> str:
+def _series(recording: Recording, bounds: Bounds | None) -> str:
     from sim.reporting.timelines import timelines
 
-    drawn = timelines({"run": recording}, Bounds() if "tool" in assessment.metrics else None)
+    drawn = timelines({"run": recording}, bounds)
     if not drawn:
         return ""
     about = (

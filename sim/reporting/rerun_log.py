@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from models.vehicle import Vehicle
+from sim.evaluation.metrics import Bounds
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.extras import wanted
 from sim.interfaces.messages import DepthImage, ObjectMotion, Reference, Target, WorkState
@@ -56,6 +57,7 @@ class RerunLog:
         period: float = 0.02,
         pose_period: float = 0.04,
         view: bool = False,
+        bounds: Bounds | None = None,
     ) -> None:
         """Open the file and log the static scene.
 
@@ -67,6 +69,7 @@ class RerunLog:
             period: Of the series [s].
             pose_period: Of the poses [s].
             view: Also show the run in a Rerun viewer.
+            bounds: Bounds to draw; None: none.
 
         Raises:
             ConfigurationError: The folder does not exist, the model has no vehicle, or a period is no multiple of
@@ -93,7 +96,7 @@ class RerunLog:
         sites = model.actuator_trnid[vehicle.thruster_actuators, 0]
         places = inverse(pose(data.xmat[vehicle.hull].reshape(3, 3), data.xpos[vehicle.hull]))
         thrusters_B = transform_points(places, data.site_xpos[sites])
-        self._series, self._poses = SeriesRows(vehicle), PoseRows(vehicle, moving, thrusters_B)
+        self._series, self._poses = SeriesRows(vehicle, bounds), PoseRows(vehicle, moving, thrusters_B)
         self._cloud_colors: dict[str, tuple[int, int, int]] = {}
         self._state: WorkState | None = None
         self._target: Target | None = None

@@ -16,7 +16,6 @@ from sim.reporting.rerun_stream import LogStream
 JET_SCALE = 1 / 250.0  # [m]/[N] of the thrusters' jets
 FORCE_SCALE = 1 / 150.0  # [m]/[N] of force arrows: those of the tool must be visible beyond the wrist
 CURRENT_SCALE = 3.0  # [m]/[m/s] of the current's arrow
-BOUND_MM = 1e3 * Bounds().path_deviation  # [mm] of an accepted path
 _NOWHERE = np.full(3, np.nan)
 _STILL = np.zeros(3)
 
@@ -27,7 +26,9 @@ class SeriesRows:
     Before the tare a felt force is only the bias of the torque sensors: it is left out.
     """
 
-    def __init__(self, vehicle: Vehicle) -> None:
+    def __init__(self, vehicle: Vehicle, bounds: Bounds | None = None) -> None:
+        """Take the vehicle, and bounds to draw."""
+        self._bound = None if bounds is None else 1e3 * bounds.path_deviation  # [mm]
         n, m = len(vehicle.joint_names), len(vehicle.thruster_names)
         self._widths = (1, 3, 3, 3, 3, 3, m, n, n, 3, 3, 3, 3)
         self._rows: list[Array] = []
@@ -81,9 +82,9 @@ class SeriesRows:
             ("navigation", 1e3 * np.column_stack([off, sigma])),
         ):
             stream.columns(f"series/{name}", time[:, 0], _rr().Scalars.columns(scalars=values))
-        ends = time[[0, -1], 0]
-        bounds = np.tile([BOUND_MM, -BOUND_MM], (2, 1))
-        stream.columns("series/path_error/bound", ends, _rr().Scalars.columns(scalars=bounds))
+        if self._bound is not None:
+            both = np.tile([self._bound, -self._bound], (2, 1))
+            stream.columns("series/path_error/bound", time[[0, -1], 0], _rr().Scalars.columns(scalars=both))
 
 
 class PoseRows:
@@ -150,15 +151,8 @@ class PoseRows:
         R_WB = R_WB.reshape(rows, 3, 3)
         places = np.einsum("nij,kj->nki", R_WB, self._thrusters_B) + hull[:, None]
         jets = -JET_SCALE * thrust[:, :, None] * np.einsum("nij,kj->nki", R_WB, self._pushes_B)
-        stream.columns(
-            "world/arrows/jets",
-            time,
-            [
-                *rr.Arrows3D.columns(origins=places.reshape(-1, 3), vectors=jets.reshape(-1, 3)).partition(
-                    [len(self._thrusters_B)] * rows
-                )
-            ],
-        )
+        arrows = rr.Arrows3D.columns(origins=places.reshape(-1, 3), vectors=jets.reshape(-1, 3))
+        stream.columns("world/arrows/jets", time, arrows.partition([len(self._thrusters_B)] * rows))
         self._send_done(stream, time, working[:, 0] > 0.0, tip - 2.0 * LIFT * axis)  # over the planned one
 
     def _send_done(self, stream: LogStream, time: Array, working: np.ndarray, tip: Array) -> None:

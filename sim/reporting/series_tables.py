@@ -145,7 +145,7 @@ class PastRun:
     """A run in its folder: figures, scenario, series and events; a notebook shows it as a card."""
 
     folder: Path
-    _read: dict[str, dict[str, Column]] = field(default_factory=dict, repr=False, compare=False)
+    _kept: dict[str, dict[str, Column]] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     @classmethod
     def of(cls, folder: str | Path) -> "PastRun":
@@ -234,9 +234,9 @@ class PastRun:
         return RecordedSeries(duration=float(self.metrics["run"]["simulated_s"]), series=series, events=tuple(events))
 
     def _columns(self, rate: str) -> dict[str, Column]:
-        if rate not in self._read:
-            self._read[rate] = _read(self._file(rate))
-        return self._read[rate]
+        if rate not in self._kept:
+            self._kept[rate] = _read(self._file(rate))
+        return self._kept[rate]
 
     def _file(self, rate: str) -> Path:
         stem = EVENTS if rate == EVENTS else f"{_FILE}{rate}"

@@ -162,7 +162,7 @@ def _locked(file: int) -> bool:
 
         lock = getattr(msvcrt, "locking")  # noqa: B009  pyright knows it on Windows only
         try:
-            lock(file, getattr(msvcrt, "LK_NBLCK"), 1)  # noqa: B009
+            lock(file, getattr(msvcrt, "LK_NBLCK"), 1)  # noqa: B009  likewise
         except OSError:
             return False
         return True

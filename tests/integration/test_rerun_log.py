@@ -16,6 +16,7 @@ import pytest
 
 import models
 from models.objects.targets import barrel
+from sim.evaluation.metrics import Bounds
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import (
     Command,
@@ -127,7 +128,7 @@ def last_times(file: Path) -> dict[str, float]:
 def test_closed_log_holds_everything_up_to_its_end(tmp_path: Path):
     file = tmp_path / "run.rrd"
     model = scene()
-    with RerunLog(file, model) as log:
+    with RerunLog(file, model, bounds=Bounds()) as log:
         log.log_cloud("scan", np.random.default_rng(0).normal(size=(100, 3)), 0.1)
         log.log_mesh("seabed", np.eye(3), [[0, 1, 2]], 0.2)
         log.log_arrows("axes", np.zeros((2, 3)), np.ones((2, 3)), 0.3)
@@ -177,7 +178,9 @@ def test_exception_in_the_run_leaves_a_whole_log(tmp_path: Path):
 
     with pytest.raises(ZeroDivisionError):
         run()
-    assert last_times(file)["/series/force"] == pytest.approx(1.0)
+    last = last_times(file)
+    assert last["/series/force"] == pytest.approx(1.0)
+    assert last["/series/path_error/bound"] == -np.inf  # none was given: its colour is there, no value
 
 
 @pytest.mark.filterwarnings("ignore:RRD file has no footer")

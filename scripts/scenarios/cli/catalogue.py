@@ -21,6 +21,11 @@ JOBS = {  # `uuv run`: name and class of its options in `scenarios.options`
     "sample-seabed": "SeabedOptions",
     "inspect-object": "InspectionOptions",
 }
+_SENSORS = {  # made by functions without a line of their own
+    "camera": "Stereo depth camera.",
+    "sonar": "Multibeam 3D sonar.",
+    "survey": "None: the object's pose is known (--target-pose known).",
+}
 _GROUP = "uuv_arm"  # of entry points, as in `models.registry`
 _WIDTH = 88  # characters of a line about a thing
 
@@ -97,14 +102,7 @@ def things(kind: str) -> Iterator[tuple[str, str]]:
             yield from _documented(ROOT / "models" / "site" / "soil.py", "SOILS")
         case "sensor":
             for name in _keys(HOME / "scenarios" / "contact_parts.py", "SENSORS"):
-                yield (
-                    name,
-                    {
-                        "camera": "Stereo depth camera.",
-                        "sonar": "Multibeam 3D sonar.",
-                        "survey": "None: the object's pose is known (--target-pose known).",
-                    }.get(name, ""),
-                )
+                yield name, _SENSORS.get(name, "")
         case "controller":
             classes = _definitions(ROOT / "controllers" / "work_controller.py")
             for name in _keys(HOME / "scenarios" / "contact_parts.py", "CONTROLLERS"):

@@ -1,6 +1,7 @@
 """A working part of one's own, with a test: `uuv new controller|vehicle|object|sensor|task NAME`."""
 
 import keyword
+import shlex
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -309,7 +310,7 @@ def _wrapper() -> str:
     uvw = ROOT / "uvw"
     if not uvw.is_file():
         return ""
-    return "./uvw run " if Path.cwd() == ROOT else f"{uvw} run "
+    return "./uvw run " if Path.cwd() == ROOT else f"{shlex.quote(str(uvw))} run "
 
 
 def write(kind: str, name: str, folder: Path) -> tuple[Path, Path]:

@@ -23,7 +23,7 @@ from scenarios.own_vehicle import OwnVehicle
 from scenarios.scenario import Scenario
 from scenarios.site import Workpiece, coarse_detection
 from scenarios.tasks.task import Pictures, PlacedTask, RunResult, Task, object_of, scan_pose
-from sim.evaluation.metrics import Assessment, TrueObject, assess
+from sim.evaluation.metrics import Assessment, Bounds, TrueObject, assess
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.protocols import Sensor
 from sim.interfaces.spatial import Array, finite_number, shown
@@ -89,6 +89,7 @@ class SurfaceWorkTask(Task):
 class PlacedSurfaceWork(PlacedTask):
     """Surface work at its site."""
 
+    bounds: ClassVar[Bounds | None] = Bounds()
     scenario: Scenario
     own: OwnVehicle
     task: SurfaceWorkTask

@@ -14,7 +14,7 @@ from models.registry import Registry
 from perception.clouds.scan import SensorModel
 from perception.target_finder import FinderState
 from scenarios.own_vehicle import OwnVehicle
-from sim.evaluation.metrics import Assessment
+from sim.evaluation.metrics import Assessment, Bounds
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import WorkState
 from sim.interfaces.protocols import Controller, Estimator, Planner, Sensor, TargetFinder, TargetFollower
@@ -82,6 +82,7 @@ class PlacedTask(ABC):
 
     begun: ClassVar[tuple[WorkState, ...]] = (WorkState.WORK,)  # a run in none of these states counts as refused
     longest: float = LONGEST  # [s] simulated, limit of a run
+    bounds: ClassVar[Bounds | None] = None  # of force and path, drawn in log and report; None: it has none
     exact_start: ClassVar[bool] = False  # True: the hull starts at `X_WB`, without an error of place and heading
 
     @property

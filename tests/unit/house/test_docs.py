@@ -68,6 +68,13 @@ def test_the_force_law_of_the_documents_is_the_controllers(root):
     assert law.step(law.init(), 10.0, 4.0, 0.0, 0.5) == pytest.approx(12e-4)
 
 
+def test_the_compiled_force_law_of_the_documents_is_the_same(root):
+    names = names_of(root, "law=integrate")
+    assert names["integrate"](np.zeros(1), 10.0, 4.0, 0.0, 0.5) == pytest.approx(12e-4)
+    model = models.load("uuv_puma").compile()
+    assert isinstance(names["integrating"](model, water_error=0.1), Controller)
+
+
 def test_the_controller_of_the_documents_bears_the_arm(root):
     names = names_of(root, "class BearWeight")
     model = models.load("uuv_puma").compile()

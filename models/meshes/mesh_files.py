@@ -13,7 +13,7 @@ import numpy as np
 
 from models.meshes.ply_files import NO_SUCH_VERTEX, need_corners, read_ply
 from models.meshes.surfel_files import TEXT
-from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.errors import ConfigurationError, MissingLibraryError
 from sim.interfaces.extras import wanted
 from sim.interfaces.files import bytes_of
 from sim.interfaces.spatial import Array
@@ -43,7 +43,7 @@ def read_mesh(file: Path) -> tuple[Array, np.ndarray]:
         need_corners(vertices, triangles)
         if not np.isfinite(vertices[triangles]).all():
             raise ValueError("a corner of a face is not finite")
-    except (MemoryError, ImportError, ConfigurationError):  # these do not mean a malformed file
+    except (MemoryError, MissingLibraryError, ConfigurationError):  # these do not mean a malformed file
         raise
     except Exception as error:  # a malformed file can raise anything in trimesh
         said = " ".join(str(error).split())[:200] or type(error).__name__

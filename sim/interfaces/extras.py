@@ -10,6 +10,7 @@ from sim.interfaces.errors import MissingLibraryError
 EXTRAS = {  # module: extra, as in pyproject.toml
     "embreex": "perception",
     "trimesh": "perception",
+    "charset_normalizer": "perception",
     "matplotlib": "log",
     "PIL": "log",
     "plotly": "log",

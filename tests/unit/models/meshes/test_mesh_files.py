@@ -1,10 +1,13 @@
 """Meshes in text form: faces of any number of corners, headers on one line or two, what is cut short."""
 
+import sys
+
 import numpy as np
 import pytest
 
 from models.meshes import mesh_files
 from models.meshes.closed_shells import volume
+from sim.interfaces.errors import ConfigurationError
 
 CUBE = """0 0 0
 1 0 0
@@ -56,3 +59,16 @@ def test_duplicates_and_what_no_face_uses_are_left_out(rng: np.random.Generator)
     assert len(found) == 4
     assert len(faces) == 2
     np.testing.assert_allclose(found[faces], vertices[triangles[:2]])
+
+
+def test_text_that_is_not_utf_8_is_read(tmp_path, monkeypatch):
+    """And without the package that tells the encoding it is refused in one line."""
+    facets = "facet normal 0 0 1 outer loop vertex 0 0 0 vertex 1 0 0 vertex 0 1 0 endloop endfacet"
+    file = tmp_path / "part.stl"
+    file.write_bytes(f"solid Gehäuse für Müller\n{facets}\nendsolid\n".encode("latin-1"))
+    vertices, triangles = mesh_files.read_mesh(file)
+    assert vertices.shape == (3, 3)
+    assert triangles.shape == (1, 3)
+    monkeypatch.setitem(sys.modules, "charset_normalizer", None)
+    with pytest.raises(ConfigurationError, match="it cannot be read as STL: .*charset_normalizer"):
+        mesh_files.read_mesh(file)

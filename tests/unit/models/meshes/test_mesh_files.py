@@ -63,12 +63,13 @@ def test_duplicates_and_what_no_face_uses_are_left_out(rng: np.random.Generator)
 
 def test_text_that_is_not_utf_8_is_read(tmp_path, monkeypatch):
     """And without the package that tells the encoding it is refused in one line."""
-    facets = "facet normal 0 0 1 outer loop vertex 0 0 0 vertex 1 0 0 vertex 0 1 0 endloop endfacet"
+    corners = "".join(f"  vertex {corner}\n" for corner in ("0 0 0", "1 0 0", "0 1 0"))
+    facets = f"facet normal 0 0 1\n outer loop\n{corners} endloop\nendfacet"
     file = tmp_path / "part.stl"
     file.write_bytes(f"solid Gehäuse für Müller\n{facets}\nendsolid\n".encode("latin-1"))
     vertices, triangles = mesh_files.read_mesh(file)
     assert vertices.shape == (3, 3)
     assert triangles.shape == (1, 3)
     monkeypatch.setitem(sys.modules, "charset_normalizer", None)
-    with pytest.raises(ConfigurationError, match="it cannot be read as STL: .*charset_normalizer"):
+    with pytest.raises(ConfigurationError, match=r"it cannot be read as STL: .*charset_normalizer"):
         mesh_files.read_mesh(file)

@@ -7,6 +7,8 @@ sliding joint `pad` behind the face of the pad.
 """
 
 from collections.abc import Collection
+from dataclasses import dataclass, fields
+from typing import Self
 
 import mujoco
 import numpy as np
@@ -19,6 +21,7 @@ ARM_BASE_BODY = "arm_base"  # fixed to the hull, carries the arm
 TIP_SITE = "tip"  # of the tool, z out
 CAMERA_SITE = "camera"  # OpenCV axes
 HOME_KEY = "home"  # arm folded; the vehicle is trimmed so
+TOOL_FACE_SITE = "pad_face"  # of a tool on a slide; without it the tip
 READY_KEY = "ready"  # arm bent; inverse kinematics starts there
 TOOL_GEOM = PAD_BODY = PAD_JOINT = "pad"  # contacts of this geom are work, all others collisions
 # What a job of the arm asks of a vehicle beside its thrusters, and what each part is. All of them fit into one message.
@@ -31,6 +34,25 @@ _PARTS = (
     (mujoco.mjtObj.mjOBJ_KEY, "keyframe", HOME_KEY, "arm folded"),
     (mujoco.mjtObj.mjOBJ_KEY, "keyframe", READY_KEY, "arm bent, IK starts there"),
 )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PartNames:
+    """What the parts of a vehicle are called in a model; a scene that attaches vehicles puts prefixes before them."""
+
+    hull: str = HULL_BODY
+    arm_base: str = ARM_BASE_BODY
+    tip: str = TIP_SITE
+    tool: str = TOOL_GEOM
+    tool_face: str = TOOL_FACE_SITE
+
+    @classmethod
+    def after(cls, prefix: str) -> Self:
+        """The usual names, with `prefix` before each, as `MjSpec.attach` gives them."""
+        return cls(**{field.name: f"{prefix}{field.default}" for field in fields(cls)})
+
+
+USUAL_NAMES = PartNames()
 
 
 def find(model: mujoco.MjModel, kind: mujoco.mjtObj, name: str) -> int:

@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 
 from models.arms import gear_friction
-from models.naming import ARM_BASE_BODY, HOME_KEY, HULL_BODY, READY_KEY, TIP_SITE, find
+from models.naming import HOME_KEY, READY_KEY, USUAL_NAMES, PartNames, find
 from models.water import thrusters
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array, pose, readonly
@@ -40,11 +40,12 @@ class Vehicle:
     thruster_names: tuple[str, ...]
 
     @classmethod
-    def of(cls, model: mujoco.MjModel) -> "Vehicle":
+    def of(cls, model: mujoco.MjModel, names: PartNames = USUAL_NAMES) -> "Vehicle":
         """Look the vehicle up in a compiled model; one with neither `arm_base` nor `tip` has no arm.
 
         Args:
-            model: compiled model with one vehicle by the names of `models.naming`.
+            model: compiled model with a vehicle by the contract of `models.naming`.
+            names: what its parts are called there.
 
         Returns:
             The vehicle.
@@ -52,18 +53,17 @@ class Vehicle:
         Raises:
             ConfigurationError: a part is missing, or a joint or actuator of the arm has no limits.
         """
-        hull = find(model, mujoco.mjtObj.mjOBJ_BODY, HULL_BODY)
-        if model.body_jntnum[hull] != 1 or int(model.jnt_type[model.body_jntadr[hull]]) != mujoco.mjtJoint.mjJNT_FREE:
-            raise ConfigurationError(f"body {HULL_BODY!r} must have exactly one joint, a free joint")
+        hull = find(model, mujoco.mjtObj.mjOBJ_BODY, names.hull)
+        free = _free_joint(model, hull)
         arm_base, tip = hull, -1
         joints: list[int] = []
-        if _has_arm(model):
-            arm_base = find(model, mujoco.mjtObj.mjOBJ_BODY, ARM_BASE_BODY)
-            tip = find(model, mujoco.mjtObj.mjOBJ_SITE, TIP_SITE)
-            joints = _driven_joints(model, arm_base, int(model.site_bodyid[tip]))
+        if _has_arm(model, names):
+            arm_base = find(model, mujoco.mjtObj.mjOBJ_BODY, names.arm_base)
+            tip = find(model, mujoco.mjtObj.mjOBJ_SITE, names.tip)
+            joints = _driven_joints(model, arm_base, tip)
         actuators = np.array([_actuator_of(model, j) for j in joints], dtype=np.int64)
-        names = tuple(mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_JOINT, int(j)) for j in joints)
-        for joint, actuator, name in zip(joints, actuators, names, strict=True):
+        joint_names = tuple(mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_JOINT, int(j)) for j in joints)
+        for joint, actuator, name in zip(joints, actuators, joint_names, strict=True):
             if not model.jnt_limited[joint]:
                 raise ConfigurationError(f"joint {name!r} of the arm must have a range")
             if not model.actuator_ctrllimited[actuator]:
@@ -74,12 +74,12 @@ class Vehicle:
         thruster_actuators, table = thrusters.read(model)
         return cls(
             hull=hull,
-            hull_qpos=int(model.jnt_qposadr[model.body_jntadr[hull]]),
-            hull_dof=int(model.body_dofadr[hull]),
+            hull_qpos=int(model.jnt_qposadr[free]),
+            hull_dof=int(model.jnt_dofadr[free]),
             arm_base=arm_base,
             X_BA=readonly(body_in_body(model, arm_base, hull)),
             tip=tip,
-            joint_names=names,
+            joint_names=joint_names,
             joints=np.array(joints, dtype=np.int64),
             qpos=qpos,
             dof=dof,
@@ -95,7 +95,7 @@ class Vehicle:
             thruster_table=readonly(table),
             thruster_wrench=readonly(_thruster_wrench(model, hull, thruster_actuators)),
             thruster_names=tuple(
-                mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_ACTUATOR, int(a)).removeprefix("thruster_")
+                mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_ACTUATOR, int(a)).rpartition("/")[2].removeprefix("thruster_")
                 for a in thruster_actuators
             ),
         )
@@ -155,24 +155,38 @@ def _keyframe(model: mujoco.MjModel, name: str, default: Array) -> Array:
     return model.key_qpos[key] if key >= 0 else default
 
 
-def _has_arm(model: mujoco.MjModel) -> bool:
+def _free_joint(model: mujoco.MjModel, hull: int) -> int:
+    """The free joint of the hull, or of a body to which a scene has fixed it without an offset."""
+    at = hull
+    while at and not model.body_jntnum[at]:
+        at = int(model.body_parentid[at])
+    joint = int(model.body_jntadr[at])
+    if at == 0 or model.body_jntnum[at] != 1 or int(model.jnt_type[joint]) != mujoco.mjtJoint.mjJNT_FREE:
+        raise ConfigurationError(f"body {model.body(hull).name!r} must have exactly one joint, a free joint")
+    if not np.array_equal(body_in_body(model, hull, at), np.eye(4)):
+        raise ConfigurationError(f"body {model.body(hull).name!r} must lie on its free joint, without an offset")
+    return joint
+
+
+def _has_arm(model: mujoco.MjModel, names: PartNames) -> bool:
     """Whether `model` names a part of an arm."""
-    body = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, ARM_BASE_BODY)
-    return body >= 0 or mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SITE, TIP_SITE) >= 0
+    body = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, names.arm_base)
+    return body >= 0 or mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SITE, names.tip) >= 0
 
 
-def _driven_joints(model: mujoco.MjModel, base: int, last: int) -> list[int]:
-    """Joints between `base` and `last` that have an actuator, base to tip."""
+def _driven_joints(model: mujoco.MjModel, base: int, tip: int) -> list[int]:
+    """Joints between the body `base` and the site `tip` that have an actuator, base to tip."""
     joints: list[int] = []
-    body = last
+    carrier, end = model.body(base).name, model.site(tip).name
+    body = int(model.site_bodyid[tip])
     while body != base:
         if body == 0:
-            raise ConfigurationError(f"site {TIP_SITE!r} is not carried by body {ARM_BASE_BODY!r}")
+            raise ConfigurationError(f"site {end!r} is not carried by body {carrier!r}")
         first, count = int(model.body_jntadr[body]), int(model.body_jntnum[body])
         joints[:0] = [j for j in range(first, first + count) if _actuator_of(model, j) >= 0]
         body = int(model.body_parentid[body])
     if not joints:
-        raise ConfigurationError(f"no driven joint between body {ARM_BASE_BODY!r} and site {TIP_SITE!r}")
+        raise ConfigurationError(f"no driven joint between body {carrier!r} and site {end!r}")
     return joints
 
 

@@ -21,6 +21,7 @@ from sim.interfaces.errors import ConfigurationError, HydrodynamicsError, Missin
 from sim.interfaces.messages import Command
 from sim.interfaces.spatial import Array, checked, exp_so3, inverse, log_so3, pose
 from sim.loop.rollout import ticks_per_period
+from sim.plant.arm_hold import ArmHold
 from sim.plant.plant import Plant, Truth
 from sim.water.current import Current
 
@@ -47,13 +48,8 @@ Observation = OrderedDict[str, Array]
 class PlantPhysics(control.Physics):
     """The plant behind dm_control's `Physics`: `observe` and `step` in the order of `sim.loop.rollout`.
 
-    The control signal is one command per thruster. A PD law at the plant's rate holds the arm at home. Its stiffness
-    follows from the vehicle's limits: an error of `HOLD_ANGLE` asks for the whole torque of a drive, which is the
-    maximum.
+    The control signal is one command per thruster. A PD law at the plant's rate (`ArmHold`) holds the arm at home.
     """
-
-    HOLD_ANGLE = 0.05  # [rad]
-    HOLD_TIME = 0.03  # [s] damping over stiffness
 
     def __init__(self, plant: Plant) -> None:
         """Take a plant, whose current and pose `place` sets.
@@ -67,9 +63,7 @@ class PlantPhysics(control.Physics):
             raise ConfigurationError("the vehicle has no thrusters, so an agent has nothing to command")
         self._plant = plant
         self._still = Current(np.zeros(3), timestep=plant.timestep)
-        self._q_home, self._limits = vehicle.q_home, vehicle.torque_limits
-        self._stiffness = vehicle.torque_limits / self.HOLD_ANGLE  # [N m]/[rad]
-        self._damping = self._stiffness * self.HOLD_TIME  # [N m]/[rad/s]
+        self._arm = ArmHold(vehicle, vehicle.q_home)
         self._thrusters = np.zeros(len(self.thruster_names))
 
     @property
@@ -99,8 +93,7 @@ class PlantPhysics(control.Physics):
         """
         plant, truth = self._plant, self._plant.truth
         for _ in range(n_sub_steps):
-            wanted = self._stiffness * (self._q_home - truth.q) - self._damping * truth.qd
-            torque = np.clip(wanted, -self._limits, self._limits)
+            torque = self._arm.torque(truth)
             plant.step(Command(time=truth.time, joint_torque=torque, thrusters=self._thrusters, scan=False))
             try:
                 plant.observe()

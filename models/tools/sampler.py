@@ -12,7 +12,7 @@ import numpy as np
 
 from models.hydrodynamics import BodyHydrodynamics, cylinder
 from models.keyframes import keyframes_kept
-from models.naming import PAD_BODY, PAD_JOINT, TIP_SITE, TOOL_GEOM
+from models.naming import PAD_BODY, PAD_JOINT, TIP_SITE, TOOL_FACE_SITE, TOOL_GEOM
 from models.registry import Registry
 from sim.interfaces.errors import ConfigurationError
 
@@ -120,7 +120,7 @@ def _exchange(
         geom.size = [tool.radius, 0, 0]
         geom.fromto = np.concatenate([dome * along, (tool.length - dome) * along])
         water = cylinder(tool.radius, dome * along, tool.length * along)
-    held.add_site(name="pad_face", pos=tool.length * along, quat=tip.quat, group=4)
+    held.add_site(name=TOOL_FACE_SITE, pos=tool.length * along, quat=tip.quat, group=4)
     return {PAD_BODY: water}
 
 

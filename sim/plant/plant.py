@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 
 from models.hydrodynamics import LAYOUT, world_row
-from models.naming import HOME_KEY, TOOL_GEOM
+from models.naming import HOME_KEY, USUAL_NAMES, PartNames
 from models.site.sliding_contact import TARGET_BODY
 from models.vehicle import Vehicle
 from sim import hydrodynamics
@@ -20,8 +20,6 @@ from sim.plant.soil_contact import SoilForce
 from sim.plant.thrusters import Thrusters
 from sim.water.current import Current
 from sim.water.passive_callback import WET_MARK
-
-PAD_FACE_SITE = "pad_face"
 
 
 class Truth:
@@ -149,6 +147,8 @@ class Plant:
         reaction_ticks: int = 0,
         soil: SoilForce | None = None,
         substeps: int = 1,
+        data: mujoco.MjData | None = None,
+        names: PartNames = USUAL_NAMES,
     ) -> None:
         """Set up the plant and install the process's passive callback.
 
@@ -161,6 +161,9 @@ class Plant:
             soil: Force of the soil on the body of the pad; it counts as contact.
             substeps: Physics steps per `timestep`, under one command and one current. Stiff contact needs short steps,
                 the loop around the plant does not.
+            data: State of `model` that another simulation owns and steps: it calls `begin` and `finish` around its own
+                step. None: the plant has its own.
+            names: What the vehicle's parts are called in `model`.
 
         Raises:
             ConfigurationError: An argument is invalid, or the model has no vehicle (`models.vehicle`).
@@ -172,8 +175,8 @@ class Plant:
         hydrodynamics.check(model)
         hydrodynamics.check_constants(model)
         self.model = model
-        self.vehicle = vehicle = Vehicle.of(model)
-        self.data = mujoco.MjData(model)
+        self.vehicle = vehicle = Vehicle.of(model, names)
+        self.data = mujoco.MjData(model) if data is None else data
         self.substeps = substeps
         self.timestep = substeps * float(model.opt.timestep)
         least_gain = self.timestep - 0.5 * float(model.opt.timestep)  # [s] a smaller advance means a reset
@@ -190,10 +193,12 @@ class Plant:
             mark=self.data.crb[0, :1] if wet else np.array([WET_MARK]),
             least_gain=least_gain,
         )
-        self._thrusters = Thrusters(vehicle.thruster_table, vehicle.thruster_wrench, self.timestep)
+        self._thrusters = Thrusters(
+            vehicle.thruster_table, vehicle.thruster_wrench, self.timestep, kept_in=self.data.userdata
+        )
         self._wind, self._ctrl = model.opt.wind, self.data.ctrl
-        self._pad_geom = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, TOOL_GEOM)
-        pad_site = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SITE, PAD_FACE_SITE)
+        self._pad_geom = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, names.tool)
+        pad_site = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SITE, names.tool_face)
         if pad_site < 0:
             pad_site = vehicle.tip
         self._contacts = np.zeros(CONTACTS)
@@ -203,7 +208,7 @@ class Plant:
         self._reaction_ticks, self._tick = reaction_ticks, 0
         self._soil, self._from_soil = soil, np.zeros(4)  # [N] normal force, and force (3,) in W, for the kernel
         if soil is not None and self._pad_geom < 0:
-            raise ConfigurationError(f"soil acts on the geom {TOOL_GEOM!r}, which this vehicle does not have")
+            raise ConfigurationError(f"soil acts on the geom {names.tool!r}, which this vehicle does not have")
         self._tool = int(model.geom_bodyid[self._pad_geom]) if soil is not None else -1
         self.truth = truth = Truth.of(self.data, vehicle, self._thrusters, self._contacts, pad_site)
         dry = vehicle.dry_friction
@@ -231,7 +236,11 @@ class Plant:
             thrusters=vehicle.thruster_actuators,
             saturated=np.zeros(1, dtype=np.bool_),
         )
-        self.reset(current=current, X_WB=X_WB)
+        if data is None:
+            self.reset(current=current, X_WB=X_WB)
+        else:
+            _check_current(current, self.timestep)
+            self.start(current)
 
     def reset(self, *, current: Current, X_WB: Array | None = None) -> None:
         """Restart at time 0 and at rest, arm at home, like a new plant of the same model. Call `observe` next.
@@ -246,7 +255,7 @@ class Plant:
         _check_current(current, self.timestep)
         if X_WB is not None:
             X_WB = checked_pose(X_WB, "X_WB")
-        data, truth = self.data, self.truth
+        data = self.data
         key = mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_KEY, HOME_KEY)
         if key >= 0:
             mujoco.mj_resetDataKeyframe(self.model, data, key)
@@ -256,6 +265,15 @@ class Plant:
             address = self.vehicle.hull_qpos
             data.qpos[address : address + 3] = X_WB[:3, 3]
             data.qpos[address + 3 : address + 7] = quat_wxyz_from_rotation(X_WB[:3, :3])
+        self.start(current)
+
+    def start(self, current: Current) -> None:
+        """Begin at the present state of `data`, propellers at rest.
+
+        Args:
+            current: Current of the water.
+        """
+        data, truth = self.data, self.truth
         self._current = current
         self._flow = Flow(
             current.velocity, current.acceleration, current.row, self._wind, self._current_slot, truth.current_W
@@ -304,14 +322,11 @@ class Plant:
         Raises:
             ConfigurationError: `observe` was not called, or a command has the wrong shape or is not finite.
         """
-        watch = self._watch
-        if not watch.observed[0]:
+        if not self._watch.observed[0]:
             raise ConfigurationError("plant: call observe() before each step(): it computes what the step integrates")
-        joint_torque = fitting(command.joint_torque, self.vehicle.actuators.shape, "joint torque command [N m]")
+        self.begin(command)
         model, data, truth, soil, last = self.model, self.data, self.truth, self._soil, self.substeps - 1
-        of_drive, readout, flow = self._as_tuples
-        truth.saturated = drive(of_drive, fitting(command.thrusters, truth.propeller_speed.shape, "thruster command"))
-        self._ctrl[self._joint_ctrl] = joint_torque
+        readout = self._as_tuples[1]
         for substep in range(last):
             if soil is not None:
                 self._dig(soil)
@@ -326,7 +341,25 @@ class Plant:
             truth.arm_wrench_B[:] = self._reaction.wrench(data, before)
         else:
             mujoco.mj_step2(model, data)
-        watch.observed[0] = False
+        self.finish()
+
+    def begin(self, command: Command) -> None:
+        """Apply the command to MuJoCo's controls: the part of a step before its integration.
+
+        Raises:
+            ConfigurationError: A command has the wrong shape or is not finite.
+        """
+        truth = self.truth
+        joint_torque = fitting(command.joint_torque, self.vehicle.actuators.shape, "joint torque command [N m]")
+        thrusters = fitting(command.thrusters, truth.propeller_speed.shape, "thruster command")
+        truth.saturated = drive(self._as_tuples[0], thrusters)
+        self._ctrl[self._joint_ctrl] = joint_torque
+
+    def finish(self) -> None:
+        """Read gears and contacts, and set the next flow: the part of a step after its integration."""
+        _, readout, flow = self._as_tuples
+        last = self.substeps - 1
+        self._watch.observed[0] = False
         self._tick += 1
         if self._current.profile is None:
             self._current.ready()

@@ -48,13 +48,15 @@ def advance_thrusters(curve, table, command, R_WB, v_WB_W, w_WB_B, current_W, st
 class Thrusters:
     """State and step of all thrusters of one vehicle; parameters from `models.water.thrusters`."""
 
-    def __init__(self, table: Array, wrench: Array, timestep: float) -> None:
+    def __init__(self, table: Array, wrench: Array, timestep: float, *, kept_in: Array | None = None) -> None:
         """Build the tables of the kernel.
 
         Args:
             table: Thruster rows (m, ...) of `models.water.thrusters`.
             wrench: Wrench on the hull per newton of thrust, columns (6, m).
             timestep: [s]
+            kept_in: Memory for the state, so that copies of a simulation carry it; where it is shorter than 3 m
+                numbers, or None, the state is kept apart.
 
         Raises:
             ConfigurationError: The shapes do not match, or a row is invalid.
@@ -70,7 +72,10 @@ class Thrusters:
         advance[3:] -= columns[:, TORQUE] * advance[:3]
         slew = np.where(slew > 0.0, slew * timestep, np.inf)
         self.table = np.vstack([decay, slew, columns[:, INFLOW_LOSS], advance])
-        self.state = np.zeros((3, len(table)))  # first row: command after the drives' slew limit
+        kept = 3 * len(table)
+        own = kept_in is None or len(kept_in) < kept
+        # First row: command after the drives' slew limit.
+        self.state = np.zeros((3, len(table))) if own else kept_in[:kept].reshape(3, len(table))
         self.speed = self.state[1]  # normalised propeller speed
         self.thrust = self.state[2]  # [N]
 

@@ -23,6 +23,7 @@ from sim.environment import HoverTask, PlantPhysics, hover
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import Command
 from sim.interfaces.spatial import Array, exp_so3, pose
+from sim.plant.arm_hold import HOLD_ANGLE, HOLD_TIME
 from sim.plant.plant import Plant
 from sim.water.current import Current
 
@@ -80,8 +81,8 @@ def test_is_the_plant_bit_for_bit():
     HoverTask(np.random.default_rng(3)).initialize_episode(physics)  # the same start and current
 
     limits, q_home, truth = by_hand.vehicle.torque_limits, by_hand.vehicle.q_home, by_hand.truth
-    stiffness = limits / PlantPhysics.HOLD_ANGLE
-    damping = stiffness * PlantPhysics.HOLD_TIME
+    stiffness = limits / HOLD_ANGLE
+    damping = stiffness * HOLD_TIME
     for action in actions(steps):
         env.step(action)
         for _ in range(sub_steps):

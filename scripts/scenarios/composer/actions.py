@@ -1,0 +1,276 @@
+"""What an agent commands: thrusters and joint torques, joint velocities, or the tool's motion and force.
+
+All actions are numbers in [-1, 1]. `ThrustersAndTorques` goes to the plant as it is. The other two are set points of
+the project's own controllers, which run inside the environment at their own rates on the true state.
+"""
+
+from typing import Protocol
+
+import numpy as np
+from dm_env import specs
+
+from controllers.work_controller import WorkController, WorkControllerState
+from scenarios.composer.true_state import TrueState, tool_pose
+from scenarios.own_vehicle import OwnVehicle
+from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.messages import Command, Reference, StateEstimate, WorkState
+from sim.interfaces.spatial import Array, exp_so3, fitting, log_so3
+from sim.plant.arm_hold import ArmHold
+from sim.plant.plant import Truth
+
+_ZERO = np.zeros(3)
+
+
+class Actions(Protocol):
+    """Kind of action of one environment; it has the state of the present episode."""
+
+    names: tuple[str, ...]  # of the numbers of an action
+
+    def start(self, truth: Truth) -> None:
+        """Begin an episode at this state."""
+        ...
+
+    def take(self, action: Array, period: float) -> None:
+        """Take an action (k,), which holds for `period` [s]."""
+        ...
+
+    def command(self, truth: Truth) -> Command:
+        """Command of the next step of the plant."""
+        ...
+
+
+def spec(actions: Actions) -> specs.BoundedArray:
+    """dm_env's specification of an action; its name lists the numbers, as dm_control's own does."""
+    names = actions.names
+    return specs.BoundedArray((len(names),), np.float64, minimum=-1.0, maximum=1.0, name="\t".join(names))
+
+
+def checked_action(action: Array, actions: Actions) -> Array:
+    """The action (k,), within [-1, 1].
+
+    Raises:
+        ConfigurationError: Another shape, or a number that is not finite.
+    """
+    return np.clip(fitting(np.asarray(action, dtype=np.float64), (len(actions.names),), "action"), -1.0, 1.0)
+
+
+class Thrusters:
+    """Normalised propeller speeds; a PD law holds the arm folded."""
+
+    def __init__(self, own: OwnVehicle) -> None:
+        """Take the vehicle.
+
+        Raises:
+            ConfigurationError: It has no thrusters.
+        """
+        self.names = own.vehicle.thruster_names
+        if not self.names:
+            raise ConfigurationError("the vehicle has no thrusters, so an agent has nothing to command")
+        self._arm, self._armed = ArmHold(own.vehicle, own.vehicle.q_home), len(own.vehicle.joints) > 0
+        self._thrusters = np.zeros(len(self.names))
+
+    def start(self, truth: Truth) -> None:
+        """Thrusters off."""
+        self._thrusters = np.zeros(len(self.names))
+
+    def take(self, action: Array, period: float) -> None:
+        """Take propeller speeds (m,)."""
+        self._thrusters = action
+
+    def command(self, truth: Truth) -> Command:
+        """Those speeds, and torques that hold the arm."""
+        torque = self._arm.torque(truth) if self._armed else np.zeros(0)
+        return Command(time=truth.time, joint_torque=torque, thrusters=self._thrusters, scan=False)
+
+
+class ThrustersAndTorques:
+    """Normalised propeller speeds (m,), then joint torques (n,) as shares of the drives' limits."""
+
+    def __init__(self, own: OwnVehicle) -> None:
+        """Take the vehicle."""
+        vehicle = own.vehicle
+        self.names = (*vehicle.thruster_names, *vehicle.joint_names)
+        self._limits, self._thrusters = vehicle.torque_limits, len(vehicle.thruster_names)
+        self._action = np.zeros(len(self.names))
+
+    def start(self, truth: Truth) -> None:
+        """Thrusters and motors off."""
+        self._action = np.zeros(len(self.names))
+
+    def take(self, action: Array, period: float) -> None:
+        """Take speeds and torques."""
+        self._action = action
+
+    def command(self, truth: Truth) -> Command:
+        """Those speeds and torques."""
+        m = self._thrusters
+        torque = self._action[m:] * self._limits
+        return Command(time=truth.time, joint_torque=torque, thrusters=self._action[:m], scan=False)
+
+    def normalised(self, command: Command) -> Array:
+        """The action (m + n,) that asks for a command."""
+        return np.clip(np.concatenate([command.thrusters, command.joint_torque / self._limits]), -1.0, 1.0)
+
+
+class Controlled:
+    """Base of actions that are set points of `WorkController`, which holds the hull where the episode began."""
+
+    names: tuple[str, ...] = ()
+
+    def __init__(self, own: OwnVehicle) -> None:
+        """Compose the controller for the vehicle's model of itself."""
+        self._controller = WorkController(own.model)
+        self._true = TrueState()
+        self._state: WorkControllerState | None = None
+        self._X_WB, self._q, self._qd = np.eye(4), np.array(own.vehicle.q_home), np.zeros(len(own.vehicle.joints))
+        self.last: Command | None = None  # newest command, with the estimated contact force
+        self.estimate: StateEstimate | None = None  # newest
+
+    @property
+    def X_WB(self) -> Array:
+        """Hull pose (4, 4) that is held."""
+        return self._X_WB
+
+    def start(self, truth: Truth) -> None:
+        """Hold hull and arm where they are."""
+        self.estimate = self._true.estimate(truth)
+        self._X_WB, self._q, self._qd = self.estimate.X_WB, truth.q.copy(), np.zeros_like(truth.q)
+        self._state, self.last = self._controller.init(self.estimate), None
+
+    def command(self, truth: Truth) -> Command:
+        """Command of the controller."""
+        self.estimate = estimate = self._true.estimate(truth)
+        assert self._state is not None
+        self._state, self.last = self._controller.step(self._state, estimate, self.reference(truth.time))
+        return self.last
+
+    def reference(self, time: float) -> Reference:
+        """Set points at `time` [s]."""
+        raise NotImplementedError  # every kind has its own
+
+    def _reference(
+        self,
+        time: float,
+        X_WG: Array | None = None,
+        v_WG_W: Array = _ZERO,
+        w_WG_W: Array = _ZERO,
+        force: float = 0.0,
+        compliant: bool = False,
+    ) -> Reference:
+        return Reference(
+            time=time,
+            state=WorkState.WORK,
+            X_WB=self._X_WB,
+            v_WB_W=_ZERO,
+            X_WG=X_WG,
+            v_WG_W=v_WG_W,
+            w_WG_W=w_WG_W,
+            q=self._q,
+            qd=self._qd,
+            force=force,
+            force_control=force > 0.0,
+            tare=False,
+            scan=False,
+            path_s=0.0,
+            compliant=compliant,
+        )
+
+
+class JointVelocities(Controlled):
+    """Joint velocities (n,) as shares of `fastest`; station keeping holds the hull."""
+
+    def __init__(self, own: OwnVehicle, *, fastest: float = 0.5) -> None:
+        """Take the vehicle, and the speed [rad/s] of a full action."""
+        super().__init__(own)
+        self.names = own.vehicle.joint_names
+        self._limits, self._fastest, self._begin = own.vehicle.q_limits, fastest, 0.0
+
+    def take(self, action: Array, period: float) -> None:
+        """Take velocities; a joint stops at its limits."""
+        assert self.estimate is not None
+        low, high = self._limits[:, 0], self._limits[:, 1]
+        if self.last is not None:
+            self._q = self._q + (self.estimate.time - self._begin) * self._qd
+        self._begin = self.estimate.time
+        ahead = np.clip(self._q + period * self._fastest * action, low, high)
+        self._qd = (ahead - self._q) / period
+
+    def reference(self, time: float) -> Reference:
+        """Joint angles moving at the velocities."""
+        moved = self._q + (time - self._begin) * self._qd
+        kept, self._q = self._q, moved
+        reference = self._reference(time)
+        self._q = kept
+        return reference
+
+
+class ToolMotion(Controlled):
+    """Twist of the tool, force, compliance: velocity (3,) and angular velocity (3,) in tool axes, as shares of limits.
+
+    The seventh number is the share of `largest` [N] that the tool presses with; at 0 and below the force is not
+    controlled. Above 0 the eighth lets the tool yield across its axis. Station keeping holds the hull. The tool's set
+    point stays within `LEASH` of the tool.
+    """
+
+    LEASH = 0.15  # [m]
+    SPEED, TURN = 0.05, 0.3  # [m/s], [rad/s] of full actions
+
+    def __init__(self, own: OwnVehicle, *, largest: float = 100.0) -> None:
+        """Take the vehicle, and the force [N] of a full action."""
+        super().__init__(own)
+        self.names = (*(f"v_{axis}" for axis in "xyz"), *(f"w_{axis}" for axis in "xyz"), "force", "compliance")
+        self.largest, self._force, self._compliant = largest, 0.0, False
+        self._X_WG, self._v_WG_W, self._w_WG_W, self._begin = np.eye(4), np.zeros(3), np.zeros(3), 0.0
+
+    def start(self, truth: Truth) -> None:
+        """Hold hull and tool where they are."""
+        super().start(truth)
+        self._X_WG, self._begin = tool_pose(truth), truth.time
+        self._v_WG_W, self._w_WG_W, self._force, self._compliant = np.zeros(3), np.zeros(3), 0.0, False
+
+    def take(self, action: Array, period: float) -> None:
+        """Take a twist and a force."""
+        assert self.estimate is not None
+        self._X_WG = self.tool_at(self.estimate.time)
+        self._begin = self.estimate.time
+        R_WG = self._X_WG[:3, :3]
+        self._v_WG_W, self._w_WG_W = self.SPEED * R_WG @ action[:3], self.TURN * R_WG @ action[3:6]
+        self._force, self._compliant = max(0.0, self.largest * float(action[6])), bool(action[7] > 0.0)
+
+    def tool_at(self, time: float) -> Array:
+        """Set point X_WG (4, 4) of the tool at `time` [s]."""
+        since = time - self._begin
+        X_WG = self._X_WG.copy()
+        X_WG[:3, :3] = exp_so3(since * self._w_WG_W) @ X_WG[:3, :3]
+        X_WG[:3, 3] += since * self._v_WG_W
+        return X_WG
+
+    def command(self, truth: Truth) -> Command:
+        """Command of the controller, for a set point that is not too far off."""
+        lead = self.tool_at(truth.time)[:3, 3] - truth.p_WG
+        far = float(np.linalg.norm(lead))
+        if far > self.LEASH:
+            self._X_WG[:3, 3] -= (1.0 - self.LEASH / far) * lead
+        return super().command(truth)
+
+    def reference(self, time: float) -> Reference:
+        """The tool moving at its twist."""
+        return self._reference(
+            time, self.tool_at(time), self._v_WG_W, self._w_WG_W, self._force, self._compliant
+        )
+
+    def action_to(self, X_WG: Array, force: float, compliant: bool, period: float) -> Array:
+        """The action (8,) that brings the set point to a pose (4, 4) within `period` [s], as far as its limits allow.
+
+        Args:
+            X_WG: (4, 4) tool pose wanted at the end.
+            force: [N] to press with; 0: the force is not controlled.
+            compliant: Yield across the tool's axis.
+            period: [s] of the action.
+        """
+        assert self.estimate is not None
+        now = self.tool_at(self.estimate.time)
+        R_GW = now[:3, :3].T
+        v = R_GW @ (X_WG[:3, 3] - now[:3, 3]) / period / self.SPEED
+        w = log_so3(R_GW @ X_WG[:3, :3]) / period / self.TURN
+        return np.clip(np.concatenate([v, w, [force / self.largest, 1.0 if compliant else 0.0]]), -1.0, 1.0)

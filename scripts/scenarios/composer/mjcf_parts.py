@@ -1,0 +1,149 @@
+"""MJCF of a vehicle for dm_control's composer: the whole, or hull, arm and tool apart, with every digit kept."""
+
+import copy
+import ctypes
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import count
+
+import mujoco
+from dm_control import mjcf
+from lxml import etree
+
+from models.naming import ARM_BASE_BODY, HULL_BODY, PAD_BODY, TIP_SITE
+from sim.interfaces.errors import ConfigurationError
+from sim.water.mujoco_layout import library
+
+MOUNT = "mount"  # site of hull or arm at which the next part is attached
+_DIGITS = 17  # with which a double survives being written
+_PLACE = ("pos", "quat")
+_JOINED = ("tendon", "equality", "contact", "sensor", "deformable", "skin")  # elements that may tie parts together
+
+
+@dataclass(frozen=True, slots=True)
+class VehicleParts:
+    """MJCF of hull, arm and tool, each a model of its own; None: the vehicle has no such part of its own."""
+
+    hull: str
+    arm: str | None
+    tool: str | None
+
+
+def exact_xml(spec: mujoco.MjSpec) -> str:
+    """MJCF of a spec; numbers keep all their digits where this MuJoCo can write them, else six."""
+    native = library()
+    try:
+        get, put = native._mjPRIVATE__get_xml_precision, native._mjPRIVATE__set_xml_precision
+    except AttributeError:
+        return spec.to_xml()
+    get.restype, put.argtypes = ctypes.c_int, [ctypes.c_int]
+    before = get()
+    put(_DIGITS)
+    try:
+        return spec.to_xml()
+    finally:
+        put(before)
+
+
+def root_of(xml: str, name: str) -> mjcf.RootElement:
+    """PyMJCF model of an MJCF text, called `name`, without keyframes: they do not fit a larger scene."""
+    document = etree.fromstring(xml.encode())
+    for section in document.findall("keyframe"):
+        document.remove(section)
+    for size in document.findall("size"):
+        size.attrib.pop("nkey", None)
+    root = mjcf.from_xml_string(etree.tostring(document).decode())
+    root.model = name
+    return root
+
+
+def parts_of(spec: mujoco.MjSpec) -> VehicleParts:
+    """Hull, arm and tool of a vehicle.
+
+    The hull loses its free joint, which the scene gives it. Parts that tendons, equalities, contact pairs or sensors
+    may tie together stay in one piece, as do those of a vehicle without an arm.
+
+    Raises:
+        ConfigurationError: The vehicle has no body `hull`.
+    """
+    whole = etree.fromstring(exact_xml(spec).encode())
+    hull = _named(whole, "body", HULL_BODY)
+    if hull is None:
+        raise ConfigurationError(f"vehicle: has no body {HULL_BODY!r}, which is to float freely")
+    for joint in [*hull.findall("freejoint"), *hull.findall("joint")]:
+        hull.remove(joint)
+    base, tip = _named(whole, "body", ARM_BASE_BODY), _named(whole, "site", TIP_SITE)
+    if base is None or tip is None or base not in tip.iterancestors() or any(len(section) for name in _JOINED for section in whole.findall(name)):
+        return VehicleParts(_text(whole), None, None)
+    flange, of_tool = tip.getparent(), [tip]
+    of_tool += [body for body in flange.findall("body") if body.get("name") == PAD_BODY]
+    arm = _document(whole, _cut_out(whole, [base]))
+    tool = _document(whole, _cut_out(arm, of_tool))
+    for document in (whole, arm, tool):
+        _keep_own_actuators(document)
+    return VehicleParts(_text(whole), _text(arm), _text(tool))
+
+
+def _cut_out(document: etree._Element, parts: list[etree._Element]) -> list[etree._Element]:
+    """Take sibling elements out of a document; a site MOUNT takes their place, that of the first if it is a body."""
+    first = parts[0]
+    parent = first.getparent()
+    mount = etree.SubElement(parent, "site", name=_free_name(document, MOUNT))
+    taken = []
+    if first.tag == "body":
+        mount.attrib.update({key: first.attrib.pop(key) for key in _PLACE if key in first.attrib})
+    for part in parts:
+        inherited = _inherited_class(part)
+        if inherited is not None:
+            key = "childclass" if part.tag == "body" else "class"
+            part.set(key, part.get(key, inherited))
+        part.getparent().remove(part)
+        part.tail = None
+        taken.append(part)
+    return taken
+
+
+def _document(whole: etree._Element, tree: list[etree._Element]) -> etree._Element:
+    """A model with the settings, defaults, assets and actuators of `whole`, and the elements of `tree` as its world."""
+    document = copy.deepcopy(whole)
+    for world in document.findall("worldbody"):
+        document.remove(world)
+    world = etree.SubElement(document, "worldbody")
+    world.extend(tree)
+    return document
+
+
+def _keep_own_actuators(document: etree._Element) -> None:
+    """Remove actuators of joints and sites that the document does not have."""
+    own = {(each.tag, each.get("name")) for each in document.iterfind(".//worldbody//*") if each.get("name")}
+    for section in document.findall("actuator"):
+        for actuator in list(section):
+            places = [(kind, actuator.get(kind)) for kind in ("joint", "site", "body") if actuator.get(kind)]
+            if any(place not in own for place in places):
+                section.remove(actuator)
+
+
+def _inherited_class(part: etree._Element) -> str | None:
+    """Default class that bodies above give to `part`, unless it names its own."""
+    for above in part.iterancestors("body"):
+        if above.get("childclass"):
+            return above.get("childclass")
+    return None
+
+
+def _free_name(document: etree._Element, wish: str) -> str:
+    taken = {each.get("name") for each in document.iter("site")}
+    return next(name for name in _numbered(wish) if name not in taken)
+
+
+def _numbered(wish: str) -> Iterator[str]:
+    yield wish
+    yield from (f"{wish}_{number}" for number in count(2))
+
+
+def _named(document: etree._Element, tag: str, name: str) -> etree._Element | None:
+    return next((each for each in document.iter(tag) if each.get("name") == name), None)
+
+
+def _text(document: etree._Element) -> str:
+    return etree.tostring(document).decode()

@@ -310,6 +310,12 @@ def insertion_rows(site: WorkSite, limits: ArrivalLimits, job: InsertionJob) -> 
     Returns:
         Names and rows.
     """
+    yield from arrival(site, limits, then=at_once("approach"), depth=-job.axial.standoff, offset=0.0, broken=PARK)
+    yield from rows_at_hole(job)
+
+
+def rows_at_hole(job: InsertionJob) -> Iterable[tuple[str, TaskRow]]:
+    """Rows from the stand-off on; "approach" is to be entered."""
     axial, states = job.axial, WorkState
     outside = Push(force=job.force, beyond=-job.early)
     inside = replace(outside, compliant_beyond=-job.entry if job.compliance else math.inf)
@@ -323,7 +329,6 @@ def insertion_rows(site: WorkSite, limits: ArrivalLimits, job: InsertionJob) -> 
     approach = AxialApproach(axial, outside, rim, slow=(-job.guard, job.touch_speed), to=-job.entry)
     searched = {PhaseEvent.DONE: "insert", PhaseEvent.TOUCHED: "search"}
     inserted = {PhaseEvent.DONE: "work", PhaseEvent.TOUCHED: "search"}
-    yield from arrival(site, limits, then=at_once("approach"), depth=-axial.standoff, offset=0.0, broken=PARK)
     yield "approach", TaskRow(approach, states.APPROACH, searched, WITHDRAW)
     yield "search", TaskRow(SpiralSearch(job, outside), states.SEARCH, {PhaseEvent.DONE: "insert"}, WITHDRAW)
     yield "insert", TaskRow(EnterHole(job, inside), states.INSERT, inserted, WITHDRAW)

@@ -4,7 +4,7 @@ All actions are numbers in [-1, 1]. `ThrustersAndTorques` goes to the plant as i
 the project's own controllers, which run inside the environment at their own rates on the true state.
 """
 
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from dm_env import specs
@@ -54,7 +54,7 @@ def checked_action(action: Array, actions: Actions) -> Array:
     return np.clip(fitting(np.asarray(action, dtype=np.float64), (len(actions.names),), "action"), -1.0, 1.0)
 
 
-class Thrusters:
+class ThrusterSpeeds:
     """Normalised propeller speeds; a PD law holds the arm folded."""
 
     def __init__(self, own: OwnVehicle) -> None:
@@ -122,7 +122,7 @@ class Controlled:
         self._controller = WorkController(own.model)
         self._true = TrueState()
         self._state: WorkControllerState | None = None
-        self._X_WB, self._q, self._qd = np.eye(4), np.array(own.vehicle.q_home), np.zeros(len(own.vehicle.joints))
+        self._X_WB, self._q = np.eye(4), np.array(own.vehicle.q_home)
         self.last: Command | None = None  # newest command, with the estimated contact force
         self.estimate: StateEstimate | None = None  # newest
 
@@ -134,13 +134,13 @@ class Controlled:
     def start(self, truth: Truth) -> None:
         """Hold hull and arm where they are."""
         self.estimate = self._true.estimate(truth)
-        self._X_WB, self._q, self._qd = self.estimate.X_WB, truth.q.copy(), np.zeros_like(truth.q)
+        self._X_WB, self._q = self.estimate.X_WB, truth.q.copy()
         self._state, self.last = self._controller.init(self.estimate), None
 
     def command(self, truth: Truth) -> Command:
         """Command of the controller."""
         self.estimate = estimate = self._true.estimate(truth)
-        assert self._state is not None
+        assert self._state is not None  # of `start`
         self._state, self.last = self._controller.step(self._state, estimate, self.reference(truth.time))
         return self.last
 
@@ -148,31 +148,27 @@ class Controlled:
         """Set points at `time` [s]."""
         raise NotImplementedError  # every kind has its own
 
-    def _reference(
-        self,
-        time: float,
-        X_WG: Array | None = None,
-        v_WG_W: Array = _ZERO,
-        w_WG_W: Array = _ZERO,
-        force: float = 0.0,
-        compliant: bool = False,
-    ) -> Reference:
+    def _reference(self, time: float, **wanted: Any) -> Reference:
+        """Set points at `time`: hold hull and joints, but for what is wanted."""
+        held: dict[str, Any] = {
+            "X_WG": None,
+            "v_WG_W": _ZERO,
+            "w_WG_W": _ZERO,
+            "q": self._q,
+            "qd": np.zeros_like(self._q),
+            "force": 0.0,
+        }
+        held |= wanted
         return Reference(
             time=time,
             state=WorkState.WORK,
             X_WB=self._X_WB,
             v_WB_W=_ZERO,
-            X_WG=X_WG,
-            v_WG_W=v_WG_W,
-            w_WG_W=w_WG_W,
-            q=self._q,
-            qd=self._qd,
-            force=force,
-            force_control=force > 0.0,
+            force_control=held["force"] > 0.0,
             tare=False,
             scan=False,
             path_s=0.0,
-            compliant=compliant,
+            **held,
         )
 
 
@@ -184,24 +180,31 @@ class JointVelocities(Controlled):
         super().__init__(own)
         self.names = own.vehicle.joint_names
         self._limits, self._fastest, self._begin = own.vehicle.q_limits, fastest, 0.0
+        self._qd = np.zeros(len(self.names))
+
+    def start(self, truth: Truth) -> None:
+        """Hold hull and arm where they are."""
+        super().start(truth)
+        self._qd, self._begin = np.zeros_like(truth.q), truth.time
 
     def take(self, action: Array, period: float) -> None:
         """Take velocities; a joint stops at its limits."""
         assert self.estimate is not None
-        low, high = self._limits[:, 0], self._limits[:, 1]
-        if self.last is not None:
-            self._q = self._q + (self.estimate.time - self._begin) * self._qd
-        self._begin = self.estimate.time
-        ahead = np.clip(self._q + period * self._fastest * action, low, high)
+        self._q, self._begin = self._joints_at(self.estimate.time), self.estimate.time
+        ahead = np.clip(self._q + period * self._fastest * action, self._limits[:, 0], self._limits[:, 1])
         self._qd = (ahead - self._q) / period
+
+    def action_to(self, q: Array, within: float) -> Array:
+        """The action (n,) that would bring the joints to angles (n,) [rad] `within` [s], as far as speeds allow."""
+        now = self._q if self.estimate is None else self._joints_at(self.estimate.time)
+        return np.clip((q - now) / within / self._fastest, -1.0, 1.0)
+
+    def _joints_at(self, time: float) -> Array:
+        return self._q + (time - self._begin) * self._qd
 
     def reference(self, time: float) -> Reference:
         """Joint angles moving at the velocities."""
-        moved = self._q + (time - self._begin) * self._qd
-        kept, self._q = self._q, moved
-        reference = self._reference(time)
-        self._q = kept
-        return reference
+        return self._reference(time, q=self._joints_at(time), qd=self._qd)
 
 
 class ToolMotion(Controlled):
@@ -256,7 +259,12 @@ class ToolMotion(Controlled):
     def reference(self, time: float) -> Reference:
         """The tool moving at its twist."""
         return self._reference(
-            time, self.tool_at(time), self._v_WG_W, self._w_WG_W, self._force, self._compliant
+            time,
+            X_WG=self.tool_at(time),
+            v_WG_W=self._v_WG_W,
+            w_WG_W=self._w_WG_W,
+            force=self._force,
+            compliant=self._compliant,
         )
 
     def action_to(self, X_WG: Array, force: float, compliant: bool, period: float) -> Array:

@@ -250,6 +250,13 @@ class VehicleEntity(composer.Entity):
     def _build_observables(self) -> VehicleObservables:
         return VehicleObservables(self)
 
+    def observe(self, *, sensors: bool) -> None:
+        """Enable the readings of the sensors, and only them, or else the true state of hull, arm and tool."""
+        for entity in self.iter_entities():
+            of_sensors = getattr(entity.observables, "of_sensors", {})
+            for name, each in entity.observables.as_dict(fully_qualified=False).items():
+                each.enabled = (name in of_sensors) == sensors
+
     @property
     def mjcf_model(self) -> mjcf.RootElement:
         """PyMJCF model of the vehicle."""

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from dm_control import composer
 from dm_control.composer.observation import observable
+from dm_env import specs
 
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import Measurement
@@ -22,6 +23,10 @@ from sim.plant.plant import Truth
 if TYPE_CHECKING:
     from scenarios.composer.entities import VehicleEntity
 
+FARTHEST = 100.0  # [m] bound of positions; an episode ends long before
+FARTHEST_TURN = 2.0 * np.pi  # [rad] bound of rotation vectors
+FASTEST = 20.0  # [m/s, rad/s] bound of velocities
+STRONGEST = 1e4  # [N, N m] bound of forces and torques
 _NOT_NUMBERS = ("time", "noise")  # fields of a message that are no reading
 
 
@@ -108,14 +113,36 @@ def _snake(name: str) -> str:
     return "".join(f"_{c.lower()}" if c.isupper() and i else c.lower() for i, c in enumerate(name))
 
 
-def _true(entity: Any, value: Callable[[Truth], Array]) -> observable.Observable:
+class BoundedNumbers(observable.Generic):
+    """Observable of numbers (k,) within bounds, which its specification states."""
+
+    def __init__(self, read: Callable[[Any], Array], size: int, bound: float) -> None:
+        """Take the callable of the physics, the number of numbers, and their largest magnitude."""
+        super().__init__(read)
+        self._spec = specs.BoundedArray((size,), np.float64, minimum=-bound, maximum=bound)
+
+    @property
+    def array_spec(self) -> specs.BoundedArray:
+        """Specification of the numbers."""
+        return self._spec
+
+
+def _true(entity: Any, value: Callable[[Truth], Array], size: int, bound: float) -> observable.Observable:
     """Observable of the true state; `entity` is the vehicle, or a part of it."""
 
     def read(physics: Any) -> Array:
         del physics
         return np.array(value(_vehicle_of(entity).truth), dtype=np.float64)
 
-    return observable.Generic(read)
+    return BoundedNumbers(read, size, bound)
+
+
+def _joints(arm: Any) -> int:
+    return len(arm.actuators)
+
+
+def _thrusters(vehicle: Any) -> int:
+    return len(vehicle.own.vehicle.thruster_names)
 
 
 def _vehicle_of(entity: Any) -> "VehicleEntity":
@@ -131,33 +158,34 @@ class VehicleObservables(composer.Observables):
 
     def __init__(self, entity: "VehicleEntity") -> None:
         super().__init__(entity)
-        for name, reading in readings(entity).items():
+        self.of_sensors = readings(entity)
+        for name, reading in self.of_sensors.items():
             self.add_observable(name, reading, enabled=False)
 
     @composer.observable
     def position(self) -> observable.Observable:
         """Position (3,) [m] of the hull, world axes."""
-        return _true(self._entity, lambda truth: truth.p_WB)
+        return _true(self._entity, lambda truth: truth.p_WB, 3, FARTHEST)
 
     @composer.observable
     def orientation(self) -> observable.Observable:
         """Rotation (9,) of the hull to world axes, by rows."""
-        return _true(self._entity, lambda truth: truth.R_WB.ravel())
+        return _true(self._entity, lambda truth: truth.R_WB.ravel(), 9, 1.0)
 
     @composer.observable
     def velocity(self) -> observable.Observable:
         """Velocity (3,) [m/s] over ground, hull axes."""
-        return _true(self._entity, lambda truth: truth.R_WB.T @ truth.v_WB_W)
+        return _true(self._entity, lambda truth: truth.R_WB.T @ truth.v_WB_W, 3, FASTEST)
 
     @composer.observable
     def angular_velocity(self) -> observable.Observable:
         """Angular velocity (3,) [rad/s], hull axes."""
-        return _true(self._entity, lambda truth: truth.w_WB_B)
+        return _true(self._entity, lambda truth: truth.w_WB_B, 3, FASTEST)
 
     @composer.observable
     def propeller_speed(self) -> observable.Observable:
         """Propeller speeds (m,), normalised."""
-        return _true(self._entity, lambda truth: truth.propeller_speed)
+        return _true(self._entity, lambda truth: truth.propeller_speed, _thrusters(self._entity), 1.0)
 
 
 class ArmObservables(composer.Observables):
@@ -166,17 +194,17 @@ class ArmObservables(composer.Observables):
     @composer.observable
     def joints(self) -> observable.Observable:
         """Joint angles (n,) [rad]."""
-        return _true(self._entity, lambda truth: truth.q)
+        return _true(self._entity, lambda truth: truth.q, _joints(self._entity), 2.0 * FARTHEST_TURN)
 
     @composer.observable
     def joint_velocity(self) -> observable.Observable:
         """Joint velocities (n,) [rad/s]."""
-        return _true(self._entity, lambda truth: truth.qd)
+        return _true(self._entity, lambda truth: truth.qd, _joints(self._entity), FASTEST)
 
     @composer.observable
     def joint_torque(self) -> observable.Observable:
         """Torques (n,) [N m] of the motors."""
-        return _true(self._entity, lambda truth: truth.tau_drive)
+        return _true(self._entity, lambda truth: truth.tau_drive, _joints(self._entity), STRONGEST)
 
 
 class ToolObservables(composer.Observables):
@@ -185,14 +213,14 @@ class ToolObservables(composer.Observables):
     @composer.observable
     def tip_position(self) -> observable.Observable:
         """Position (3,) [m] of the tip in the hull, hull axes."""
-        return _true(self._entity, lambda truth: truth.R_WB.T @ (truth.p_WG - truth.p_WB))
+        return _true(self._entity, lambda truth: truth.R_WB.T @ (truth.p_WG - truth.p_WB), 3, FARTHEST)
 
     @composer.observable
     def tip_orientation(self) -> observable.Observable:
         """Rotation (9,) of the tool to hull axes, by rows."""
-        return _true(self._entity, lambda truth: (truth.R_WB.T @ truth.R_WG).ravel())
+        return _true(self._entity, lambda truth: (truth.R_WB.T @ truth.R_WG).ravel(), 9, 1.0)
 
     @composer.observable
     def contact_force(self) -> observable.Observable:
         """Force (3,) [N] of the world on the tool, tool axes; its z is negative when the tool presses."""
-        return _true(self._entity, lambda truth: truth.R_WG.T @ truth.contact_force_W)
+        return _true(self._entity, lambda truth: truth.R_WG.T @ truth.contact_force_W, 3, STRONGEST)

@@ -87,7 +87,7 @@ def _exchange(
     side /= np.linalg.norm(side)
     parent = link
     for name, axis in (("mount_x", side), ("mount_y", np.cross(along, side))):
-        parent = parent.add_body(name=name, mass=_MOUNT, inertia=[1e-5] * 3, explicitinertial=True)
+        parent = parent.add_body(name=name, mass=_MOUNT, ipos=[0.0] * 3, inertia=[1e-5] * 3, explicitinertial=True)
         if name == "mount_x":
             parent.pos, parent.quat = place, turn
         _slide(parent, name, axis, (-SIDE_GIVE, SIDE_GIVE))

@@ -75,13 +75,28 @@ def parts_of(spec: mujoco.MjSpec) -> VehicleParts:
     base, tip = _named(whole, "body", ARM_BASE_BODY), _named(whole, "site", TIP_SITE)
     if base is None or tip is None or base not in tip.iterancestors() or any(len(section) for name in _JOINED for section in whole.findall(name)):
         return VehicleParts(_text(whole), None, None)
-    flange, of_tool = tip.getparent(), [tip]
-    of_tool += [body for body in flange.findall("body") if body.get("name") == PAD_BODY]
+    of_tool = _end_of(whole, tip)
     arm = _document(whole, _cut_out(whole, [base]))
     tool = _document(whole, _cut_out(arm, of_tool))
     for document in (whole, arm, tool):
         _keep_own_actuators(document)
     return VehicleParts(_text(whole), _text(arm), _text(tool))
+
+
+def _end_of(document: etree._Element, tip: etree._Element) -> list[etree._Element]:
+    """What the last driven link carries: tip and pad, each with the bodies of its mount."""
+    driven = {each.get("joint") for each in document.iterfind("actuator/*")}
+    pad = _named(document, "body", PAD_BODY)
+    found: list[etree._Element] = []
+    for part in [tip] if pad is None else [tip, pad]:
+        at = part
+        while not any(joint.get("name") in driven for joint in at.getparent().findall("joint")):
+            at = at.getparent()
+            if at.getparent() is None or at.tag == "worldbody":
+                raise ConfigurationError(f"vehicle: {part.tag} {part.get('name')!r} is carried by no driven joint")
+        if at not in found:
+            found.append(at)
+    return found
 
 
 def _cut_out(document: etree._Element, parts: list[etree._Element]) -> list[etree._Element]:

@@ -95,7 +95,9 @@ class Vehicle:
             thruster_table=readonly(table),
             thruster_wrench=readonly(_thruster_wrench(model, hull, thruster_actuators)),
             thruster_names=tuple(
-                mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_ACTUATOR, int(a)).rpartition("/")[2].removeprefix("thruster_")
+                mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_ACTUATOR, int(a))
+                .rpartition("/")[2]
+                .removeprefix("thruster_")
                 for a in thruster_actuators
             ),
         )

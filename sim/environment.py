@@ -10,14 +10,14 @@ belong to `sim.loop.rollout`. Frames: W world, B hull, H the hull pose to hold.
 """
 
 from collections import OrderedDict
-from importlib.metadata import version
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from models.site import scenes
 from sim import hydrodynamics
-from sim.interfaces.errors import ConfigurationError, HydrodynamicsError, MissingLibraryError
+from sim.interfaces.errors import ConfigurationError, HydrodynamicsError
+from sim.interfaces.extras import without_dm_control
 from sim.interfaces.messages import Command
 from sim.interfaces.spatial import Array, checked, exp_so3, inverse, log_so3, pose
 from sim.loop.rollout import ticks_per_period
@@ -30,10 +30,7 @@ try:
     from dm_control.utils import rewards
     from dm_env import specs
 except Exception as error:  # on MuJoCo 4 of any type: dm_control generates its classes from MuJoCo's names
-    raise MissingLibraryError(
-        f"the RL door needs dm_control, which runs on MuJoCo 3, not on 4 (here {version('mujoco')}): "
-        f"pip install 'uuv-arm[rl]' ({type(error).__name__}: {error})"
-    ) from error
+    raise without_dm_control(error) from error
 
 CURRENT_SPEED = 0.15  # [m/s] horizontal, from a new direction each episode
 START_OFFSET = 0.5  # [m] largest per axis, from the pose to hold

@@ -3,6 +3,7 @@
 import contextlib
 import sys
 from collections.abc import Iterator
+from importlib.metadata import version
 from importlib.util import find_spec
 
 from sim.interfaces.errors import MissingLibraryError
@@ -18,9 +19,11 @@ EXTRAS = {  # module: extra, as in pyproject.toml
     "rerun": "log",
     "dm_control": "rl",
     "dm_env": "rl",
+    "gymnasium": "rl",
     "ray": "cluster",
     "open3d": "open3d",
 }
+DM_CONTROL_RUNS = "3, not 4"  # versions of MuJoCo; pyproject.toml's extra "rl" holds the bound
 _OLDER = ("rl", "open3d")  # extras without packages for Python 3.13
 
 
@@ -30,6 +33,14 @@ def missing(error: ImportError) -> MissingLibraryError | None:
     if not isinstance(error, ModuleNotFoundError) or module not in EXTRAS:
         return None
     return MissingLibraryError(f"this needs the package {module}: {to_install(EXTRAS[module])}")
+
+
+def without_dm_control(error: Exception) -> MissingLibraryError:
+    """What to say where dm_control cannot be imported: it is missing, or does not run on the MuJoCo here."""
+    return MissingLibraryError(
+        f"this needs dm_control, which runs on MuJoCo {DM_CONTROL_RUNS} (here {version('mujoco')}): {to_install('rl')} "
+        f"({type(error).__name__}: {error})"
+    )
 
 
 def to_install(extra: str) -> str:

@@ -287,10 +287,10 @@ class Plant:
         self._blow()  # overwrite the flow of the last step
         self._watch.time[0] = data.time
         self._watch.observed[0] = self._drive.saturated[0] = False
-        truth.tau_friction[:] = 0.0
         truth.arm_wrench_B[:] = np.nan
         self._tick = 0
         gears_and_contacts(self._as_tuples[1], 0, 1)
+        truth.tau_friction[:] = self._contacts[:] = 0.0  # none yet, whatever constraints `data` still has
         self.publish(0)
 
     def observe(self) -> Truth:

@@ -73,9 +73,9 @@ class Thrusters:
         slew = np.where(slew > 0.0, slew * timestep, np.inf)
         self.table = np.vstack([decay, slew, columns[:, INFLOW_LOSS], advance])
         kept = 3 * len(table)
-        own = kept_in is None or len(kept_in) < kept
-        # First row: command after the drives' slew limit.
-        self.state = np.zeros((3, len(table))) if own else kept_in[:kept].reshape(3, len(table))
+        if kept_in is None or len(kept_in) < kept:
+            kept_in = np.zeros(kept)
+        self.state = kept_in[:kept].reshape(3, len(table))  # first row: command after the drives' slew limit
         self.speed = self.state[1]  # normalised propeller speed
         self.thrust = self.state[2]  # [N]
 

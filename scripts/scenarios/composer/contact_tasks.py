@@ -36,7 +36,14 @@ class ContactTask(VehicleTask):
     """
 
     def __init__(
-        self, sea: Sea, vehicle: VehicleEntity, actions: Actions, place: WorkPlace, *, force: float, sparse: bool = False
+        self,
+        sea: Sea,
+        vehicle: VehicleEntity,
+        actions: Actions,
+        place: WorkPlace,
+        *,
+        force: float,
+        sparse: bool = False,
     ) -> None:
         """Put the object into the sea.
 
@@ -92,7 +99,14 @@ class PressPoint(ContactTask):
     """Press at a point with a set force: done once it has been held for HELD within the jobs' bounds."""
 
     def __init__(
-        self, sea: Sea, vehicle: VehicleEntity, actions: Actions, place: WorkPlace, *, force: float, sparse: bool = False
+        self,
+        sea: Sea,
+        vehicle: VehicleEntity,
+        actions: Actions,
+        place: WorkPlace,
+        *,
+        force: float,
+        sparse: bool = False,
     ) -> None:
         """As `ContactTask`; the point is the path's begin."""
         super().__init__(sea, vehicle, actions, place, force=force, sparse=sparse)
@@ -118,7 +132,14 @@ class WipePath(ContactTask):
     AHEAD = 0.01  # [m] of the place reached
 
     def __init__(
-        self, sea: Sea, vehicle: VehicleEntity, actions: Actions, place: WorkPlace, *, force: float, sparse: bool = False
+        self,
+        sea: Sea,
+        vehicle: VehicleEntity,
+        actions: Actions,
+        place: WorkPlace,
+        *,
+        force: float,
+        sparse: bool = False,
     ) -> None:
         """As `ContactTask`."""
         super().__init__(sea, vehicle, actions, place, force=force, sparse=sparse)

@@ -85,7 +85,12 @@ class Sea(composer.Arena):
         )  # fmt: skip
         depth = finite_number(depth, "depth [m]", above=0.0, most=1e3)
         self.seabed = root.worldbody.add(
-            "geom", name="seabed", type="plane", size=[_PLANE, _PLANE, 0.1], pos=[0, 0, -depth], rgba=[0.55, 0.5, 0.4, 1]
+            "geom",
+            name="seabed",
+            type="plane",
+            size=[_PLANE, _PLANE, 0.1],
+            pos=[0, 0, -depth],
+            rgba=[0.55, 0.5, 0.4, 1],
         )
         root.worldbody.add("light", name="sun", pos=[0, 0, 6], dir=[0.2, 0.1, -1], diffuse=[0.5, 0.5, 0.5])
         root.worldbody.add("camera", name="overview", pos=[2.6, -2.2, 1.1], xyaxes=[0.65, 0.76, 0, -0.27, 0.23, 0.93])
@@ -331,9 +336,7 @@ class VehicleEntity(composer.Entity):
 
     def _over(self, physics: mjcf.Physics) -> Plant:
         """The plant over a physics."""
-        return Plant(
-            physics.model.ptr, current=Current(np.zeros(3)), data=physics.data.ptr, names=self.names()
-        )
+        return Plant(physics.model.ptr, current=Current(np.zeros(3)), data=physics.data.ptr, names=self.names())
 
     def initialize_episode(self, physics: mjcf.Physics, random_state: Random) -> None:
         """Begin at the state that the task has set, in the water of the sea."""

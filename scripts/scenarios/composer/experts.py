@@ -1,10 +1,10 @@
 """Experts: the project's own controllers and planners as policies of the tasks. They know the true state.
 
-    environment = load("barrel", "press")
-    policy = expert(environment)
-    timestep = environment.reset()
-    while not timestep.last():
-        timestep = environment.step(policy(timestep))
+environment = load("barrel", "press")
+policy = expert(environment)
+timestep = environment.reset()
+while not timestep.last():
+    timestep = environment.step(policy(timestep))
 """
 
 from collections.abc import Callable, Iterable
@@ -21,8 +21,8 @@ from controllers.planning.trajectories import PoseMove
 from controllers.tasks import contact_phases as contact
 from controllers.tasks import insertion
 from controllers.tasks.hull_phases import HullMotion, RestLimits, Settle
-from controllers.tasks.phase import Context, Decide, Held, HoldTool, Outcome, Phase, PhaseEvent, Setpoint
 from controllers.tasks.monitors import Reaction
+from controllers.tasks.phase import Context, Decide, Held, HoldTool, Outcome, Phase, PhaseEvent, Setpoint
 from controllers.tasks.task import TaskPlanner, TaskRow, TaskState, at_once
 from scenarios.composer.actions import JointVelocities, ThrusterSpeeds, ToolMotion
 from scenarios.composer.contact_tasks import TOUCHED, ContactTask, InsertSampler, PressPoint, TapPoints, WipePath
@@ -43,21 +43,21 @@ _Kind = TypeVar("_Kind")
 class Policy(Protocol):
     """Policy: the action (k,) for a moment of the environment."""
 
-    def __call__(self, timestep: dm_env.TimeStep) -> Array:
-        """Action for `timestep`; at a first one the policy begins anew."""
+    def __call__(self, timestep: dm_env.TimeStep, /) -> Array:
+        """Action for a moment of the environment; at a first one the policy begins anew."""
         ...
 
 
 def zero(environment: composer.Environment) -> Policy:
     """Policy that does nothing: the middle of every action's range."""
     size = environment.action_spec().shape
-    return lambda timestep: np.zeros(size)
+    return lambda _: np.zeros(size)
 
 
 def at_random(environment: composer.Environment, rng: np.random.Generator) -> Policy:
     """Policy that draws every action anew."""
     size = environment.action_spec().shape
-    return lambda timestep: rng.uniform(-1.0, 1.0, size)
+    return lambda _: rng.uniform(-1.0, 1.0, size)
 
 
 def expert(environment: composer.Environment) -> Policy:
@@ -197,6 +197,7 @@ class WorkExpert:
             return np.zeros(len(actions.names))
         assert actions.estimate is not None
         assert self._planner is not None
+        assert self._state is not None
         estimate = self._true.estimate(self._task.truth)
         self._state, asked = self._planner.step(self._state, estimate, None, actions.last)
         if asked.X_WG is None:
@@ -214,6 +215,7 @@ def _begin(task: ContactTask, *, offset: float, depth: float, then: str) -> Iter
     """Rows up to the stand-off: the hull comes to rest, the tool goes before the path's first point."""
 
     def stand(held: Held, now: Context) -> None:
+        del now
         held.line, held.depth = task.place.line(offset), depth
 
     tip, done = task.vehicle.own.at_work().tip, PhaseEvent.DONE

@@ -5,7 +5,7 @@ wrong. Both concern the true state.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
@@ -57,17 +57,17 @@ class SetForce:
 
     path: ToolPath
     force: float
-    bounds: Bounds = Bounds()
+    bounds: Bounds = field(default_factory=Bounds)
 
     def deviation(self, truth: Truth) -> tuple[float, float]:
-        """Arc length [m] of the path's point nearest to the pad, and the pad's distance [m] from it along the surface."""
+        """Arc length [m] of the point of the path nearest to the pad, and its distance [m] along the surface."""
         gap = truth.p_pad - self.path.p
         gap -= np.sum(gap * self.path.z, axis=1, keepdims=True) * self.path.z
         at = int(np.argmin(np.sum(gap * gap, axis=1)))
         p, s = self.path.p, self.path.s
         best, distance = float(s[at]), float(np.linalg.norm(gap[at]))
         for a, b in ((at - 1, at), (at, at + 1)):  # between the samples
-            if 0 <= a and b < len(s):
+            if a >= 0 and b < len(s):
                 along = p[b] - p[a]
                 share = float(np.clip(gap[a] @ along / (along @ along), 0.0, 1.0))
                 off = float(np.linalg.norm(gap[a] - share * along))

@@ -73,7 +73,12 @@ def parts_of(spec: mujoco.MjSpec) -> VehicleParts:
     for joint in [*hull.findall("freejoint"), *hull.findall("joint")]:
         hull.remove(joint)
     base, tip = _named(whole, "body", ARM_BASE_BODY), _named(whole, "site", TIP_SITE)
-    if base is None or tip is None or base not in tip.iterancestors() or any(len(section) for name in _JOINED for section in whole.findall(name)):
+    if (
+        base is None
+        or tip is None
+        or base not in tip.iterancestors()
+        or any(len(section) for name in _JOINED for section in whole.findall(name))
+    ):
         return VehicleParts(_text(whole), None, None)
     of_tool = _end_of(whole, tip)
     arm = _document(whole, _cut_out(whole, [base]))

@@ -63,10 +63,9 @@ class ModelVariation:
                     here.append(i)
                     there.append(at)
             self._rows[word] = np.array(here, dtype=np.int64), np.array(there, dtype=np.int64)
-        dofs = [
-            (int(own.jnt_dofadr[a]), int(scene.jnt_dofadr[b])) for a, b in zip(*self._rows["joint"], strict=True)
-        ]
-        self._rows["dof"] = tuple(np.array(dofs, dtype=np.int64).reshape(-1, 2).T)
+        dofs = [(int(own.jnt_dofadr[a]), int(scene.jnt_dofadr[b])) for a, b in zip(*self._rows["joint"], strict=True)]
+        own_dofs, scene_dofs = np.array(dofs, dtype=np.int64).reshape(-1, 2).T
+        self._rows["dof"] = own_dofs, scene_dofs
         tool = mujoco.mj_name2id(scene, mujoco.mjtObj.mjOBJ_GEOM, find("geom", TOOL_GEOM))
         ends = np.column_stack([scene.pair_geom1, scene.pair_geom2])
         self._pairs = np.flatnonzero((ends == tool).any(axis=1)) if tool >= 0 else np.zeros(0, dtype=np.int64)

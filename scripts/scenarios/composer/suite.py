@@ -1,7 +1,7 @@
 """Registry of the tasks, as dm_control's `suite`: domains and tasks by name, with tags.
 
-    environment = suite.load("barrel", "press", seed=0)
-    suite.ALL_TASKS, suite.BY_TAG["contact"]
+environment = suite.load("barrel", "press", seed=0)
+suite.ALL_TASKS, suite.BY_TAG["contact"]
 """
 
 from collections.abc import Callable, Sequence
@@ -15,21 +15,8 @@ from dm_control.composer.variation import distributions
 from models.naming import TOOL_GEOM
 from models.objects import targets
 from models.objects.manifold import manifold
-from scenarios.composer.actions import (
-    Actions,
-    JointVelocities,
-    ThrustersAndTorques,
-    ThrusterSpeeds,
-    ToolMotion,
-)
-from scenarios.composer.contact_tasks import (
-    InsertSampler,
-    PressPoint,
-    TapPoints,
-    WipePath,
-    place_at_hole,
-    place_on,
-)
+from scenarios.composer.actions import Actions, JointVelocities, ThrustersAndTorques, ThrusterSpeeds, ToolMotion
+from scenarios.composer.contact_tasks import InsertSampler, PressPoint, TapPoints, WipePath, place_at_hole, place_on
 from scenarios.composer.entities import Sea, VehicleEntity
 from scenarios.composer.free_tasks import GoToWaypoint, HoldStation, ReachPose
 from scenarios.composer.vehicle_task import VehicleTask

@@ -30,9 +30,7 @@ class VehicleTask(composer.Task):
     discount 0 on damage (a collision, a force beyond the task's limit) and outside the BOX; success does not end it.
     """
 
-    def __init__(
-        self, sea: Sea, vehicle: VehicleEntity, actions: Actions, *, sparse: bool = False
-    ) -> None:
+    def __init__(self, sea: Sea, vehicle: VehicleEntity, actions: Actions, *, sparse: bool = False) -> None:
         """Put the vehicle into the sea.
 
         Args:

@@ -57,9 +57,7 @@ def on_path(
         ConfigurationError: The vehicle lacks a part.
         ReachError: From no hull pose does the arm take the path.
     """
-    return standing(
-        own, target, path_on_model(X_WT, path, spacing=PATH_SPACING), X_WT, force=force, standoff=standoff
-    )
+    return standing(own, target, path_on_model(X_WT, path, spacing=PATH_SPACING), X_WT, force=force, standoff=standoff)
 
 
 def standing(

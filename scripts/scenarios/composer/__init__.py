@@ -1,0 +1,93 @@
+"""The vehicle in dm_control: entities, tasks and experts for composer, and the same tasks in Gymnasium.
+
+    from scenarios import composer
+
+    environment = composer.load("barrel", "press", seed=0)
+    policy = composer.expert(environment)
+    timestep = environment.reset()
+    while not timestep.last():
+        timestep = environment.step(policy(timestep))
+
+docs/environments.md tells the rest. Names are imported on first use.
+"""
+
+import os
+import sys
+from ctypes.util import find_library
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+from sim.interfaces.extras import without_dm_control
+
+_BACKENDS = {"EGL": "egl", "OSMesa": "osmesa"}  # by library, that draw without a screen
+
+
+def _choose_renderer() -> None:
+    """Without a screen, choose a renderer that needs none; else dm_control takes GLFW, which then warns and fails."""
+    screen = os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
+    if "MUJOCO_GL" in os.environ or screen or sys.platform != "linux":
+        return
+    found = (backend for library, backend in _BACKENDS.items() if find_library(library))
+    os.environ["MUJOCO_GL"] = next(found, "off")
+
+
+_choose_renderer()
+try:
+    import_module("dm_control.composer")
+except Exception as error:  # on MuJoCo 4 of any type: dm_control generates its classes from MuJoCo's names
+    raise without_dm_control(error) from error
+
+if TYPE_CHECKING:
+    from scenarios.composer.entities import ArmEntity, Sea, ToolEntity, VehicleEntity, WorkObjectEntity
+    from scenarios.composer.episodes import record_episodes, score
+    from scenarios.composer.experts import at_random, expert, zero
+    from scenarios.composer.pictures import picture, view
+    from scenarios.composer.suite import ALL_TASKS, BY_TAG, load
+    from scenarios.composer.vehicle_task import VehicleTask
+
+_HOME = {
+    "ALL_TASKS": "suite",
+    "ArmEntity": "entities",
+    "BY_TAG": "suite",
+    "Sea": "entities",
+    "ToolEntity": "entities",
+    "VehicleEntity": "entities",
+    "VehicleTask": "vehicle_task",
+    "WorkObjectEntity": "entities",
+    "at_random": "experts",
+    "expert": "experts",
+    "load": "suite",
+    "picture": "pictures",
+    "record_episodes": "episodes",
+    "score": "episodes",
+    "view": "pictures",
+    "zero": "experts",
+}
+__all__ = [
+    "ALL_TASKS",
+    "BY_TAG",
+    "ArmEntity",
+    "Sea",
+    "ToolEntity",
+    "VehicleEntity",
+    "VehicleTask",
+    "WorkObjectEntity",
+    "at_random",
+    "expert",
+    "load",
+    "picture",
+    "record_episodes",
+    "score",
+    "view",
+    "zero",
+]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOME:
+        raise AttributeError(f"module 'scenarios.composer' has no attribute {name!r}; it has {__all__}")
+    return getattr(import_module(f"scenarios.composer.{_HOME[name]}"), name)
+
+
+def __dir__() -> list[str]:
+    return sorted([*globals(), *__all__])

@@ -6,8 +6,8 @@
 
 dm_control steps its own physics. Around each of its steps the vehicle drives thrusters and joints and reads contacts by
 `sim.plant.plant.Plant` over the same MjModel and MjData, so a trajectory is that of the plant bit for bit. What a step
-leaves in MjData is of its beginning; the vehicle brings positions up to date after each step, and all the rest (sensors,
-cameras, velocities of bodies) after each action.
+leaves in MjData is of its beginning; the vehicle brings positions up to date after each step, and all the rest
+(sensors, cameras, velocities of bodies) after each action.
 """
 
 from collections.abc import Sequence

@@ -11,7 +11,6 @@ A worker that is spawned imports nothing by itself: there the id is "scenarios.c
 
 from typing import Any
 
-import dm_env
 import gymnasium
 import numpy as np
 from dm_control import composer
@@ -33,7 +32,7 @@ class TaskEnvironment(gymnasium.Env[Any, Any]):
     """A task of the suite: observations by name, actions in [-1, 1], success in `info`.
 
     `terminated` means damage, `truncated` that the time is over. `info` has "is_success", "failed" (what spoiled the
-    work) and "damage". A seed given to `reset` seeds all that follows. Observations beyond their bounds are clipped.
+    work) and "damage". A seed given to `reset` seeds all that follows.
     """
 
     def __init__(
@@ -71,7 +70,7 @@ class TaskEnvironment(gymnasium.Env[Any, Any]):
             self.environment.random_state.seed(int(self.np_random.integers(2**32)))
         moment = self.environment.reset()
         self._over = False
-        return self._observed(moment), self._info()
+        return dict(moment.observation), self._info()
 
     def step(self, action: Array) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Act for one period.
@@ -85,7 +84,7 @@ class TaskEnvironment(gymnasium.Env[Any, Any]):
         self._over = moment.last()
         terminated = moment.last() and moment.discount == 0.0
         return (
-            self._observed(moment),
+            dict(moment.observation),
             float(moment.reward or 0.0),
             terminated,
             moment.last() and not terminated,
@@ -104,10 +103,6 @@ class TaskEnvironment(gymnasium.Env[Any, Any]):
         """Free the physics."""
         if getattr(self, "environment", None) is not None and self.environment._physics is not None:
             self.environment.close()
-
-    def _observed(self, moment: dm_env.TimeStep) -> Observation:
-        boxes: Any = self.observation_space
-        return {name: np.clip(value, boxes[name].low, boxes[name].high) for name, value in moment.observation.items()}
 
     def _info(self) -> dict[str, Any]:
         task: Any = self.environment.task

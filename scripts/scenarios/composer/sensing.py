@@ -117,8 +117,8 @@ class BoundedNumbers(observable.Generic):
     """Observable of numbers (k,) within bounds, which its specification states."""
 
     def __init__(self, read: Callable[[Any], Array], size: int, bound: float) -> None:
-        """Take the callable of the physics, the number of numbers, and their largest magnitude."""
-        super().__init__(read)
+        """Take the callable of the physics, the number of numbers, and their largest magnitude, at which they stop."""
+        super().__init__(lambda physics: np.clip(read(physics), -bound, bound))
         self._spec = specs.BoundedArray((size,), np.float64, minimum=-bound, maximum=bound)
 
     @property

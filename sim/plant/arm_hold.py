@@ -22,4 +22,4 @@ class ArmHold:
     def torque(self, truth: Truth) -> Array:
         """Joint torques (n,) [N m] within the drives' limits."""
         wanted = self._stiffness * (self._q - truth.q) - self._damping * truth.qd
-        return np.clip(wanted, -self._limits, self._limits)
+        return np.minimum(np.maximum(wanted, -self._limits), self._limits)  # faster than np.clip on few numbers

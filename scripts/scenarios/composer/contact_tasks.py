@@ -63,6 +63,8 @@ class ContactTask(VehicleTask):
         self.add_goals(FARTHEST, goal_position=3, goal_axis=3)
         self.add_goals(STRONGEST, force=2)
 
+    in_contact = True
+
     def begin(self, random_state: Random) -> tuple[Array, Array]:
         """The hull near its place, the tool at the stand-off."""
         return near(self.place.placement.X_WB, random_state, offset=OFFSET, turn=TURN), self.place.placement.q_start

@@ -49,6 +49,8 @@ class VehicleTask(composer.Task):
         self.damage = ""  # what ended the episode before its time
         self._fresh = True  # the controllers have not begun yet
 
+    in_contact = False  # the judge watches every step of the physics, not only the state after each action
+
     # What a task defines
 
     @property
@@ -79,6 +81,7 @@ class VehicleTask(composer.Task):
         timestep = float(self.vehicle.own.model.opt.timestep)
         ticks_per_period(period, timestep, "period")
         self.set_timesteps(control_timestep=period, physics_timestep=timestep)
+        self._timestep = timestep
 
     def add_goals(self, bound: float, **sizes: int) -> None:
         """State the numbers that `goal` gives: how many of each name, and their largest magnitude."""
@@ -143,26 +146,28 @@ class VehicleTask(composer.Task):
 
     def before_substep(self, physics: mjcf.Physics, action: Array, random_state: Random) -> None:
         """Judge the state, and command the vehicle."""
-        truth = self.truth
-        self._watch(truth)
+        truth = self.vehicle.truth
+        if self.in_contact:
+            self.judge.watch(truth, self._timestep)
+        if truth.collision or truth.contact_most > self.largest_force:
+            self._damaged(truth)
         self.vehicle.command = self.actions.command(truth)
 
     def after_step(self, physics: mjcf.Physics, random_state: Random) -> None:
-        """Judge the last state of an action for damage."""
-        self._damage(self.truth)
+        """Judge the last state of an action."""
+        truth = self.vehicle.truth
+        if not self.in_contact:
+            self.judge.watch(truth, self.control_timestep)
+        self._damaged(truth)
 
-    def _watch(self, truth: Truth) -> None:
-        self.judge.watch(truth, self.physics_timestep)
-        self._damage(truth)
-
-    def _damage(self, truth: Truth) -> None:
+    def _damaged(self, truth: Truth) -> None:
         if self.damage:
             return
         if truth.collision:
             self.damage = "collision"
         elif truth.contact_most > self.largest_force:
             self.damage = f"force of {truth.contact_most:.0f} N"
-        elif np.max(np.abs(self._X_WB[:3, :3].T @ (truth.p_WB - self._X_WB[:3, 3]))) > BOX:
+        elif np.abs(self._X_WB[:3, :3].T @ (truth.p_WB - self._X_WB[:3, 3])).max() > BOX:
             self.damage = "out of the box"
 
     def get_reward(self, physics: mjcf.Physics) -> float:

@@ -42,7 +42,7 @@ if TYPE_CHECKING:
     from scenarios.composer.episodes import record_episodes, score
     from scenarios.composer.experts import at_random, expert, zero
     from scenarios.composer.pictures import picture, view
-    from scenarios.composer.suite import ALL_TASKS, BY_TAG, load
+    from scenarios.composer.suite import ALL_TASKS, BY_TAG, environment, load
     from scenarios.composer.vehicle_task import VehicleTask
 
 _HOME = {
@@ -55,6 +55,7 @@ _HOME = {
     "VehicleTask": "vehicle_task",
     "WorkObjectEntity": "entities",
     "at_random": "experts",
+    "environment": "suite",
     "expert": "experts",
     "load": "suite",
     "picture": "pictures",
@@ -73,6 +74,7 @@ __all__ = [
     "VehicleTask",
     "WorkObjectEntity",
     "at_random",
+    "environment",
     "expert",
     "load",
     "picture",

@@ -1,7 +1,8 @@
-"""What an agent commands: thrusters and joint torques, joint velocities, or the tool's motion and force.
+"""What an agent commands: thrusters, also with joint torques, a wrench on the hull, joint velocities, or the tool.
 
-All actions are numbers in [-1, 1]. `ThrustersAndTorques` goes to the plant as it is. The other two are set points of
-the project's own controllers, which run inside the environment at their own rates on the true state.
+All actions are numbers in [-1, 1]. Thrusters and torques go to the plant as they are. Joint velocities and the tool's
+motion and force are set points of the project's own controllers, which run inside the environment at their own rates
+on the true state.
 """
 
 from typing import Any, Protocol
@@ -9,7 +10,10 @@ from typing import Any, Protocol
 import numpy as np
 from dm_env import specs
 
+from controllers.hull.allocation import Allocation
 from controllers.work_controller import WorkController, WorkControllerState
+from models.water.thruster_curves import thrust_at
+from models.water.thrusters import curves
 from scenarios.composer.true_state import TrueState, tool_pose
 from scenarios.own_vehicle import OwnVehicle
 from sim.interfaces.errors import ConfigurationError
@@ -83,6 +87,33 @@ class ThrusterSpeeds:
         return Command(time=truth.time, joint_torque=torque, thrusters=self._thrusters, scan=False)
 
 
+class HullWrench(ThrusterSpeeds):
+    """Force (3,) and moment (3,) on the hull, in hull axes, which the vehicle's allocation gives to the thrusters.
+
+    A full action is half of what the thrusters give along or about that axis alone. The arm is held folded.
+    """
+
+    def __init__(self, own: OwnVehicle) -> None:
+        """Take the vehicle.
+
+        Raises:
+            ConfigurationError: It has no thrusters, or they do not span all six directions.
+        """
+        super().__init__(own)
+        self.names = (*(f"force_{axis}" for axis in "xyz"), *(f"moment_{axis}" for axis in "xyz"))
+        self._allocation = Allocation(own.vehicle)
+        full = np.array([thrust_at(curve, 1.0) for curve in curves(own.vehicle.thruster_table)])
+        self._half = 0.5 * np.abs(own.vehicle.thruster_wrench) @ full
+
+    def start(self, truth: Truth) -> None:
+        """Thrusters off."""
+        self._thrusters = np.zeros(len(truth.propeller_speed))
+
+    def take(self, action: Array, period: float) -> None:
+        """Take a wrench (6,)."""
+        self._thrusters = self._allocation.command(self._allocation.thrust(self._half * action))
+
+
 class ThrustersAndTorques:
     """Normalised propeller speeds (m,), then joint torques (n,) as shares of the drives' limits."""
 
@@ -118,7 +149,13 @@ class Controlled:
     names: tuple[str, ...] = ()
 
     def __init__(self, own: OwnVehicle) -> None:
-        """Compose the controller for the vehicle's model of itself."""
+        """Compose the controller for the vehicle's model of itself.
+
+        Raises:
+            ConfigurationError: The vehicle has no arm.
+        """
+        if not len(own.vehicle.joints):
+            raise ConfigurationError(f"{type(self).__name__}: the vehicle has no arm to move")
         self._controller = WorkController(own.model)
         self._true = TrueState()
         self._state: WorkControllerState | None = None
@@ -207,7 +244,7 @@ class JointVelocities(Controlled):
         return self._reference(time, q=self._joints_at(time), qd=self._qd)
 
 
-class ToolMotion(Controlled):
+class ToolTwist(Controlled):
     """Twist of the tool, force, compliance: velocity (3,) and angular velocity (3,) in tool axes, as shares of limits.
 
     The seventh number is the share of `largest` [N] that the tool presses with; at 0 and below the force is not

@@ -24,7 +24,7 @@ from controllers.tasks.hull_phases import HullMotion, RestLimits, Settle
 from controllers.tasks.monitors import Reaction
 from controllers.tasks.phase import Context, Decide, Held, HoldTool, Outcome, Phase, PhaseEvent, Setpoint
 from controllers.tasks.task import TaskPlanner, TaskRow, TaskState, at_once
-from scenarios.composer.actions import JointVelocities, ThrusterSpeeds, ToolMotion
+from scenarios.composer.actions import JointVelocities, ThrusterSpeeds, ToolTwist
 from scenarios.composer.contact_tasks import TOUCHED, ContactTask, InsertSampler, PressPoint, TapPoints, WipePath
 from scenarios.composer.free_tasks import HoldStation, ReachPose
 from scenarios.composer.true_state import TrueState
@@ -175,7 +175,7 @@ class Align(Phase):
 class WorkExpert:
     """A table of the jobs' phases as policy: its set points of tool and force, as twists."""
 
-    def __init__(self, task: ContactTask, actions: ToolMotion, rows: Iterable[tuple[str, TaskRow]]) -> None:
+    def __init__(self, task: ContactTask, actions: ToolTwist, rows: Iterable[tuple[str, TaskRow]]) -> None:
         """Set up for a task with the tool's motion as action."""
         self._task, self._actions, self._rows = task, actions, tuple(rows)
         self._planner: TaskPlanner | None = None
@@ -244,7 +244,7 @@ def _leaving(then: str) -> Iterable[tuple[str, TaskRow]]:
 @_expert.register
 def _press(task: PressPoint) -> Policy:
     stay = TaskRow(contact.Dwell(np.inf), WorkState.WORK, {PhaseEvent.DONE: "parked"}, _OFF)
-    return WorkExpert(task, _wants(task, ToolMotion), [*_pressing(task, "stay"), ("stay", stay)])
+    return WorkExpert(task, _wants(task, ToolTwist), [*_pressing(task, "stay"), ("stay", stay)])
 
 
 @_expert.register
@@ -252,7 +252,7 @@ def _wipe(task: WipePath) -> Policy:
     follow = contact.FollowPath(contact.FollowLimits(), (task.force,), FORCE_RATE)
     ends = {PhaseEvent.DONE: "let go", PhaseEvent.MORE: "let go"}
     work = TaskRow(follow, WorkState.WORK, ends, _OFF)
-    return WorkExpert(task, _wants(task, ToolMotion), [*_pressing(task, "work"), ("work", work), *_leaving("parked")])
+    return WorkExpert(task, _wants(task, ToolTwist), [*_pressing(task, "work"), ("work", work), *_leaving("parked")])
 
 
 @_expert.register
@@ -272,7 +272,7 @@ def _tap(task: TapPoints) -> Policy:
         *_leaving("next"),
         ("next", TaskRow(move, WorkState.CLOSE_IN, ends, _OFF)),
     ]
-    return WorkExpert(task, _wants(task, ToolMotion), rows)
+    return WorkExpert(task, _wants(task, ToolTwist), rows)
 
 
 @_expert.register
@@ -282,7 +282,7 @@ def _insert(task: InsertSampler) -> Policy:
     begin = _begin(task, offset=0.0, depth=-job.axial.standoff, then="approach")
     table = {**dict(rows), **dict(begin)}
     first = ["stand", *(name for name in table if name != "stand")]
-    return WorkExpert(task, _wants(task, ToolMotion), [(name, table[name]) for name in first])
+    return WorkExpert(task, _wants(task, ToolTwist), [(name, table[name]) for name in first])
 
 
 def _wants(task: VehicleTask, kind: type[_Kind]) -> _Kind:

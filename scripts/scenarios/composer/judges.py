@@ -1,7 +1,7 @@
 """Judges of episodes: whether the work was done, by the bounds of the jobs, and whether it did damage.
 
-A judge watches states that last for some time each, in contact every step of the plant. `done` stays true once it is; `failed` is a sentence, empty while nothing is
-wrong. Both concern the true state.
+A judge watches true states that last for some time each; in contact it sees every step of the plant. `done` stays true
+once it is. `failed` is a sentence, empty while nothing is wrong.
 """
 
 from collections.abc import Callable, Sequence

@@ -11,7 +11,7 @@ from sim import hydrodynamics
 from sim.interfaces.errors import ConfigurationError
 
 # Numbers of a model that perturbations of a vehicle change, by the kind of thing that they belong to.
-_OF_BODY = ("body_mass", "body_inertia", "body_ipos", "body_iquat", "body_user", "body_pos", "body_quat")
+_OF_BODY = ("body_mass", "body_inertia", "body_ipos", "body_iquat", "body_user")
 _OF_DOF = ("dof_damping", "dof_frictionloss", "dof_armature")
 _OF_JOINT = ("jnt_stiffness", "jnt_user", "jnt_range")
 _OF_GEOM = ("geom_friction", "geom_solref", "geom_solimp", "geom_size")
@@ -95,4 +95,7 @@ class ModelVariation:
         if len(self._pairs):
             sliding, spinning, rolling = varied.geom(TOOL_GEOM).friction
             scene.pair_friction[self._pairs] = [sliding, sliding, spinning, rolling, rolling]
+        scene.body_subtreemass[:] = scene.body_mass
+        for body in range(scene.nbody - 1, 0, -1):
+            scene.body_subtreemass[scene.body_parentid[body]] += scene.body_subtreemass[body]
         hydrodynamics.set_constants(scene)

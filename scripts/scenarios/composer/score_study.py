@@ -15,9 +15,9 @@ from scenarios.study import Row, Summary, Table
 from sim.evaluation.statistics import wilson
 
 POLICIES: dict[str, Callable[[Environment, int], Policy]] = {
-    "expert": lambda environment, seed: expert(environment),
+    "expert": lambda environment, _: expert(environment),
     "random": lambda environment, seed: at_random(environment, np.random.default_rng([seed, 5])),
-    "zero": lambda environment, seed: zero(environment),
+    "zero": lambda environment, _: zero(environment),
 }
 
 

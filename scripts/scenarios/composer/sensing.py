@@ -148,7 +148,9 @@ def _thrusters(vehicle: Any) -> int:
 def _vehicle_of(entity: Any) -> "VehicleEntity":
     while not hasattr(entity, "readings"):
         if entity.parent is None:
-            raise ConfigurationError(f"{type(entity).__name__}: is attached to no vehicle, which knows its true state")
+            raise ConfigurationError(
+                f"{entity.mjcf_model.model}: is attached to no vehicle, which knows its true state"
+            )
         entity = entity.parent
     return entity
 

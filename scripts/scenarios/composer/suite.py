@@ -15,7 +15,14 @@ from dm_control.composer.variation import distributions
 from models.naming import TOOL_GEOM
 from models.objects import targets
 from models.objects.manifold import manifold
-from scenarios.composer.actions import Actions, JointVelocities, ThrustersAndTorques, ThrusterSpeeds, ToolMotion
+from scenarios.composer.actions import (
+    Actions,
+    HullWrench,
+    JointVelocities,
+    ThrustersAndTorques,
+    ThrusterSpeeds,
+    ToolTwist,
+)
 from scenarios.composer.contact_tasks import InsertSampler, PressPoint, TapPoints, WipePath, place_at_hole, place_on
 from scenarios.composer.entities import Sea, VehicleEntity
 from scenarios.composer.free_tasks import GoToWaypoint, HoldStation, ReachPose
@@ -36,14 +43,15 @@ Seed = int | np.random.RandomState | None
 
 ACTIONS: dict[str, Callable[[OwnVehicle], Actions]] = {
     "thrusters": ThrusterSpeeds,
+    "hull_wrench": HullWrench,
     "thrusters_torques": ThrustersAndTorques,
     "joint_velocity": JointVelocities,
-    "tool": ToolMotion,
+    "tool": ToolTwist,
 }
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Entry:
+class SuiteEntry:
     """One task of the suite."""
 
     make: Callable[[VehicleEntity, Actions, bool], VehicleTask]
@@ -86,18 +94,22 @@ def _insert(vehicle: VehicleEntity, actions: Actions, sparse: bool) -> VehicleTa
     return InsertSampler(_working_sea(place.depth), vehicle, actions, place, hole, sparse=sparse)
 
 
-TASKS: dict[tuple[str, str], Entry] = {
-    ("water", "hover"): Entry(make=_free(HoldStation), actions="thrusters", time_limit=30.0, tags=("free", "easy")),
-    ("water", "waypoint"): Entry(make=_free(GoToWaypoint), actions="thrusters", time_limit=40.0, tags=("free",)),
-    ("water", "reach"): Entry(make=_free(ReachPose), actions="joint_velocity", time_limit=10.0, tags=("free", "arm")),
-    ("barrel", "press"): Entry(
+TASKS: dict[tuple[str, str], SuiteEntry] = {
+    ("water", "hover"): SuiteEntry(
+        make=_free(HoldStation), actions="thrusters", time_limit=30.0, tags=("free", "easy")
+    ),
+    ("water", "waypoint"): SuiteEntry(make=_free(GoToWaypoint), actions="thrusters", time_limit=40.0, tags=("free",)),
+    ("water", "reach"): SuiteEntry(
+        make=_free(ReachPose), actions="joint_velocity", time_limit=10.0, tags=("free", "arm")
+    ),
+    ("barrel", "press"): SuiteEntry(
         make=partial(_on_barrel, PressPoint), actions="tool", time_limit=30.0, tags=("contact", "arm")
     ),
-    ("barrel", "wipe"): Entry(
+    ("barrel", "wipe"): SuiteEntry(
         make=partial(_on_barrel, WipePath), actions="tool", time_limit=50.0, tags=("contact", "arm", "path")
     ),
-    ("barrel", "tap"): Entry(make=_tap, actions="tool", time_limit=70.0, tags=("contact", "arm", "path")),
-    ("manifold", "insert"): Entry(
+    ("barrel", "tap"): SuiteEntry(make=_tap, actions="tool", time_limit=70.0, tags=("contact", "arm", "path")),
+    ("manifold", "insert"): SuiteEntry(
         make=_insert, actions="tool", time_limit=50.0, tags=("contact", "arm"), tool="sampler"
     ),
 }
@@ -156,9 +168,20 @@ def load(
     made = entry.make(body, ACTIONS[kind](body.own), sparse)
     if period is not None:
         made.set_period(period)
+    return environment(made, seed=seed, time_limit=entry.time_limit if time_limit is None else time_limit)
+
+
+def environment(task: composer.Task, *, seed: Seed = None, time_limit: float = np.inf) -> composer.Environment:
+    """dm_control's environment of a task whose model stays the same in all episodes; observations have no buffer axis.
+
+    Args:
+        task: Of this package, or one's own.
+        seed: Of all random numbers; None: other ones every time.
+        time_limit: [s] of an episode.
+    """
     return composer.Environment(
-        made,
-        time_limit=entry.time_limit if time_limit is None else time_limit,
+        task,
+        time_limit=time_limit,
         random_state=seed,
         strip_singleton_obs_buffer_dim=True,
         recompile_mjcf_every_episode=False,

@@ -1,6 +1,6 @@
-"""Study: the expert, random actions and no action on each task of the dm_control suite.
+"""Benchmark: the expert, random actions and no action on each task of the dm_control suite.
 
-    ./uvw run scripts/studies/task_scores.py --episodes 20
+    ./uvw run scripts/benchmarks/task_scores.py --episodes 20
 
 Each episode has its own seed: current, gusts, start and goal. A task counts as solved by the bounds of the jobs.
 """
@@ -43,8 +43,8 @@ def main() -> int:
     """Runs or resumes the study and returns the exit code."""
     options = parse(Options)
     cases = [
-        ScoreCase(*name.split("/"), policy, options.seed + k)
-        for name in options.tasks
+        ScoreCase(domain, task, policy, options.seed + k)
+        for domain, task in (name.split("/") for name in options.tasks)
         for policy in options.policies
         for k in range(options.episodes)
     ]

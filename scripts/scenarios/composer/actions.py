@@ -5,6 +5,7 @@ motion and force are set points of the project's own controllers, which run insi
 on the true state.
 """
 
+import math
 from typing import Any, Protocol
 
 import numpy as np
@@ -261,12 +262,14 @@ class ToolTwist(Controlled):
         self.names = (*(f"v_{axis}" for axis in "xyz"), *(f"w_{axis}" for axis in "xyz"), "force", "compliance")
         self.largest, self._force, self._compliant = largest, 0.0, False
         self._X_WG, self._v_WG_W, self._w_WG_W, self._begin = np.eye(4), np.zeros(3), np.zeros(3), 0.0
+        self._turns = False  # the angular velocity is not zero
 
     def start(self, truth: Truth) -> None:
         """Hold hull and tool where they are."""
         super().start(truth)
         self._X_WG, self._begin = tool_pose(truth), truth.time
         self._v_WG_W, self._w_WG_W, self._force, self._compliant = np.zeros(3), np.zeros(3), 0.0, False
+        self._turns = False
 
     def take(self, action: Array, period: float) -> None:
         """Take a twist and a force."""
@@ -275,20 +278,23 @@ class ToolTwist(Controlled):
         self._begin = self.estimate.time
         R_WG = self._X_WG[:3, :3]
         self._v_WG_W, self._w_WG_W = self.SPEED * R_WG @ action[:3], self.TURN * R_WG @ action[3:6]
+        self._turns = bool(self._w_WG_W.any())
         self._force, self._compliant = max(0.0, self.largest * float(action[6])), bool(action[7] > 0.0)
 
     def tool_at(self, time: float) -> Array:
         """Set point X_WG (4, 4) of the tool at `time` [s]."""
         since = time - self._begin
         X_WG = self._X_WG.copy()
-        X_WG[:3, :3] = exp_so3(since * self._w_WG_W) @ X_WG[:3, :3]
-        X_WG[:3, 3] += since * self._v_WG_W
+        if since:
+            if self._turns:
+                X_WG[:3, :3] = exp_so3(since * self._w_WG_W) @ X_WG[:3, :3]
+            X_WG[:3, 3] += since * self._v_WG_W
         return X_WG
 
     def command(self, truth: Truth) -> Command:
         """Command of the controller, for a set point that is not too far off."""
-        lead = self.tool_at(truth.time)[:3, 3] - truth.p_WG
-        far = float(np.linalg.norm(lead))
+        lead = self._X_WG[:3, 3] + (truth.time - self._begin) * self._v_WG_W - truth.p_WG
+        far = math.sqrt(lead @ lead)
         if far > self.LEASH:
             self._X_WG[:3, 3] -= (1.0 - self.LEASH / far) * lead
         return super().command(truth)

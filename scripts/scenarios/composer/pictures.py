@@ -1,6 +1,7 @@
 """Pictures of an environment by dm_control's renderer, where there is a GL, and its viewer."""
 
 import os
+import sys
 from typing import Any
 
 import numpy as np
@@ -37,6 +38,10 @@ def view(environment: Any, policy: Any = None) -> None:
     Raises:
         MissingLibraryError: There is no screen or no GL.
     """
+    if sys.platform == "linux" and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
+        raise MissingLibraryError(
+            "no viewer: there is no screen (DISPLAY is not set); xvfb-run makes one, picture() needs none"
+        )
     try:
         from dm_control import viewer
 

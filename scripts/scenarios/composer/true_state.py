@@ -5,12 +5,12 @@ from typing import Any
 import numpy as np
 
 from sim.interfaces.messages import StateEstimate
-from sim.interfaces.spatial import Array, pose
+from sim.interfaces.spatial import Array, pose, readonly
 from sim.plant.plant import Truth
 from sim.sensors.proprioception import JointTorqueSensors
 
 _EXACT = JointTorqueSensors(noise=0.0, bias=0.0)
-_SIGMA = 1e-4  # [m] stated of a position that is exact
+_SIGMA = readonly([1e-4] * 3)  # [m] stated of a position that is exact
 
 
 class TrueState:
@@ -23,16 +23,18 @@ class TrueState:
         """Estimate that equals the truth."""
         self._torques, measured = _EXACT.step(self._torques, truth)
         R_BW = truth.R_WB.T
+        X_WB = np.eye(4)
+        X_WB[:3, :3], X_WB[:3, 3] = truth.R_WB, truth.p_WB
         return StateEstimate(
             time=truth.time,
-            X_WB=pose(truth.R_WB, truth.p_WB),
+            X_WB=X_WB,
             v_WB_B=R_BW @ truth.v_WB_W,
             w_WB_B=truth.w_WB_B.copy(),
             a_WB_B=R_BW @ truth.acceleration[:3],
             q=truth.q.copy(),
             qd=truth.qd.copy(),
             tau=measured.tau,
-            position_sigma=np.full(3, _SIGMA),
+            position_sigma=_SIGMA,
             attitude_sigma=0.0,
             vision_age=0.0,
             dvl_age=0.0,

@@ -145,6 +145,13 @@ def test_rendering_draws_or_says_what_is_missing():
     assert picture.std() > 5.0
 
 
+def test_the_viewer_needs_a_screen(monkeypatch):
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
+    with pytest.raises(MissingLibraryError, match="no viewer: there is no screen"):
+        uuv.view(uuv.load("water", "hover", seed=0))
+
+
 def test_without_gl_one_line_says_what_to_install():
     ran = subprocess.run(
         [sys.executable, "-c", _PICTURE],

@@ -29,7 +29,7 @@ try:
     from dm_control.rl import control
     from dm_control.utils import rewards
     from dm_env import specs
-except Exception as error:  # on MuJoCo 4 of any type: dm_control generates its classes from MuJoCo's names
+except Exception as error:  # of any type: dm_control generates its classes from MuJoCo's names
     raise without_dm_control(error) from error
 
 CURRENT_SPEED = 0.15  # [m/s] horizontal, from a new direction each episode

@@ -23,7 +23,7 @@ EXTRAS = {  # module: extra, as in pyproject.toml
     "ray": "cluster",
     "open3d": "open3d",
 }
-DM_CONTROL_RUNS = "3, not 4"  # versions of MuJoCo; pyproject.toml's extra "rl" holds the bound
+DM_CONTROL_RUNS = 3  # newest major version of MuJoCo on which its physics runs; as in pyproject.toml's extra "rl"
 _OLDER = ("rl", "open3d")  # extras without packages for Python 3.13
 
 
@@ -36,11 +36,24 @@ def missing(error: ImportError) -> MissingLibraryError | None:
 
 
 def without_dm_control(error: Exception) -> MissingLibraryError:
-    """What to say where dm_control cannot be imported: it is missing, or does not run on the MuJoCo here."""
+    """What to say where dm_control cannot be imported."""
     return MissingLibraryError(
-        f"this needs dm_control, which runs on MuJoCo {DM_CONTROL_RUNS} (here {version('mujoco')}): {to_install('rl')} "
+        f"this needs dm_control, for MuJoCo {DM_CONTROL_RUNS} (here {version('mujoco')}): {to_install('rl')} "
         f"({type(error).__name__}: {error})"
     )
+
+
+def check_dm_control_physics() -> None:
+    """Refuse a MuJoCo on which dm_control's physics does not run; its other parts may.
+
+    Raises:
+        MissingLibraryError: MuJoCo is newer than `DM_CONTROL_RUNS`.
+    """
+    here = version("mujoco")
+    if int(here.partition(".")[0]) > DM_CONTROL_RUNS:
+        raise MissingLibraryError(
+            f"this needs dm_control's physics, which runs on MuJoCo {DM_CONTROL_RUNS} (here {here}): {to_install('rl')}"
+        )
 
 
 def to_install(extra: str) -> str:

@@ -17,7 +17,7 @@ from ctypes.util import find_library
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from sim.interfaces.extras import without_dm_control
+from sim.interfaces.extras import check_dm_control_physics, without_dm_control
 
 _BACKENDS = {"EGL": "egl", "OSMesa": "osmesa"}  # by library, that draw without a screen
 
@@ -34,8 +34,9 @@ def _choose_renderer() -> None:
 _choose_renderer()
 try:
     import_module("dm_control.composer")
-except Exception as error:  # on MuJoCo 4 of any type: dm_control generates its classes from MuJoCo's names
+except Exception as error:  # of any type: dm_control generates its classes from MuJoCo's names
     raise without_dm_control(error) from error
+check_dm_control_physics()
 
 if TYPE_CHECKING:
     from scenarios.composer.entities import ArmEntity, Sea, ToolEntity, VehicleEntity, WorkObjectEntity

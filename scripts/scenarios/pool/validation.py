@@ -1,0 +1,112 @@
+"""Validation by pool trials: a fit to all trajectory numbers but one, judged on the one left out, each in turn."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+
+import numpy as np
+
+from calib.named_fit import NamedFit, fit_named, values_of
+from scenarios.pool.pool_vehicle import NOMINAL, PARAMETERS, pool_model
+from scenarios.pool.replay import Residuals, TrialScore, replay, score_of
+from scenarios.pool.trials import PoolTrial
+from sim.interfaces.spatial import Array
+
+_IN_WORKER: dict[str, Residuals] = {}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Validation:
+    """Result: one parameter set from all trials, its intervals, and the scores."""
+
+    hull: str
+    fit: NamedFit  # to all trials
+    spread: Array  # (n,) standard errors of the deviations, from the fits that leave a trajectory number out
+    untuned: tuple[TrialScore, ...]
+    left_out: tuple[TrialScore, ...]  # each trial by the fit that did not see its trajectory number
+
+    def interval(self, index: int) -> tuple[float, float]:
+        """95 % interval of a parameter, by the jackknife over trajectory numbers."""
+        each, x, half = PARAMETERS[index], float(self.fit.deviations[index]), 1.96 * float(self.spread[index])
+        return each.value(x - half), each.value(x + half)
+
+
+def groups_of(trials: Sequence[PoolTrial]) -> dict[str, list[PoolTrial]]:
+    """Trials by trajectory number."""
+    found: dict[str, list[PoolTrial]] = {}
+    for trial in trials:
+        found.setdefault(trial.group, []).append(trial)
+    return found
+
+
+def scores(hull: str, trials: Iterable[PoolTrial], values: Mapping[str, float]) -> tuple[TrialScore, ...]:
+    """Scores of trials by one parameter set."""
+    model = pool_model(hull, values)
+    return tuple(score_of(trial, replay(model, trial, values)) for trial in trials)
+
+
+def medians(of: Sequence[TrialScore]) -> dict[str, float]:
+    """Median of each figure over trials."""
+    return {
+        "roll_rms_deg": float(np.degrees(np.median([each.rms[0] for each in of]))),
+        "pitch_rms_deg": float(np.degrees(np.median([each.rms[1] for each in of]))),
+        "roll_correlation": float(np.median([each.correlation[0] for each in of])),
+        "pitch_correlation": float(np.median([each.correlation[1] for each in of])),
+        "roll_amplitude": float(np.median([each.amplitude[0] for each in of])),
+        "pitch_amplitude": float(np.median([each.amplitude[1] for each in of])),
+        "rise_error_m": float(np.median([abs(each.rise_error) for each in of])),
+        "drift_error_m": float(np.median([each.drift_error for each in of])),
+    }
+
+
+def validate(hull: str, trials: Sequence[PoolTrial], *, workers: int = 1, leave_out: bool = True) -> Validation:
+    """Fit and judge.
+
+    Args:
+        hull: One of `scenarios.pool.pool_vehicle.HULLS`.
+        trials: All trials.
+        workers: Processes.
+        leave_out: Fit again without each trajectory number; False: the scores are those of the fit to all.
+
+    Returns:
+        The result.
+    """
+    whole = fit(hull, trials, workers=workers)
+    untuned = scores(hull, trials, NOMINAL)
+    groups = groups_of(trials)
+    if not leave_out or len(groups) < 2:
+        return Validation(
+            hull=hull,
+            fit=whole,
+            spread=np.full(len(PARAMETERS), np.nan),
+            untuned=untuned,
+            left_out=scores(hull, trials, whole.values),
+        )
+    found, without = [], []
+    for name, members in groups.items():
+        rest = [trial for trial in trials if trial.group != name]
+        one = fit(hull, rest, workers=workers, start=whole.deviations)
+        without.append(one.deviations)
+        found += scores(hull, members, values_of(PARAMETERS, one.deviations))
+    apart = np.array(without) - np.mean(without, axis=0)
+    spread = np.sqrt((len(groups) - 1) / len(groups) * np.sum(apart**2, axis=0))
+    return Validation(hull=hull, fit=whole, spread=spread, untuned=untuned, left_out=tuple(found))
+
+
+def fit(hull: str, trials: Sequence[PoolTrial], *, workers: int = 1, start: Array | None = None) -> NamedFit:
+    """Parameters of the vehicle from trials; `start` (n,) are deviations to begin with."""
+    residuals = Residuals(hull, trials)
+    if workers == 1:
+        return fit_named(residuals, PARAMETERS, start=start)
+    with ProcessPoolExecutor(workers, initializer=_begin, initargs=(residuals,)) as pool:
+        return fit_named(
+            residuals, PARAMETERS, start=start, mapped=lambda function, points: pool.map(_residuals, points)
+        )
+
+
+def _begin(residuals: Residuals) -> None:
+    _IN_WORKER["residuals"] = residuals
+
+
+def _residuals(deviations: Array) -> Array:
+    return _IN_WORKER["residuals"](deviations)

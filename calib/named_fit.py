@@ -105,8 +105,9 @@ def fit_named(
     (r,) = mapped(residuals, [x])
     if not np.all(np.isfinite(r)):
         raise ConfigurationError("the residuals are not finite at the start of the fit")
-    cost, damping, H, round_ = float(r @ r + x @ x), 1e-2, np.eye(n), 0
-    for round_ in range(1, rounds + 1):
+    cost, damping, H, done = float(r @ r + x @ x), 1e-2, np.eye(n), 0
+    while done < rounds:
+        done += 1
         moved = list(mapped(residuals, [x + STEP * e for e in np.eye(n)]))
         J = np.column_stack([(each - r) / STEP if np.all(np.isfinite(each)) else np.zeros_like(r) for each in moved])
         H, gradient = J.T @ J + np.eye(n), J.T @ r + x
@@ -122,4 +123,10 @@ def fit_named(
             damping *= 10.0
         if before - cost < ENOUGH * before:
             break
-    return NamedFit(parameters=tuple(parameters), deviations=x, covariance=np.linalg.inv(H), cost=cost, rounds=round_)
+    return NamedFit(
+        parameters=tuple(parameters),
+        deviations=x,
+        covariance=np.array(np.linalg.inv(H), np.float64),
+        cost=cost,
+        rounds=done,
+    )

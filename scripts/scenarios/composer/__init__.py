@@ -25,7 +25,8 @@ _BACKENDS = {"EGL": "egl", "OSMesa": "osmesa"}  # by library, that draw without 
 def _choose_renderer() -> None:
     """Without a screen, choose a renderer that needs none; else dm_control takes GLFW, which then warns and fails."""
     screen = os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
-    if "MUJOCO_GL" in os.environ or screen or sys.platform != "linux":
+    chosen = "MUJOCO_GL" in os.environ or "dm_control" in sys.modules  # by the user, or by dm_control already
+    if chosen or screen or sys.platform != "linux":
         return
     found = (backend for library, backend in _BACKENDS.items() if find_library(library))
     os.environ["MUJOCO_GL"] = next(found, "off")

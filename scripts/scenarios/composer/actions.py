@@ -19,7 +19,7 @@ from scenarios.composer.true_state import TrueState, tool_pose
 from scenarios.own_vehicle import OwnVehicle
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import Command, Reference, StateEstimate, WorkState
-from sim.interfaces.spatial import Array, exp_so3, fitting, log_so3
+from sim.interfaces.spatial import Array, exp_so3, fitting, log_so3, shown
 from sim.plant.arm_hold import ArmHold
 from sim.plant.plant import Truth
 
@@ -51,12 +51,16 @@ def spec(actions: Actions) -> specs.BoundedArray:
 
 
 def checked_action(action: Array, actions: Actions) -> Array:
-    """The action (k,), within [-1, 1].
+    """The action (k,), within [-1, 1]; numbers beyond are taken as the nearest bound.
 
     Raises:
-        ConfigurationError: Another shape, or a number that is not finite.
+        ConfigurationError: No numbers, another shape, or a number that is not finite.
     """
-    return np.clip(fitting(np.asarray(action, dtype=np.float64), (len(actions.names),), "action"), -1.0, 1.0)
+    try:
+        numbers = np.asarray(action, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise ConfigurationError(f"action: expected {len(actions.names)} numbers, got {shown(action)}") from error
+    return np.clip(fitting(numbers, (len(actions.names),), "action"), -1.0, 1.0)
 
 
 class ThrusterSpeeds:
@@ -157,6 +161,8 @@ class Controlled:
         """
         if not len(own.vehicle.joints):
             raise ConfigurationError(f"{type(self).__name__}: the vehicle has no arm to move")
+        if not own.vehicle.thruster_names:
+            raise ConfigurationError(f"{type(self).__name__}: the vehicle has no thrusters to hold it")
         self._controller = WorkController(own.model)
         self._true = TrueState()
         self._state: WorkControllerState | None = None

@@ -13,7 +13,7 @@ from scenarios.composer.actions import Actions
 from scenarios.composer.entities import Sea, VehicleEntity, WorkObjectEntity, let_slide, put
 from scenarios.composer.judges import DAMAGE, InsertedTo, PressedAt, SetForce, TappedAt, WipedAlong
 from scenarios.composer.sensing import FARTHEST, STRONGEST
-from scenarios.composer.vehicle_task import Random, VehicleTask, near
+from scenarios.composer.vehicle_task import SITE_DEPTH, Random, VehicleTask, near
 from scenarios.composer.work_place import WorkPlace, on_path, standing
 from sim.evaluation.insertion_metrics import InsertionBounds, TrueHole
 from sim.evaluation.metrics import Bounds
@@ -24,7 +24,7 @@ STANDOFF = 0.06  # [m] of the tool off the surface at the start
 OFFSET, TURN = 0.02, 0.02  # [m], [rad] largest errors of the hull's place at the start
 HELD = 2.0  # [s] for which a force must be held
 TOUCHED = 0.3  # [s] of a tap
-BELOW = readonly(pose(p=[0.0, 0.0, -1.5]))  # pose X_WT of objects to work on
+BELOW = readonly(pose(p=[0.0, 0.0, -SITE_DEPTH - 1.5]))  # pose X_WT of objects to work on
 NEAR = 0.1  # [m] distance from the place of work at which the reward for being there is a tenth
 
 
@@ -32,7 +32,7 @@ class ContactTask(VehicleTask):
     """Base of work on an object that is fixed to the world; the arm begins unfolded before the surface.
 
     The goal's numbers: the next place of the path in tool axes (3,) [m], the path's tool axis there in tool axes (3,),
-    the set force [N] and the force now [N].
+    and the set force [N].
     """
 
     def __init__(
@@ -61,7 +61,7 @@ class ContactTask(VehicleTask):
         put(sea, self.object, place.X_WT)
         self.largest_force = DAMAGE * force
         self.add_goals(FARTHEST, goal_position=3, goal_axis=3)
-        self.add_goals(STRONGEST, force=2)
+        self.add_goals(STRONGEST, goal_force=1)
 
     in_contact = True
 
@@ -74,13 +74,13 @@ class ContactTask(VehicleTask):
         return 0.0
 
     def goal(self, truth: Truth) -> Mapping[str, Array]:
-        """Next place, axis there, and force."""
+        """Next place, axis there, and set force."""
         X_WG = self.place.tool_at(self.next_s())
         R_GW = truth.R_WG.T
         return {
             "goal_position": R_GW @ (X_WG[:3, 3] - truth.p_WG),
             "goal_axis": R_GW @ X_WG[:3, 2],
-            "force": np.array([self.force, truth.contact_normal]),
+            "goal_force": np.array([self.force]),
         }
 
     def nearness(self, truth: Truth) -> float:
@@ -235,12 +235,12 @@ class InsertSampler(ContactTask):
 
 
 def place_on(vehicle: VehicleEntity, target: TargetModel, path: str, *, force: float) -> WorkPlace:
-    """Place of work on a path of an object that lies 1.5 m under the world's origin."""
+    """Place of work on a path of an object that lies 1.5 m under the middle of the site."""
     return on_path(vehicle.own, target, target.path(path), BELOW, force=force, standoff=STANDOFF)
 
 
 def place_at_hole(vehicle: VehicleEntity, block: Manifold, hole: str, depth: float) -> WorkPlace:
-    """Place of work at a hole of a manifold that lies 1.5 m under the world's origin."""
+    """Place of work at a hole of a manifold that lies 1.5 m under the middle of the site."""
     path = axis_path(BELOW, block.hole(hole), depth)
     force = InsertionBounds().axial_force
     return standing(vehicle.own, block.target, path, BELOW, force=force, standoff=STANDOFF)

@@ -10,6 +10,7 @@ leaves in MjData is of its beginning; the vehicle brings positions up to date af
 (sensors, cameras, velocities of bodies) after each action.
 """
 
+import warnings
 from collections.abc import Sequence
 from typing import Any
 
@@ -19,6 +20,7 @@ from dm_control import composer, mjcf
 from dm_control.composer import variation
 from dm_control.rl import control
 
+from models import hydrodynamics as hydrodynamic_rows
 from models.naming import ARM_BASE_BODY, CAMERA_SITE, HULL_BODY, TIP_SITE, TOOL_FACE_SITE, TOOL_GEOM, PartNames
 from models.objects.target_model import TargetModel
 from models.site.sliding_contact import FRICTION_STIFFNESS, FRICTION_TIME, TARGET_BODY
@@ -28,11 +30,12 @@ from scenarios.composer.sensing import ArmObservables, SensorReadings, ToolObser
 from scenarios.own_vehicle import OwnVehicle, vehicle_spec
 from scenarios.perturbations.perturbation import Perturbation
 from sim import hydrodynamics
-from sim.interfaces.errors import ConfigurationError, HydrodynamicsError
+from sim.interfaces.errors import ConfigurationError, HydrodynamicsError, PhysicsWarning
 from sim.interfaces.messages import Command
 from sim.interfaces.protocols import Sensor
-from sim.interfaces.spatial import Array, checked_pose, finite_number, fitting, pose, quat_wxyz_from_rotation
+from sim.interfaces.spatial import Array, checked_pose, finite_number, fitting, pose, quat_wxyz_from_rotation, shown
 from sim.plant.plant import Plant, Truth
+from sim.sensors.arm_camera import beside_tool
 from sim.water.current import Current
 
 _PLANE = 12.0  # [m] half side of the seabed
@@ -40,14 +43,17 @@ Random = np.random.RandomState
 
 
 class Sea(composer.Arena):
-    """Water with a steady current and gusts, drawn anew in each episode, above a flat seabed."""
+    """Water with a steady current and gusts, drawn anew in each episode, above a flat seabed.
+
+    `Sea(speed=0.0, gust=0.0, *, depth=10.0, current_W=None, name="sea")`; `Sea._build` tells the arguments.
+    """
 
     def _build(
         self,
         speed: Any = 0.0,
         gust: float = 0.0,
         *,
-        depth: float = 5.0,
+        depth: float = 10.0,
         current_W: Sequence[float] | None = None,
         name: str = "sea",
     ) -> None:
@@ -57,7 +63,7 @@ class Sea(composer.Arena):
             speed: [m/s] of the horizontal current, from a new direction in each episode; a number, or a variation of
                 composer that is evaluated then.
             gust: [m/s] standard deviation of gusts per axis.
-            depth: [m] of the seabed below the origin.
+            depth: [m] of the seabed below the surface, z = 0.
             current_W: (3,) [m/s] the same current in every episode, in place of `speed`.
             name: of the model.
 
@@ -79,10 +85,12 @@ class Sea(composer.Arena):
         root.visual.headlight.set_attributes(ambient=[0.45, 0.45, 0.45], diffuse=[0.5, 0.5, 0.5])
         root.visual.map.set_attributes(znear=0.01, fogstart=4.0, fogend=14.0)
         root.visual.rgba.fog = [0.05, 0.25, 0.33, 1.0]
-        root.asset.add(
-            "texture", name="water", type="skybox", builtin="gradient", rgb1=[0.1, 0.42, 0.5], rgb2=[0.01, 0.08, 0.12],
-            width=64, height=64,
-        )  # fmt: skip
+        root.visual.get_children("global").set_attributes(offwidth=1920, offheight=1080)
+        sky = {"type": "skybox", "builtin": "gradient", "rgb1": [0.1, 0.42, 0.5], "rgb2": [0.01, 0.08, 0.12]}
+        root.asset.add("texture", name="water", width=64, height=64, **sky)
+        squares = {"type": "2d", "builtin": "checker", "rgb1": [0.56, 0.51, 0.41], "rgb2": [0.5, 0.45, 0.36]}
+        root.asset.add("texture", name="sand", width=128, height=128, **squares)
+        root.asset.add("material", name="sand", texture="sand", texrepeat=[20, 20])
         depth = finite_number(depth, "depth [m]", above=0.0, most=1e3)
         self.seabed = root.worldbody.add(
             "geom",
@@ -92,8 +100,17 @@ class Sea(composer.Arena):
             pos=[0, 0, -depth],
             rgba=[0.55, 0.5, 0.4, 1],
         )
-        root.worldbody.add("light", name="sun", pos=[0, 0, 6], dir=[0.2, 0.1, -1], diffuse=[0.5, 0.5, 0.5])
-        root.worldbody.add("camera", name="overview", pos=[2.6, -2.2, 1.1], xyaxes=[0.65, 0.76, 0, -0.27, 0.23, 0.93])
+        root.worldbody.add("light", name="sun", directional=True, dir=[0.2, 0.1, -1], diffuse=[0.5, 0.5, 0.5])
+
+    def attach(self, entity: composer.Entity, attach_site: Any = None) -> Any:
+        """Attach an entity.
+
+        Raises:
+            ConfigurationError: It is a second vehicle: the flow is that around one.
+        """
+        if isinstance(entity, VehicleEntity) and any(isinstance(each, VehicleEntity) for each in self._attached):
+            raise ConfigurationError("Sea: has a vehicle already; one scene takes one vehicle")
+        return super().attach(entity, attach_site)
 
     def initialize_episode(self, physics: mjcf.Physics, random_state: Random) -> None:
         """Draw the current of the episode; the vehicle in it reads `flow`."""
@@ -133,6 +150,14 @@ class ToolEntity(composer.Entity):
         if part is None:
             raise ConfigurationError(f"vehicle {vehicle!r} has no tool that could be taken off")
         self._root = root_of(part, "tool")
+        X_GC = beside_tool()
+        self.tip.parent.add(
+            "camera",
+            name=CAMERA_SITE,
+            pos=_in_parent(self.tip, X_GC)[:3, 3],
+            xyaxes=[*_in_parent(self.tip, X_GC)[:3, 0], *-_in_parent(self.tip, X_GC)[:3, 1]],
+            fovy=60.0,
+        )
 
     def _build_observables(self) -> ToolObservables:
         return ToolObservables(self)
@@ -201,7 +226,11 @@ class ArmEntity(composer.Entity):
 
 
 class VehicleEntity(composer.Entity):
-    """A vehicle with its water, thrusters, arm and tool; add it to a `Sea` by `add_free_entity`."""
+    """A vehicle with its water, thrusters, arm and tool; add it to a `Sea` by `add_free_entity`.
+
+    `VehicleEntity(vehicle="uuv_puma", *, tool=None, sensors=(), perturbations=(), name="vehicle")`;
+    `VehicleEntity._build` tells the arguments.
+    """
 
     def _build(
         self,
@@ -224,6 +253,8 @@ class VehicleEntity(composer.Entity):
         Raises:
             ConfigurationError: There is no such vehicle or tool, or it has no free hull.
         """
+        check_each("sensors", sensors, "init", "step", "period")
+        check_each("perturbations", perturbations, "on_vehicle", "rng")
         self.spec = vehicle_spec(vehicle, tool)
         parts: VehicleParts = parts_of(self.spec)
         self._root = root_of(parts.hull, name)
@@ -232,6 +263,7 @@ class VehicleEntity(composer.Entity):
             self.arm: ArmEntity | None = ArmEntity(vehicle, part=parts.arm, tool=held, bare=held is None)
         else:
             self.arm = None
+        self.kind = vehicle
         self.own = OwnVehicle.of(self.spec.copy(), _ANYTHING)
         self._root.size.nuserdata = 3 * len(self.own.vehicle.thruster_names)  # where the plant keeps the propellers
         self._plant: Plant | None = None
@@ -243,6 +275,10 @@ class VehicleEntity(composer.Entity):
         camera = self._root.find("site", CAMERA_SITE)
         if camera is not None:
             self._add_camera(camera)
+        hull = self._root.find("body", HULL_BODY)
+        hull.add(
+            "camera", name="overview", mode="track", pos=[2.9, -2.5, 0.9], xyaxes=[0.65, 0.76, 0, -0.29, 0.25, 0.92]
+        )
 
     def _add_camera(self, site: Any) -> None:
         """A MuJoCo camera at the site of the vehicle's own, whose OpenCV axes are turned by half about x."""
@@ -282,6 +318,11 @@ class VehicleEntity(composer.Entity):
         if self._plant is None:
             raise ConfigurationError("vehicle: it has no physics yet; make a composer.Environment of its task first")
         return self._plant
+
+    @property
+    def drawn(self) -> dict[str, float]:
+        """Means of the factors that the perturbations drew for the present episode, by name."""
+        return {} if self._variation is None else self._variation.drawn
 
     @property
     def truth(self) -> Truth:
@@ -332,6 +373,10 @@ class VehicleEntity(composer.Entity):
         hydrodynamics.set_constants(model)
         if self._variation is not None:
             self._variation.bind(model, self._find)
+        for name in _dry(model):
+            warnings.warn(
+                f"the body {name!r} floats freely but has no water: it falls as in a vacuum", PhysicsWarning, 2
+            )
         self._plant = self._over(physics)
 
     def _over(self, physics: mjcf.Physics) -> Plant:
@@ -353,8 +398,12 @@ class VehicleEntity(composer.Entity):
 
     def before_substep(self, physics: mjcf.Physics, random_state: Random) -> None:
         """Drive thrusters and joints."""
-        plant = self.plant
-        plant.begin(self.command if self.command is not None else self._off(plant))
+        plant, command = self.plant, self.command
+        if command is not None and not isinstance(command, Command):
+            raise ConfigurationError(
+                f"vehicle.command: expected a sim.interfaces.messages.Command, got {type(command).__name__}"
+            )
+        plant.begin(command if command is not None else self._off(plant))
 
     @staticmethod
     def _off(plant: Plant) -> Command:
@@ -385,7 +434,7 @@ class VehicleEntity(composer.Entity):
 
 
 class WorkObjectEntity(composer.Entity):
-    """Object to work on, with its collision shapes."""
+    """Object to work on, with its collision shapes: `WorkObjectEntity(target, *, stand=True, name="object")`."""
 
     def _build(self, target: TargetModel, *, stand: bool = True, name: str = "object") -> None:
         """Build the object.
@@ -410,6 +459,13 @@ class WorkObjectEntity(composer.Entity):
         """Its geoms that collide."""
         found = self._root.find("body", TARGET_BODY).find_all("geom")
         return [geom for geom in found if geom.contype != 0 or geom.conaffinity != 0]
+
+
+def _in_parent(site: Any, X: Array) -> Array:
+    """A pose (4, 4) in a site's axes, in those of the body that carries it."""
+    R = np.empty(9)
+    mujoco.mju_quat2Mat(R, np.array([1.0, 0.0, 0.0, 0.0]) if site.quat is None else np.array(site.quat, np.float64))
+    return pose(R.reshape(3, 3), np.zeros(3) if site.pos is None else np.array(site.pos, np.float64)) @ X
 
 
 def put(sea: Sea, thing: composer.Entity, X_WT: Array) -> Any:
@@ -442,6 +498,31 @@ def let_slide(sea: Sea, vehicle: VehicleEntity, thing: WorkObjectEntity) -> None
             solimp=own.solimp,
             solreffriction=[FRICTION_TIME, 1.0],
         )
+
+
+def check_each(name: str, given: Any, *methods: str) -> None:
+    """Refuse what is no list of objects with these attributes.
+
+    Raises:
+        ConfigurationError: It is not; the message says what was given.
+    """
+    if not isinstance(given, Sequence) or isinstance(given, str):
+        raise ConfigurationError(f"{name}: expected a list, got {shown(given)}")
+    for each in given:
+        if isinstance(each, type) or not all(hasattr(each, method) for method in methods):
+            made = f"; did you mean {each.__name__}()?" if isinstance(each, type) else ""
+            raise ConfigurationError(f"{name}: {shown(each)} is none of them{made}")
+
+
+def _dry(model: mujoco.MjModel) -> list[str]:
+    """Names of free bodies with mass that have no hydrodynamics in their whole tree."""
+    found = []
+    for joint in np.flatnonzero(np.asarray(model.jnt_type) == mujoco.mjtJoint.mjJNT_FREE):
+        root = int(model.jnt_bodyid[joint])
+        tree = np.flatnonzero(np.asarray(model.body_rootid) == model.body_rootid[root])
+        if not any(hydrodynamic_rows.carries(model.body_user[body]) for body in tree):
+            found.append(model.body(root).name or f"body {root}")
+    return found
 
 
 class _Anything:

@@ -15,6 +15,7 @@ import dm_env
 import numpy as np
 from dm_control import composer
 
+from controllers.arm.inverse_dynamics import ArmDynamics
 from controllers.hull.hull_control import HullControl, HullControlState
 from controllers.mkps import solve
 from controllers.planning.trajectories import PoseMove
@@ -64,13 +65,19 @@ def expert(environment: composer.Environment) -> Policy:
     """Expert for the task of an environment.
 
     Raises:
-        ConfigurationError: There is none for the task, or not for its kind of action.
+        ConfigurationError: There is none for the task, or not for its kind of action, or this is no environment of
+            dm_control.
     """
+    if not isinstance(environment, composer.Environment):
+        raise ConfigurationError(
+            f"expert: expected an environment of dm_control's composer, got {type(environment).__name__}; a Gymnasium "
+            "environment has it as `unwrapped.environment`"
+        )
     return _expert(environment.task)
 
 
 @singledispatch
-def _expert(task: VehicleTask) -> Policy:
+def _expert(task: composer.Task) -> Policy:
     raise ConfigurationError(f"there is no expert for {type(task).__name__}")
 
 
@@ -83,6 +90,8 @@ class StationExpert:
         self._task, self._true = task, TrueState()
         self._control = HullControl(own.model, period=task.control_timestep)
         self._home = np.array(own.vehicle.q_home)
+        armed = len(own.vehicle.joints) > 0
+        self._arm_B = ArmDynamics(own.model).wrench_at_rest(self._home) if armed else np.zeros(6)
         self._state: HullControlState | None = None
         self._move: PoseMove | None = None
 
@@ -119,7 +128,7 @@ class StationExpert:
             scan=False,
             path_s=0.0,
         )
-        return np.clip(self._control.step(self._state, estimate, reference, np.zeros(6)), -1.0, 1.0)
+        return np.clip(self._control.step(self._state, estimate, reference, self._arm_B), -1.0, 1.0)
 
 
 @_expert.register

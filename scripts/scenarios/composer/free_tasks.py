@@ -10,10 +10,10 @@ from scenarios.composer.actions import Actions
 from scenarios.composer.entities import Sea, VehicleEntity
 from scenarios.composer.judges import KeptFor
 from scenarios.composer.sensing import FARTHEST
-from scenarios.composer.vehicle_task import Random, VehicleTask, near
+from scenarios.composer.vehicle_task import SITE_DEPTH, Random, VehicleTask, near
 from sim.environment import ALIGNED, CLOSE, START_OFFSET, START_TURN
 from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.spatial import Array, exp_so3, inverse, log_so3, pose
+from sim.interfaces.spatial import Array, exp_so3, inverse, log_so3, pose, readonly
 from sim.plant.plant import Truth
 
 STATION_TIME, ARRIVED_TIME, REACHED_TIME = 5.0, 2.0, 1.0  # [s] for which the goal must be kept
@@ -21,6 +21,7 @@ FARTHEST_WAYPOINT = 2.0  # [m] per horizontal axis from the start; half as much 
 WAYPOINT_TURN = 0.8  # [rad] largest, about the vertical
 REACHED = 0.02, 0.3  # [m] distance of the tip up to which the reward is full, and further one at which it is a tenth
 POINTED = 0.1, 1.0  # [rad] the same for the tool's axis
+MIDDLE = readonly(pose(p=[0.0, 0.0, -SITE_DEPTH]))  # (4, 4) pose of the hull in the middle of the site
 SPREAD = 0.35  # [rad] of each joint about the ready posture, in which goals to reach are drawn
 
 
@@ -47,7 +48,7 @@ class HoldStation(VehicleTask):
 
     def begin(self, random_state: Random) -> tuple[Array, None]:
         """The start, near the pose to hold."""
-        self.X_WH = np.eye(4)
+        self.X_WH = MIDDLE
         return near(self.X_WH, random_state, offset=START_OFFSET, turn=START_TURN), None
 
     def X_BH(self, truth: Truth) -> Array:
@@ -80,11 +81,11 @@ class GoToWaypoint(HoldStation):
     seconds = ARRIVED_TIME
 
     def begin(self, random_state: Random) -> tuple[Array, None]:
-        """The waypoint, and the start at the origin."""
+        """The waypoint, and the start in the middle of the site."""
         most = np.array([FARTHEST_WAYPOINT, FARTHEST_WAYPOINT, 0.5 * FARTHEST_WAYPOINT])
         turn = exp_so3([0.0, 0.0, random_state.uniform(-WAYPOINT_TURN, WAYPOINT_TURN)])
-        self.X_WH = pose(turn, random_state.uniform(-most, most))
-        return np.eye(4), None
+        self.X_WH = MIDDLE @ pose(turn, random_state.uniform(-most, most))
+        return MIDDLE, None
 
     def shaped(self, truth: Truth) -> float:
         """1 at the pose; a tenth at the farthest waypoint."""
@@ -123,7 +124,7 @@ class ReachPose(VehicleTask):
     def begin(self, random_state: Random) -> tuple[Array, Array]:
         """The goal, and the arm at another posture near the ready one."""
         vehicle = self.vehicle.own.vehicle
-        X_WB = near(np.eye(4), random_state, offset=0.1, turn=0.2)
+        X_WB = near(MIDDLE, random_state, offset=0.1, turn=0.2)
         low, high = vehicle.q_limits[:, 0], vehicle.q_limits[:, 1]
         n = len(vehicle.joints)
         start, goal = (np.clip(vehicle.q_ready + random_state.uniform(-SPREAD, SPREAD, n), low, high) for _ in "sg")

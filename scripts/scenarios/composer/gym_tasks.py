@@ -35,39 +35,48 @@ class TaskEnvironment(gymnasium.Env[Any, Any]):
     work) and "damage". A seed given to `reset` seeds all that follows.
     """
 
+    metadata = {"render_modes": ["rgb_array"], "render_fps": 50}  # noqa: RUF012 (Gymnasium has it so)
+
     def __init__(
-        self, domain: str = "water", task: str = "hover", *, render_mode: str | None = None, **options: Any
+        self,
+        domain: str = "water",
+        task: str = "hover",
+        *,
+        environment: composer.Environment | None = None,
+        render_mode: str | None = None,
+        **options: Any,
     ) -> None:
-        """Make a task of the suite.
+        """Make a task of the suite, or take an environment of one's own.
 
         Args:
             domain: As `suite.load`.
             task: As `suite.load`.
+            environment: In place of a task of the suite; its task is a `VehicleTask`.
             render_mode: "rgb_array", or None.
-            options: Further arguments of `suite.load`, but for the seed, which `reset` takes.
+            options: Further arguments of `suite.load`.
 
         Raises:
             ConfigurationError: As `suite.load`, or there is no such render mode.
         """
-        self.metadata = {"render_modes": ["rgb_array"], "render_fps": 50}
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise ConfigurationError(f"render_mode {shown(render_mode)}: allowed rgb_array or None")
         self.render_mode = render_mode
-        self.environment: composer.Environment = suite.load(domain, task, **options)
+        self.environment = suite.load(domain, task, **options) if environment is None else environment
+        self.metadata = dict(self.metadata)
         self.metadata["render_fps"] = round(1.0 / self.environment.control_timestep())
         action = self.environment.action_spec()
         self.action_space = _box(action)
         stated = self.environment.observation_spec()
         self.observation_space = spaces.Dict({name: _box(spec) for name, spec in stated.items()})
-        self._over = True
+        self._over, self._closed = True, False
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
         """Begin an episode."""
         super().reset(seed=seed)
-        if seed is not None:
-            self.environment.random_state.seed(int(self.np_random.integers(2**32)))
+        if seed is not None:  # the same episodes as of `suite.load(seed=seed)`
+            self.environment.random_state.seed(seed % 2**32)
         moment = self.environment.reset()
         self._over = False
         return dict(moment.observation), self._info()
@@ -78,6 +87,8 @@ class TaskEnvironment(gymnasium.Env[Any, Any]):
         Raises:
             ConfigurationError: The episode is over, or the action has another shape or is not finite.
         """
+        if self._closed:
+            raise ConfigurationError("step: the environment is closed")
         if self._over:
             raise ConfigurationError("step: the episode is over, or has not begun: call reset() first")
         moment = self.environment.step(action)
@@ -101,12 +112,14 @@ class TaskEnvironment(gymnasium.Env[Any, Any]):
 
     def close(self) -> None:
         """Free the physics."""
-        if getattr(self, "environment", None) is not None and self.environment._physics is not None:
+        if not getattr(self, "_closed", True):
+            self._closed = True
             self.environment.close()
 
     def _info(self) -> dict[str, Any]:
         task: Any = self.environment.task
-        return {"is_success": bool(task.is_success), "failed": task.judge.failed, "damage": task.damage}
+        told = {"is_success": bool(task.is_success), "failed": task.judge.failed, "damage": task.damage}
+        return told | ({"drawn": task.vehicle.drawn} if task.vehicle.drawn else {})
 
 
 def _box(spec: specs.Array) -> spaces.Box:

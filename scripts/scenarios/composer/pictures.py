@@ -7,10 +7,12 @@ from typing import Any
 import numpy as np
 from dm_control import mjcf
 
-from sim.interfaces.errors import MissingLibraryError
+from sim.interfaces.errors import ConfigurationError, MissingLibraryError
+from sim.interfaces.spatial import shown, whole_number
 
 SIZE = 240, 320  # [px] height and width
-CAMERA = "overview"  # of the sea
+CAMERA = "vehicle/overview"  # beside the vehicle, moving with it
+MOST = 1080, 1920  # [px] largest height and width
 
 
 def picture(physics: mjcf.Physics, *, size: tuple[int, int] = SIZE, camera: str | int = CAMERA) -> np.ndarray:
@@ -22,13 +24,17 @@ def picture(physics: mjcf.Physics, *, size: tuple[int, int] = SIZE, camera: str 
         camera: Name or number of a camera of the scene.
 
     Raises:
+        ConfigurationError: There is no such camera, or the size is out of range.
         MissingLibraryError: There is no GL to draw with.
     """
+    height, width = (whole_number(each, "size [px]", least=1, most=most) for each, most in zip(size, MOST, strict=True))
+    model = physics.model.ptr
+    names = [model.camera(i).name for i in range(model.ncam)]
+    if camera not in names and camera not in range(model.ncam):
+        raise ConfigurationError(f"camera {shown(camera)}: there are {', '.join(names)}")
     try:
-        return physics.render(*size, camera_id=camera)
+        return physics.render(height, width, camera_id=camera)
     except Exception as error:  # of any type: dm_control's backends raise their own
-        if isinstance(error, KeyError | ValueError):  # the camera
-            raise
         raise MissingLibraryError(_no_gl(error)) from error
 
 

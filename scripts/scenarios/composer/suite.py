@@ -8,11 +8,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 
+import mujoco
 import numpy as np
 from dm_control import composer
 from dm_control.composer.variation import distributions
 
-from models.naming import TOOL_GEOM
+from models.naming import TOOL_GEOM, find
 from models.objects import targets
 from models.objects.manifold import manifold
 from scenarios.composer.actions import (
@@ -32,7 +33,7 @@ from scenarios.perturbations.perturbation import Perturbation
 from sim.evaluation.insertion_metrics import TrueHole
 from sim.interfaces.errors import ConfigurationError, did_you_mean
 from sim.interfaces.protocols import Sensor
-from sim.interfaces.spatial import shown
+from sim.interfaces.spatial import number, shown, whole_number
 
 FORCE, TAP_FORCE = 60.0, 40.0  # [N] to press and wipe with, and to tap with
 WIPED = 0.3  # [m] of the path to wipe
@@ -86,7 +87,12 @@ def _tap(vehicle: VehicleEntity, actions: Actions, sparse: bool) -> VehicleTask:
 
 
 def _insert(vehicle: VehicleEntity, actions: Actions, sparse: bool) -> VehicleTask:
-    radius = float(vehicle.own.model.geom(TOOL_GEOM).size[0])
+    tool = find(vehicle.own.model, mujoco.mjtObj.mjOBJ_GEOM, TOOL_GEOM)
+    if vehicle.own.model.geom_type[tool] != mujoco.mjtGeom.mjGEOM_CAPSULE:
+        raise ConfigurationError(
+            f"to insert, the vehicle's tool, its geom {TOOL_GEOM!r}, must be a capsule, the sampler"
+        )
+    radius = float(vehicle.own.model.geom_size[tool, 0])
     block = manifold(radius + CLEARANCE)
     place = place_at_hole(vehicle, block, HOLE, DEPTH)
     bore = block.hole(HOLE)
@@ -122,7 +128,7 @@ BY_TAG: dict[str, tuple[tuple[str, str], ...]] = {
 
 def load(
     domain: str,
-    task: str,
+    task: str = "",
     *,
     seed: Seed = None,
     vehicle: str = "uuv_puma",
@@ -137,7 +143,7 @@ def load(
 
     Args:
         domain: "water", "barrel" or "manifold".
-        task: A task of it, see ALL_TASKS.
+        task: A task of it, see ALL_TASKS; or both in the first argument, as "water/hover".
         seed: Of all random numbers; None: other ones every time.
         vehicle: A name of `models.available()`, or an MJCF file.
         actions: A kind of ACTIONS; None: the task's usual one.
@@ -154,6 +160,8 @@ def load(
         ConfigurationError: There is no such task or kind of action, or the vehicle is not fit for it.
         ReachError: The vehicle's arm does not reach the work from anywhere.
     """
+    if not task and isinstance(domain, str) and "/" in domain:
+        domain, task = domain.split("/", 1)
     name = f"{domain}/{task}"
     if (domain, task) not in TASKS:
         known = tuple("/".join(each) for each in TASKS)
@@ -162,8 +170,6 @@ def load(
     kind = actions or entry.actions
     if kind not in ACTIONS:
         raise ConfigurationError(f"unknown actions {shown(kind)}; there are {', '.join(ACTIONS)}")
-    if time_limit is not None and not time_limit > 0.0:
-        raise ConfigurationError(f"time_limit: must be > 0 s, got {time_limit}")
     body = VehicleEntity(vehicle, tool=entry.tool, sensors=sensors, perturbations=perturbations)
     made = entry.make(body, ACTIONS[kind](body.own), sparse)
     if period is not None:
@@ -178,11 +184,20 @@ def environment(task: composer.Task, *, seed: Seed = None, time_limit: float = n
         task: Of this package, or one's own.
         seed: Of all random numbers; None: other ones every time.
         time_limit: [s] of an episode.
+
+    Raises:
+        ConfigurationError: The time limit is not above 0, or the seed is no whole number or RandomState.
     """
+    limit = number(time_limit, "time_limit [s]")
+    if not limit > 0.0:
+        raise ConfigurationError(f"time_limit: must be > 0 s, got {time_limit}")
+    if seed is not None and not isinstance(seed, np.random.RandomState):
+        seed = whole_number(seed, "seed", least=0, most=2**32 - 1)
     return composer.Environment(
         task,
-        time_limit=time_limit,
+        time_limit=limit - 0.5 * task.physics_timestep,  # times are sums of steps, a little above or below
         random_state=seed,
         strip_singleton_obs_buffer_dim=True,
         recompile_mjcf_every_episode=False,
+        delayed_observation_padding=composer.ObservationPadding.INITIAL_VALUE,
     )

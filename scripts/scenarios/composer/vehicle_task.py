@@ -13,11 +13,13 @@ from scenarios.composer.actions import Actions, checked_action, spec
 from scenarios.composer.entities import Sea, VehicleEntity
 from scenarios.composer.judges import Judge
 from scenarios.composer.sensing import BoundedNumbers
-from sim.interfaces.spatial import Array, exp_so3, pose
+from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.spatial import Array, exp_so3, finite_number, fitting, pose
 from sim.loop.rollout import ticks_per_period
 from sim.plant.plant import Truth
 
 CONTROL_PERIOD = 0.02  # [s] between actions
+SITE_DEPTH = 5.0  # [m] below the surface of the sea, z = 0, at which the suite's tasks happen
 BOX = 5.0  # [m] half edge of the box about the start; outside it the episode ends
 Random = np.random.RandomState
 
@@ -79,20 +81,24 @@ class VehicleTask(composer.Task):
             ConfigurationError: It is no whole multiple of the vehicle's physics step.
         """
         timestep = float(self.vehicle.own.model.opt.timestep)
-        ticks_per_period(period, timestep, "period")
+        ticks_per_period(finite_number(period, "period [s]", above=0.0), timestep, "time between actions")
         self.set_timesteps(control_timestep=period, physics_timestep=timestep)
         self._timestep = timestep
 
     def add_goals(self, bound: float, **sizes: int) -> None:
         """State the numbers that `goal` gives: how many of each name, and their largest magnitude."""
         for name, size in sizes.items():
-            self._goals[name] = BoundedNumbers(self._reader(name), size, bound)
+            self._goals[name] = BoundedNumbers(self._reader(name, size), size, bound)
             self._goals[name].enabled = True
 
-    def _reader(self, name: str) -> Any:
+    def _reader(self, name: str, size: int) -> Any:
         def read(physics: Any) -> Array:
             del physics
-            return np.array(self.goal(self.truth)[name], dtype=np.float64)
+            goal = self.goal(self.truth)
+            if name not in goal:
+                stated = ", ".join(self._goals)
+                raise ConfigurationError(f"{type(self).__name__}.goal: gives no {name!r}; stated are {stated}")
+            return fitting(np.atleast_1d(np.array(goal[name], dtype=np.float64)), (size,), f"goal {name}")
 
         return read
 
@@ -174,7 +180,12 @@ class VehicleTask(composer.Task):
         """Reward of the state after an action."""
         if self.damage:
             return 0.0
-        return float(self.judge.done) if self._sparse else float(self.shaped(self.truth))
+        if self._sparse:
+            return float(self.judge.done)
+        reward = float(self.shaped(self.truth))
+        if not 0.0 <= reward <= 1.0:
+            raise ConfigurationError(f"{type(self).__name__}.shaped: must be in [0, 1], got {reward}")
+        return reward
 
     def should_terminate_episode(self, physics: mjcf.Physics) -> bool:
         """True after damage."""

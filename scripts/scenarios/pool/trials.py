@@ -1,4 +1,4 @@
-"""Pool trials [Kolano 2022]: a floating vehicle moves its arm, thrusters off; motion capture, IMU and encoders record it.
+"""Pool trials [Kolano 2022]: a floating vehicle moves its arm, its thrusters off, and what it does is recorded.
 
 Files of a trial NAME: NAME_joint_states.csv, NAME_imu.csv and NAME_mocap.csv, also with .gz behind; times in s.
 """

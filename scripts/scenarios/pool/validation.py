@@ -99,9 +99,7 @@ def fit(hull: str, trials: Sequence[PoolTrial], *, workers: int = 1, start: Arra
     if workers == 1:
         return fit_named(residuals, PARAMETERS, start=start)
     with ProcessPoolExecutor(workers, initializer=_begin, initargs=(residuals,)) as pool:
-        return fit_named(
-            residuals, PARAMETERS, start=start, mapped=lambda function, points: pool.map(_residuals, points)
-        )
+        return fit_named(residuals, PARAMETERS, start=start, mapped=lambda _, points: pool.map(_residuals, points))
 
 
 def _begin(residuals: Residuals) -> None:

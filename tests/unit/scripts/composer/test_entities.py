@@ -27,7 +27,7 @@ from scenarios.perturbations.pad import Pad
 from scenarios.perturbations.target import MovingObject
 from scenarios.perturbations.vehicle import Gears, Payload, ThrusterSpread, Water
 from sim import hydrodynamics
-from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.errors import ConfigurationError, PhysicsWarning
 from sim.interfaces.messages import Command
 from sim.interfaces.spatial import Array, exp_so3, pose
 from sim.plant.plant import Plant
@@ -352,6 +352,29 @@ def test_an_arm_alone_knows_no_true_state():
     arm = uuv.ArmEntity("uuv_puma")
     with pytest.raises(ConfigurationError, match="arm: is attached to no vehicle"):
         arm.observables.joints(None)
+
+
+def test_one_vehicle_a_sea():
+    sea = uuv.Sea()
+    sea.add_free_entity(uuv.VehicleEntity("uuv_puma", name="one"))
+    with pytest.raises(ConfigurationError, match="one scene takes one vehicle"):
+        sea.add_free_entity(uuv.VehicleEntity("uuv_puma", name="two"))
+
+
+def test_a_dry_prop_is_told():
+    sea = uuv.Sea()
+    task = Drift(uuv.VehicleEntity("uuv_puma"), sea)
+    ball = mjcf.RootElement(model="ball")
+    ball.worldbody.add("geom", size=[0.1])
+    sea.mjcf_model.worldbody.attach(ball).add("freejoint")
+    with pytest.warns(PhysicsWarning, match="the body 'ball/' floats freely but has no water"):
+        environment(task)
+
+
+def test_a_delayed_sensor_begins_with_its_first_reading():
+    env = uuv.environment(Drift(uuv.VehicleEntity("uuv_puma", sensors=[Encoders(delay=0.04)])), seed=0)
+    vehicle = untyped(env.task.vehicle)
+    np.testing.assert_allclose(env.reset().observation["vehicle/encoders_q"], vehicle.own.vehicle.q_home, atol=2e-5)
 
 
 def test_a_stiff_pad_needs_another_timestep_and_is_refused():

@@ -18,6 +18,7 @@ import gymnasium
 from gymnasium.utils.env_checker import check_env
 
 from scenarios.composer.gym_tasks import IDS, TaskEnvironment
+from scenarios.perturbations.vehicle import ThrusterSpread
 from sim.interfaces.errors import ConfigurationError, MissingLibraryError
 from untyped import untyped
 
@@ -58,8 +59,7 @@ def test_the_same_states_as_through_dm_control(name: tuple[str, str]):
     in_gym = TaskEnvironment(*name)
     seen, info = in_gym.reset(seed=5)
     assert info == {"is_success": False, "failed": "", "damage": ""}
-    direct = uuv.load(*name)
-    direct.random_state.seed(int(np.random.default_rng(np.random.SeedSequence(5)).integers(2**32)))
+    direct = uuv.load(*name, seed=5)
     moment = direct.reset()
     rng = np.random.default_rng(0)
     for _ in range(20):
@@ -108,6 +108,31 @@ def test_refuses():
         environment.step(np.full(6, np.inf))
     environment.close()
     environment.close()
+    with pytest.raises(ConfigurationError, match="the environment is closed"):
+        environment.step(np.zeros(6))
+
+
+def test_an_environment_of_your_own_in_gymnasium():
+    own = uuv.load("water", "hover", seed=1, vehicle="bluerov2_heavy", time_limit=1.0)
+    environment = TaskEnvironment(environment=own)
+    assert environment.action_space.shape == (8,)
+    environment.reset(seed=0)
+    assert environment.step(np.zeros(8))[4]["is_success"] is False
+
+
+def test_perturbations_are_told():
+    environment = gymnasium.make("uuv/Hover-v0", perturbations=[ThrusterSpread(gain=0.2)])
+    _, info = environment.reset(seed=0)
+    assert 0.8 < info["drawn"]["thruster_gain"] < 1.2
+
+
+@pytest.mark.parametrize(
+    ("camera", "size", "message"), [("front", (24, 32), "camera 'front': there are"), (0, (0, 9), "size")]
+)
+def test_refuses_a_picture(camera: Any, size: tuple[int, int], message: str):
+    environment = uuv.load("water", "hover", seed=0)
+    with pytest.raises(ConfigurationError, match=message):
+        uuv.picture(environment.physics, camera=camera, size=size)
 
 
 @pytest.mark.parametrize("context", ["fork", pytest.param("spawn", marks=pytest.mark.long)])

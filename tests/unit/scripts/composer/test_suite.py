@@ -3,7 +3,7 @@
 import re
 import sys
 from collections.abc import Iterator
-from types import SimpleNamespace
+from types import MappingProxyType, SimpleNamespace
 from typing import Any
 from unittest import TestCase
 
@@ -18,14 +18,16 @@ from scenarios import composer as uuv  # isort: skip  # before dm_control, for w
 import pyarrow.parquet as pq
 from dm_env.test_utils import EnvironmentTestMixin
 
-from scenarios.composer.actions import ToolTwist
+from scenarios.composer.actions import ThrusterSpeeds, ToolTwist
 from scenarios.composer.episodes import run_episode
+from scenarios.composer.free_tasks import HoldStation
 from scenarios.composer.judges import InsertedTo, KeptFor, PressedAt, SetForce, TappedAt, WipedAlong
 from sim.evaluation.insertion_metrics import TrueHole
 from sim.evaluation.metrics import SETTLING
 from sim.interfaces.errors import ConfigurationError, ReachError
 from sim.interfaces.messages import ToolPath
 from sim.interfaces.spatial import Array
+from sim.sensors.proprioception import Dvl
 from untyped import untyped
 
 DT = 0.002
@@ -95,9 +97,9 @@ def test_a_sparse_reward_is_success():
     assert np.all(np.diff(rewards) >= 0.0)
 
 
-def test_other_vehicles_hover():
-    environment = uuv.load("water", "hover", vehicle="bluerov2_heavy", seed=0)
-    assert environment.action_spec().shape == (8,)
+@pytest.mark.parametrize("vehicle", ["bluerov2_heavy", "uuv_puma_side"])
+def test_other_vehicles_hover(vehicle: str):
+    environment = uuv.load("water", "hover", vehicle=vehicle, seed=0)
     assert run_episode(environment, uuv.expert(environment), stop_when_done=True).success
 
 
@@ -138,13 +140,17 @@ def test_records_of_episodes(tmp_path):
     file = tmp_path / "hover.parquet"
     found = uuv.record_episodes(environment, uuv.zero(environment), file, episodes=2, task="water/hover")
     table = pq.read_table(file)
-    assert table.num_rows == 40 == sum(episode.steps for episode in found.episodes)
+    assert table.num_rows == 42 == sum(episode.steps + 1 for episode in found.episodes)
     assert pq.ParquetFile(file).num_row_groups == 2
     assert table.schema.metadata[b"task"] == b"water/hover"
     assert table.schema.metadata[b"actions"].startswith(b"surge_left,")
     assert len(table["action"][0].as_py()) == 6
-    assert table["episode"].to_pylist() == [0] * 20 + [1] * 20
+    assert table["episode"].to_pylist() == [0] * 21 + [1] * 21
     assert sum(table["reward"].to_pylist()[:20]) == pytest.approx(found.episodes[0].total)
+    assert table["action"][20].as_py() is table["reward"][20].as_py() is None  # the last moment has none
+    assert table["discount"].to_pylist() == [1.0] * 42
+    assert table.schema.metadata[b"vehicle"] == b"uuv_puma"
+    assert table.schema.metadata[b"period_s"] == b"0.02"
     assert {"goal_position", "vehicle/position", "vehicle/arm/joints"} <= set(table.column_names)
 
 
@@ -154,8 +160,16 @@ def test_records_of_episodes(tmp_path):
         (("water", "hovr"), {}, "unknown task 'water/hovr'; there are water/hover.*water/hover"),
         (("water", "hover"), {"actions": "wings"}, "unknown actions 'wings'; there are thrusters"),
         (("water", "hover"), {"time_limit": 0.0}, "time_limit: must be > 0"),
-        (("water", "hover"), {"period": 0.003}, "period: period 0.003 s is not a whole multiple"),
+        (("water", "hover"), {"period": 0.003}, "time between actions: period 0.003 s is not a whole multiple"),
+        (("water", "hover"), {"period": -0.02}, "period"),
+        (("water", "hover"), {"seed": 1.5}, "seed"),
+        (("water", "hover"), {"seed": -1}, "seed"),
+        (("water", "hover"), {"sensors": Dvl()}, r"sensors: expected a list, got Dvl\("),
+        (("water", "hover"), {"sensors": [Dvl]}, r"did you mean Dvl\(\)\?"),
+        (("water", "hover"), {"perturbations": ["water"]}, "perturbations: 'water' is none of them"),
         (("water", "hover"), {"vehicle": "phoenix_smart3s"}, "has no thrusters"),
+        (("water", "reach"), {"vehicle": "phoenix_smart3s"}, "no thrusters to hold it"),
+        (("manifold", "insert"), {"vehicle": "uuv_puma_side"}, "must be a capsule, the sampler"),
         (("water", "reach"), {"vehicle": "bluerov2_heavy"}, "JointVelocities: the vehicle has no arm to move"),
         (("water", "reach"), {"vehicle": "bluerov2_heavy", "actions": "thrusters"}, "the vehicle needs an arm"),
         (("barrel", "press"), {"vehicle": "bluerov2_heavy", "actions": "thrusters"}, "lacks what this work needs"),
@@ -179,6 +193,48 @@ def test_refuses_an_action(action: Array, message: str):
     environment.reset()
     with pytest.raises(ConfigurationError, match=message):
         environment.step(action)
+
+
+@pytest.mark.parametrize("seconds", [1.0, 3.0, 10.0])
+def test_an_episode_has_as_many_actions_as_its_time(seconds: float):
+    environment = uuv.load("water/hover", seed=0, time_limit=seconds)
+    assert run_episode(environment, uuv.zero(environment)).steps == round(seconds / 0.02)
+
+
+def test_an_expert_is_for_dm_control():
+    with pytest.raises(ConfigurationError, match=r"a Gymnasium environment has it as `unwrapped\.environment`"):
+        uuv.expert(untyped("uuv/Hover-v0"))
+
+
+class Wrong(HoldStation):
+    """Gives other numbers than it has stated, and a reward beyond its bounds."""
+
+    off: Any = MappingProxyType({})
+    reward = 0.5
+
+    def goal(self, truth: Any) -> Any:
+        return {**super().goal(truth), **self.off}
+
+    def shaped(self, truth: Any) -> float:
+        return self.reward
+
+
+def wrong() -> Any:
+    vehicle = uuv.VehicleEntity("uuv_puma")
+    return Wrong(uuv.Sea(), vehicle, ThrusterSpeeds(vehicle.own))
+
+
+def test_a_task_of_your_own_is_held_to_what_it_states():
+    task = wrong()
+    task.off = {"goal_position": np.zeros(2)}
+    with pytest.raises(ConfigurationError, match=r"goal goal_position: expected shape \(3,\)"):
+        uuv.environment(task, seed=0).reset()
+    task = wrong()
+    task.reward = 7.0
+    environment = uuv.environment(task, seed=0)
+    environment.reset()
+    with pytest.raises(ConfigurationError, match=r"Wrong.shaped: must be in \[0, 1\], got 7"):
+        environment.step(np.zeros(6))
 
 
 def test_a_step_after_the_end_begins_anew():
@@ -296,7 +352,7 @@ def test_the_code_of_the_page_runs(root, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     page = (root / "docs" / "environments.md").read_text()
     blocks = re.findall(r"```python\n(.*?)```", page, flags=re.DOTALL)
-    assert len(blocks) == 7
+    assert len(blocks) == 8
     for block in blocks:
         exec(compile(block, "docs/environments.md", "exec"), {"__name__": "of_the_page"})
     assert (tmp_path / "reach.parquet").exists()

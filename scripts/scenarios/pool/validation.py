@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib.named_fit import NamedFit, fit_named, values_of
+from scenarios.pool.named_fit import NamedFit, fit_named, values_of
 from scenarios.pool.pool_vehicle import NOMINAL, PARAMETERS, pool_model
 from scenarios.pool.replay import Residuals, TrialScore, replay, score_of
 from scenarios.pool.trials import PoolTrial

@@ -55,7 +55,7 @@ def test_the_fit_finds_the_vehicle_that_made_the_trials():
     true = np.zeros(len(PARAMETERS))
     true[index["center of mass z"]], true[index["net buoyancy"]], true[index["center of mass y"]] = -0.4, 0.6, 0.2
     trials = [made(f"traj{group}-0", group, true) for group in (1, 2)]
-    fit = fit_named(Residuals("benzon2022", trials), PARAMETERS, rounds=3)
+    fit = fit_named(Residuals("benzon2022", trials), PARAMETERS, rounds=5)
     found = fit.values
     assert found["center of mass z"] == pytest.approx(-0.008, abs=0.002)
     assert found["net buoyancy"] == pytest.approx(0.9, abs=0.15)

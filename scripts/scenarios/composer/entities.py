@@ -135,21 +135,25 @@ class Sea(composer.Arena):
 class ToolEntity(composer.Entity):
     """Tool at the end of an arm: its pad or sampler on its slide, and the site of its tip."""
 
-    def _build(self, vehicle: str = "uuv_puma", tool: str | None = None, *, part: str | None = None) -> None:
+    def _build(
+        self, vehicle: str = "uuv_puma", tool: str | None = None, *, part: tuple[str, str] | None = None
+    ) -> None:
         """Take the tool of a vehicle.
 
         Args:
             vehicle: A name of `models.available()`, or an MJCF file.
             tool: A tool of `models.tools` in place of uuv_puma's pad.
-            part: Its MJCF, where it is known.
+            part: Its MJCF and the folder of the files that it names, where they are known.
 
         Raises:
             ConfigurationError: The vehicle has no tool of its own.
         """
-        part = part or parts_of(vehicle_spec(vehicle, tool)).tool
         if part is None:
-            raise ConfigurationError(f"vehicle {vehicle!r} has no tool that could be taken off")
-        self._root = root_of(part, "tool")
+            parts = parts_of(vehicle_spec(vehicle, tool))
+            if parts.tool is None:
+                raise ConfigurationError(f"vehicle {vehicle!r} has no tool that could be taken off")
+            part = parts.tool, parts.folder
+        self._root = root_of(part[0], "tool", part[1])
         X_GC = beside_tool()
         self.tip.parent.add(
             "camera",
@@ -177,14 +181,19 @@ class ArmEntity(composer.Entity):
     """Arm of a vehicle, from its base to the flange that carries the tool."""
 
     def _build(
-        self, vehicle: str = "uuv_puma", *, tool: ToolEntity | None = None, part: str | None = None, bare: bool = False
+        self,
+        vehicle: str = "uuv_puma",
+        *,
+        tool: ToolEntity | None = None,
+        part: tuple[str, str] | None = None,
+        bare: bool = False,
     ) -> None:
         """Take the arm of a vehicle.
 
         Args:
             vehicle: A name of `models.available()`, or an MJCF file.
             tool: To attach to its flange; None: the vehicle's own.
-            part: Its MJCF, where it is known.
+            part: Its MJCF and the folder of the files that it names, where they are known.
             bare: Attach no tool.
 
         Raises:
@@ -194,10 +203,10 @@ class ArmEntity(composer.Entity):
             parts = parts_of(vehicle_spec(vehicle))
             if parts.arm is None:
                 raise ConfigurationError(f"vehicle {vehicle!r} has no arm that could be taken off")
-            part, own = parts.arm, parts.tool
-            if tool is None and own is not None and not bare:
-                tool = ToolEntity(vehicle, part=own)
-        self._root, self.tool = root_of(part, "arm"), tool
+            part = parts.arm, parts.folder
+            if tool is None and parts.tool is not None and not bare:
+                tool = ToolEntity(vehicle, part=(parts.tool, parts.folder))
+        self._root, self.tool = root_of(part[0], "arm", part[1]), tool
         if tool is not None:
             self.attach(tool)
 
@@ -257,10 +266,11 @@ class VehicleEntity(composer.Entity):
         check_each("perturbations", perturbations, "on_vehicle", "rng")
         self.spec = vehicle_spec(vehicle, tool)
         parts: VehicleParts = parts_of(self.spec)
-        self._root = root_of(parts.hull, name)
+        self._root = root_of(parts.hull, name, parts.folder)
         if parts.arm is not None:
-            held = None if parts.tool is None else ToolEntity(vehicle, part=parts.tool)
-            self.arm: ArmEntity | None = ArmEntity(vehicle, part=parts.arm, tool=held, bare=held is None)
+            held = None if parts.tool is None else ToolEntity(vehicle, part=(parts.tool, parts.folder))
+            own = parts.arm, parts.folder
+            self.arm: ArmEntity | None = ArmEntity(vehicle, part=own, tool=held, bare=held is None)
         else:
             self.arm = None
         self.kind = vehicle

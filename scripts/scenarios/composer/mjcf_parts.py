@@ -11,7 +11,7 @@ from dm_control import mjcf
 from lxml import etree
 
 from models.naming import ARM_BASE_BODY, HULL_BODY, PAD_BODY, TIP_SITE
-from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.errors import ConfigurationError, one_line
 from sim.water.mujoco_layout import library
 
 MOUNT = "mount"  # site of hull or arm at which the next part is attached
@@ -27,6 +27,7 @@ class VehicleParts:
     hull: str
     arm: str | None
     tool: str | None
+    folder: str = ""  # of the files that they name, such as meshes
 
 
 def exact_xml(spec: mujoco.MjSpec) -> str:
@@ -45,14 +46,26 @@ def exact_xml(spec: mujoco.MjSpec) -> str:
         put(before)
 
 
-def root_of(xml: str, name: str) -> mjcf.RootElement:
-    """PyMJCF model of an MJCF text, called `name`, without keyframes: they do not fit a larger scene."""
+def root_of(xml: str, name: str, folder: str = "") -> mjcf.RootElement:
+    """PyMJCF model of an MJCF text, called `name`, without keyframes: they do not fit a larger scene.
+
+    Args:
+        xml: MJCF.
+        name: Of the model.
+        folder: Of the files that it names.
+
+    Raises:
+        ConfigurationError: PyMJCF cannot read it, for instance because a file is missing.
+    """
     document = etree.fromstring(xml.encode())
     for section in document.findall("keyframe"):
         document.remove(section)
     for size in document.findall("size"):
         size.attrib.pop("nkey", None)
-    root = mjcf.from_xml_string(etree.tostring(document).decode())
+    try:
+        root = mjcf.from_xml_string(etree.tostring(document).decode(), model_dir=folder)
+    except Exception as error:  # of any type: PyMJCF's parser raises its own
+        raise ConfigurationError(f"{name}: dm_control cannot read its MJCF: {one_line(str(error), 200)}") from error
     root.model = name
     return root
 
@@ -66,7 +79,7 @@ def parts_of(spec: mujoco.MjSpec) -> VehicleParts:
     Raises:
         ConfigurationError: The vehicle has no body `hull`.
     """
-    whole = etree.fromstring(exact_xml(spec).encode())
+    whole, folder = etree.fromstring(exact_xml(spec).encode()), spec.modelfiledir
     hull = _named(whole, "body", HULL_BODY)
     if hull is None:
         raise ConfigurationError(f"vehicle: has no body {HULL_BODY!r}, which is to float freely")
@@ -79,13 +92,13 @@ def parts_of(spec: mujoco.MjSpec) -> VehicleParts:
         or base not in tip.iterancestors()
         or any(len(section) for name in _JOINED for section in whole.findall(name))
     ):
-        return VehicleParts(_text(whole), None, None)
+        return VehicleParts(_text(whole), None, None, folder)
     of_tool = _end_of(whole, tip)
     arm = _document(whole, _cut_out(whole, [base]))
     tool = _document(whole, _cut_out(arm, of_tool))
     for document in (whole, arm, tool):
         _keep_own_actuators(document)
-    return VehicleParts(_text(whole), _text(arm), _text(tool))
+    return VehicleParts(_text(whole), _text(arm), _text(tool), folder)
 
 
 def _end_of(document: etree._Element, tip: etree._Element) -> list[etree._Element]:

@@ -13,6 +13,7 @@ if sys.version_info >= (3, 13):
 from scenarios import composer as uuv  # isort: skip  # before dm_control, for which it chooses a renderer
 
 import mujoco
+import trimesh
 from dm_control import composer, mjcf
 from dm_control.composer.observation import observable
 
@@ -196,6 +197,28 @@ def test_two_environments_in_one_process_do_not_mix():
         for env, expected in zip(both, alone, strict=True):
             env.step(command)
             np.testing.assert_array_equal(np.concatenate([env.physics.data.qpos, env.physics.data.qvel]), expected[k])
+
+
+def test_a_vehicle_of_a_users_file_with_a_mesh(tmp_path):
+    """Names of files are relative to the model's own folder, also for the parts that are taken apart."""
+    trimesh.creation.box((0.4, 0.3, 0.2)).export(tmp_path / "frame.obj")
+    spec = scenes.vehicle_spec("uuv_puma")
+    spec.add_mesh(name="frame", file="frame.obj")
+    spec.body("hull").add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname="frame", contype=0, conaffinity=0, mass=0)
+    spec.modelfiledir = str(tmp_path)
+    file = tmp_path / "mine.xml"
+    file.write_text(spec.to_xml())
+    task = Drift(uuv.VehicleEntity(str(file)), uuv.Sea(current_W=(0.1, 0.0, 0.0)))
+    commands = actions(5, 12)
+    by_dm_control = states(environment(task), commands)
+    plant = Plant(hydrodynamics.compile(vehicle_spec(str(file))), current=task.sea.flow(0.002))
+    plant.observe()
+    for action in commands:
+        for _ in range(10):
+            task.actions.take(action, 0.02)
+            plant.step(task.actions.command(plant.truth))
+            plant.observe()
+    np.testing.assert_array_equal(plant.data.qpos, by_dm_control[-1][: plant.model.nq])
 
 
 def test_named_access_and_parts():

@@ -77,7 +77,7 @@ def _table_of(rows: Sequence[Row]) -> Table:
                 task,
                 policy,
                 str(len(of)),
-                f"{solved / len(of):.0%} ({low:.0%} to {high:.0%})",
+                f"{solved / len(of):.0%} ({max(low, 0.0):.0%} to {high:.0%})",
                 f"{totals.mean():.1f}",
                 f"{totals.std(ddof=1) / np.sqrt(len(of)):.1f}" if len(of) > 1 else "-",
                 str(damaged),

@@ -29,7 +29,7 @@ class Options:
 
     data: Path
     """Folder of the trials."""
-    hull: str = "benzon2022"
+    hull: str = "wu2018"
     """Published hull to begin with: benzon2022, wu2018 or kolano2022."""
     workers: int = 1
     """Processes."""

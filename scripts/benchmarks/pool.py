@@ -4,7 +4,9 @@
 
 FOLDER holds the trials (traj*_joint_states.csv.gz and so on); they are no part of this project. One parameter set is
 fitted to all trajectory numbers but one and judged on the one left out, each in turn. Writes pool.json, pool.md and
-pool.png into --out.
+pool.png into --out. With --fitted nothing is fitted: other trials are judged by parameters that are there already.
+
+    ./uvw run scripts/benchmarks/pool.py --data FOLDER --fitted scripts/scenarios/pool/wu2018.json
 """
 
 from scenarios.start import new_folder, parse, run_scenario  # isort: skip
@@ -14,10 +16,10 @@ from pathlib import Path
 
 from rich.console import Console
 
-from scenarios.pool.pool_report import draw, numbers_of, parameter_table, score_table, trial_table
+from scenarios.pool.pool_report import buoyancy_table, draw, numbers_of, parameter_table, score_table, trial_table
 from scenarios.pool.pool_vehicle import HULLS, NOMINAL
 from scenarios.pool.trials import read_trials
-from scenarios.pool.validation import scores, validate
+from scenarios.pool.validation import buoyancy_by_group, read_fitted, scores, validate, with_own_buoyancy
 from scenarios.study.options import at_least
 from sim.interfaces.errors import ConfigurationError
 from sim.runs.saving import write_json, write_whole
@@ -35,6 +37,8 @@ class Options:
     """Processes."""
     leave_out: bool = True
     """Fit again without each trajectory number; --no-leave-out: one fit, judged on what it has seen."""
+    fitted: Path | None = None
+    """Judge by the parameters of this file, a pool.json or the one of the package; nothing is fitted."""
     out: Path | None = None
     """Folder for the results."""
 
@@ -54,15 +58,29 @@ def main() -> int:
     trials = read_trials(options.data)
     folder = new_folder("pool", options.out)
     console.print(f"{len(trials)} trials, {sum(trial.duration for trial in trials):.0f} s")
+    if options.fitted is not None:
+        hull, values = read_fitted(options.fitted)
+        found = scores(hull, trials, values)
+        tables = [score_table("Simulation beside the pool: medians", {f"{hull}, as fitted": found}), trial_table(found)]
+        for table in tables:
+            console.print(table.printed())
+        write_whole(folder / "pool.md", "\n\n".join(table.markdown() for table in tables))
+        console.print(f"in {folder}")
+        return 0
     result = validate(options.hull, trials, workers=options.workers, leave_out=options.leave_out)
+    values = result.fit.values
+    buoyancies = buoyancy_by_group(options.hull, trials, values)
+    own = with_own_buoyancy(options.hull, trials, values, buoyancies)
     tables = [
         score_table(
             "Simulation beside the pool: medians over the trials",
             {
                 **{f"{name}, untuned": scores(name, trials, NOMINAL) for name in HULLS},
                 f"{options.hull}, {'left out' if options.leave_out else 'fitted'}": result.left_out,
+                f"{options.hull}, fitted, one buoyancy a trajectory number": own,
             },
         ),
+        buoyancy_table(buoyancies),
         parameter_table(result),
         trial_table(result.left_out),
     ]

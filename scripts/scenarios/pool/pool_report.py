@@ -54,7 +54,7 @@ def score_table(title: str, of: Mapping[str, Sequence[TrialScore]]) -> Table:
 def trial_table(found: Sequence[TrialScore]) -> Table:
     """Each trial."""
     return Table(
-        title="Each trial, by the fit that did not see its trajectory number",
+        title="Each trial",
         columns=("trial", "RMS roll, pitch [deg]", "correlation", "amplitude ratio", "rise measured, error [m]"),
         rows=[
             [
@@ -66,6 +66,15 @@ def trial_table(found: Sequence[TrialScore]) -> Table:
             ]
             for each in found
         ],
+    )
+
+
+def buoyancy_table(buoyancies: Mapping[str, float]) -> Table:
+    """Net buoyancy of each trajectory number."""
+    return Table(
+        title="Net buoyancy that the rises of each trajectory number speak for",
+        columns=tuple(buoyancies),
+        rows=[[f"{value:.2f} N" for value in buoyancies.values()]],
     )
 
 

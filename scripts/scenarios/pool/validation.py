@@ -1,17 +1,24 @@
 """Validation by pool trials: a fit to all trajectory numbers but one, judged on the one left out, each in turn."""
 
+import json
 from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
+from scipy.optimize import minimize_scalar
 
 from scenarios.pool.named_fit import NamedFit, fit_named, values_of
 from scenarios.pool.pool_vehicle import NOMINAL, PARAMETERS, pool_model
 from scenarios.pool.replay import Residuals, TrialScore, replay, score_of
 from scenarios.pool.trials import PoolTrial
-from sim.interfaces.spatial import Array
+from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.files import existing_file
+from sim.interfaces.spatial import Array, shown
 
+BUOYANCIES = (-0.5, 2.5)  # [N] among which that of a trajectory number is sought
+FITTED = Path(__file__).with_name("wu2018.json")  # parameters fitted to the 24 trials of docs/pool.md
 _IN_WORKER: dict[str, Residuals] = {}
 
 
@@ -43,6 +50,44 @@ def scores(hull: str, trials: Iterable[PoolTrial], values: Mapping[str, float]) 
     """Scores of trials by one parameter set."""
     model = pool_model(hull, values)
     return tuple(score_of(trial, replay(model, trial, values)) for trial in trials)
+
+
+def buoyancy_by_group(hull: str, trials: Sequence[PoolTrial], values: Mapping[str, float]) -> dict[str, float]:
+    """Net buoyancy [N] of each trajectory number that its rises speak for, all else as in `values`."""
+    found = {}
+    for name, members in groups_of(trials).items():
+
+        def missed(buoyancy: float, members: list[PoolTrial] = members) -> float:
+            given = {**values, "net buoyancy": buoyancy}
+            return float(np.sum([each.rise_error**2 for each in scores(hull, members, given)]))
+
+        found[name] = float(minimize_scalar(missed, bounds=BUOYANCIES, method="bounded", options={"xatol": 5e-3}).x)
+    return found
+
+
+def with_own_buoyancy(
+    hull: str, trials: Sequence[PoolTrial], values: Mapping[str, float], buoyancies: Mapping[str, float]
+) -> tuple[TrialScore, ...]:
+    """Scores of trials, each with the net buoyancy of its trajectory number."""
+    found: list[TrialScore] = []
+    for name, members in groups_of(trials).items():
+        found += scores(hull, members, {**values, "net buoyancy": buoyancies[name]})
+    return tuple(found)
+
+
+def read_fitted(file: Path) -> tuple[str, dict[str, float]]:
+    """Hull and parameter values of a pool.json, or of the file that comes with the package.
+
+    Raises:
+        ConfigurationError: It cannot be read, or lacks a parameter.
+    """
+    try:
+        told = json.loads(existing_file(file, "--fitted").read_text())
+        values = {each.name: float(told["parameters"][each.name]["fitted"]) for each in PARAMETERS}
+        hull = str(told["hull"])
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise ConfigurationError(f"--fitted {shown(str(file))}: is no file of fitted parameters: {error!r}") from error
+    return hull, values
 
 
 def medians(of: Sequence[TrialScore]) -> dict[str, float]:

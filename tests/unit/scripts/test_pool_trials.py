@@ -11,7 +11,7 @@ from scenarios.pool.named_fit import NamedParameter, fit_named, values_of
 from scenarios.pool.pool_vehicle import HULLS, NOMINAL, PARAMETERS, pool_model
 from scenarios.pool.replay import Residuals, replay, score_of
 from scenarios.pool.trials import PoolTrial, names_in, read_trial, read_trials
-from scenarios.pool.validation import medians, scores
+from scenarios.pool.validation import FITTED, medians, read_fitted, scores
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array
 
@@ -143,6 +143,16 @@ def test_refuses_other_folders_and_hulls(tmp_path: Path):
         pool_model("barge", NOMINAL)
     for hull in HULLS:
         assert pool_model(hull, NOMINAL).nu == 4
+
+
+def test_reads_fitted_parameters(tmp_path: Path):
+    hull, values = read_fitted(FITTED)
+    assert hull == "wu2018"
+    assert set(values) == set(NOMINAL)
+    assert pool_model(hull, values).nu == 4
+    (tmp_path / "other.json").write_text("{}")
+    with pytest.raises(ConfigurationError, match="is no file of fitted parameters"):
+        read_fitted(tmp_path / "other.json")
 
 
 @pytest.mark.long

@@ -6,6 +6,7 @@
 import sys
 from importlib.util import find_spec
 from pathlib import Path
+from types import TracebackType
 
 _beside = Path(__file__).resolve().parents[1]  # where the wheel is installed the rooms are here, in a checkout above
 _ours = next(home for home in (_beside, _beside.parent) if (home / "sim").is_dir()) / "sim" / "__init__.py"
@@ -17,9 +18,20 @@ if Path(_found.origin).resolve() != _ours:
     print(f"error: {_found.origin} hides the room {_ours.parent}; rename it or take it off PYTHONPATH", file=sys.stderr)
     raise SystemExit(2)
 
-from sim.runs.command_line import ScenarioOptions, check, parse, run_scenario  # noqa: E402  after the check
+from sim.interfaces.errors import UuvError  # noqa: E402  after the check
+from sim.runs.command_line import ScenarioOptions, check, parse, run_scenario  # noqa: E402  likewise
 from sim.runs.run_folder import new_folder  # noqa: E402  likewise
 
+
+def _in_one_line(kind: type[BaseException], error: BaseException, trace: TracebackType | None) -> None:
+    """What the imports of a command refuse, such as a missing library, is one line as well."""
+    if isinstance(error, UuvError):
+        print(f"error: {error}", file=sys.stderr)
+    else:
+        sys.__excepthook__(kind, error, trace)
+
+
 check()
+sys.excepthook = _in_one_line
 
 __all__ = ["ScenarioOptions", "new_folder", "parse", "run_scenario"]

@@ -201,7 +201,7 @@ def test_arm_is_held_while_the_hull_is_shaken():
         for _ in range(5):
             env.step(action)
         truth = env.physics.truth
-        assert np.max(np.abs(truth.q - vehicle.q_home)) < PlantPhysics.HOLD_ANGLE
+        assert np.max(np.abs(truth.q - vehicle.q_home)) < HOLD_ANGLE
         assert np.all(np.abs(truth.tau_drive) <= vehicle.torque_limits)
         fastest = max(fastest, float(np.linalg.norm(truth.w_WB_B)))
     assert fastest > 0.1

@@ -18,13 +18,14 @@ if Path(_found.origin).resolve() != _ours:
     print(f"error: {_found.origin} hides the room {_ours.parent}; rename it or take it off PYTHONPATH", file=sys.stderr)
     raise SystemExit(2)
 
-from sim.interfaces.errors import UuvError  # noqa: E402  after the check
-from sim.runs.command_line import ScenarioOptions, check, parse, run_scenario  # noqa: E402  likewise
+from sim.runs.command_line import ScenarioOptions, check, parse, run_scenario  # noqa: E402  after the check
 from sim.runs.run_folder import new_folder  # noqa: E402  likewise
 
 
 def _in_one_line(kind: type[BaseException], error: BaseException, trace: TracebackType | None) -> None:
     """What the imports of a command refuse, such as a missing library, is one line as well."""
+    from sim.interfaces.errors import UuvError
+
     if isinstance(error, UuvError):
         print(f"error: {error}", file=sys.stderr)
     else:

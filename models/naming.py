@@ -7,8 +7,7 @@ sliding joint `pad` behind the face of the pad.
 """
 
 from collections.abc import Collection
-from dataclasses import dataclass, fields
-from typing import Self
+from dataclasses import dataclass
 
 import mujoco
 import numpy as np
@@ -45,11 +44,6 @@ class PartNames:
     tip: str = TIP_SITE
     tool: str = TOOL_GEOM
     tool_face: str = TOOL_FACE_SITE
-
-    @classmethod
-    def after(cls, prefix: str) -> Self:
-        """The usual names, with `prefix` before each, as `MjSpec.attach` gives them."""
-        return cls(**{field.name: f"{prefix}{field.default}" for field in fields(cls)})
 
 
 USUAL_NAMES = PartNames()

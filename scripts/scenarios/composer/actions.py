@@ -6,6 +6,7 @@ on the true state.
 """
 
 import math
+from abc import ABC, abstractmethod
 from typing import Any, Protocol
 
 import numpy as np
@@ -143,12 +144,8 @@ class ThrustersAndTorques:
         torque = self._action[m:] * self._limits
         return Command(time=truth.time, joint_torque=torque, thrusters=self._action[:m], scan=False)
 
-    def normalised(self, command: Command) -> Array:
-        """The action (m + n,) that asks for a command."""
-        return np.clip(np.concatenate([command.thrusters, command.joint_torque / self._limits]), -1.0, 1.0)
 
-
-class Controlled:
+class Controlled(ABC):
     """Base of actions that are set points of `WorkController`, which holds the hull where the episode began."""
 
     names: tuple[str, ...] = ()
@@ -170,11 +167,6 @@ class Controlled:
         self.last: Command | None = None  # newest command, with the estimated contact force
         self.estimate: StateEstimate | None = None  # newest
 
-    @property
-    def X_WB(self) -> Array:
-        """Hull pose (4, 4) that is held."""
-        return self._X_WB
-
     def start(self, truth: Truth) -> None:
         """Hold hull and arm where they are."""
         self.estimate = self._true.estimate(truth)
@@ -188,9 +180,9 @@ class Controlled:
         self._state, self.last = self._controller.step(self._state, estimate, self.reference(truth.time))
         return self.last
 
+    @abstractmethod
     def reference(self, time: float) -> Reference:
         """Set points at `time` [s]."""
-        raise NotImplementedError  # every kind has its own
 
     def _reference(self, time: float, **wanted: Any) -> Reference:
         """Set points at `time`: hold hull and joints, but for what is wanted."""

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from dm_control.utils import rewards
@@ -62,8 +63,11 @@ class ContactTask(VehicleTask):
         self.largest_force = DAMAGE * force
         self.add_goals(FARTHEST, goal_position=3, goal_axis=3)
         self.add_goals(STRONGEST, goal_force=1)
+        if self.slides:
+            let_slide(sea, vehicle, self.object)
 
     in_contact = True
+    slides = True  # the tool slides on the object
 
     def begin(self, random_state: Random) -> tuple[Array, Array]:
         """The hull near its place, the tool at the stand-off."""
@@ -100,22 +104,12 @@ class ContactTask(VehicleTask):
 class PressPoint(ContactTask):
     """Press at a point with a set force: done once it has been held for HELD within the jobs' bounds."""
 
-    def __init__(
-        self,
-        sea: Sea,
-        vehicle: VehicleEntity,
-        actions: Actions,
-        place: WorkPlace,
-        *,
-        force: float,
-        sparse: bool = False,
-    ) -> None:
+    def __init__(self, *given: Any, **options: Any) -> None:
         """As `ContactTask`; the point is the path's begin."""
-        super().__init__(sea, vehicle, actions, place, force=force, sparse=sparse)
-        let_slide(sea, vehicle, self.object)
-        whole = place.path
+        super().__init__(*given, **options)
+        whole = self.place.path
         point = replace(whole, s=whole.s[:1], p=whole.p[:1], z=whole.z[:1], x=whole.x[:1])
-        self._judge = PressedAt(SetForce(point, force), HELD)
+        self._judge = PressedAt(SetForce(point, self.force), HELD)
 
     @property
     def judge(self) -> PressedAt:
@@ -133,20 +127,10 @@ class WipePath(ContactTask):
 
     AHEAD = 0.01  # [m] of the place reached
 
-    def __init__(
-        self,
-        sea: Sea,
-        vehicle: VehicleEntity,
-        actions: Actions,
-        place: WorkPlace,
-        *,
-        force: float,
-        sparse: bool = False,
-    ) -> None:
+    def __init__(self, *given: Any, **options: Any) -> None:
         """As `ContactTask`."""
-        super().__init__(sea, vehicle, actions, place, force=force, sparse=sparse)
-        let_slide(sea, vehicle, self.object)
-        self._judge = WipedAlong(SetForce(place.path, force))
+        super().__init__(*given, **options)
+        self._judge = WipedAlong(SetForce(self.place.path, self.force))
 
     @property
     def judge(self) -> WipedAlong:
@@ -167,22 +151,11 @@ class WipePath(ContactTask):
 class TapPoints(ContactTask):
     """Touch points of a path one after another with a set force, leaving the surface in between."""
 
-    def __init__(
-        self,
-        sea: Sea,
-        vehicle: VehicleEntity,
-        actions: Actions,
-        place: WorkPlace,
-        *,
-        force: float,
-        points: Sequence[float],
-        sparse: bool = False,
-    ) -> None:
+    def __init__(self, *given: Any, points: Sequence[float], **options: Any) -> None:
         """As `ContactTask`; `points` are arc lengths [m] from 0 on."""
-        super().__init__(sea, vehicle, actions, place, force=force, sparse=sparse)
-        let_slide(sea, vehicle, self.object)
+        super().__init__(*given, **options)
         self.points = tuple(points)
-        self._judge = TappedAt(SetForce(place.path, force), self.points, TOUCHED)
+        self._judge = TappedAt(SetForce(self.place.path, self.force), self.points, TOUCHED)
 
     @property
     def judge(self) -> TappedAt:
@@ -202,6 +175,8 @@ class TapPoints(ContactTask):
 
 class InsertSampler(ContactTask):
     """Put a sampler into a hole of a manifold to a depth; forces beyond the insertion's bounds spoil it."""
+
+    slides = False
 
     def __init__(
         self,

@@ -93,12 +93,7 @@ class Sea(composer.Arena):
         root.asset.add("material", name="sand", texture="sand", texrepeat=[20, 20])
         depth = finite_number(depth, "depth [m]", above=0.0, most=1e3)
         self.seabed = root.worldbody.add(
-            "geom",
-            name="seabed",
-            type="plane",
-            size=[_PLANE, _PLANE, 0.1],
-            pos=[0, 0, -depth],
-            rgba=[0.55, 0.5, 0.4, 1],
+            "geom", name="seabed", type="plane", size=[_PLANE, _PLANE, 0.1], pos=[0, 0, -depth], material="sand"
         )
         root.worldbody.add("light", name="sun", directional=True, dir=[0.2, 0.1, -1], diffuse=[0.5, 0.5, 0.5])
 
@@ -262,8 +257,8 @@ class VehicleEntity(composer.Entity):
         Raises:
             ConfigurationError: There is no such vehicle or tool, or it has no free hull.
         """
-        check_each("sensors", sensors, "init", "step", "period")
-        check_each("perturbations", perturbations, "on_vehicle", "rng")
+        _check_each("sensors", sensors, "init", "step", "period")
+        _check_each("perturbations", perturbations, "on_vehicle", "rng")
         self.spec = vehicle_spec(vehicle, tool)
         parts: VehicleParts = parts_of(self.spec)
         self._root = root_of(parts.hull, name, parts.folder)
@@ -421,11 +416,7 @@ class VehicleEntity(composer.Entity):
         return Command(time=0.0, joint_torque=np.zeros(n), thrusters=np.zeros(m), scan=False)
 
     def after_substep(self, physics: mjcf.Physics, random_state: Random) -> None:
-        """Read contacts, set the next flow, and bring positions up to date.
-
-        Raises:
-            control.PhysicsError: Of dm_control; the simulation diverged.
-        """
+        """Read contacts, set the next flow, and bring positions up to date."""
         plant = self.plant
         plant.finish()
         mujoco.mj_kinematics(plant.model, plant.data)
@@ -510,7 +501,7 @@ def let_slide(sea: Sea, vehicle: VehicleEntity, thing: WorkObjectEntity) -> None
         )
 
 
-def check_each(name: str, given: Any, *methods: str) -> None:
+def _check_each(name: str, given: Any, *methods: str) -> None:
     """Refuse what is no list of objects with these attributes.
 
     Raises:

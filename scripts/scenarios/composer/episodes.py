@@ -13,8 +13,6 @@ from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.extras import wanted
 from sim.interfaces.spatial import shown, whole_number
 
-SUCCESS, TASK = "is_success", "task"
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Episode:
@@ -133,7 +131,7 @@ def record_episodes(
     done: list[Episode] = []
     writer: Any = None
     names = (environment.action_spec().name or "").replace("\t", ",")
-    told = {TASK: task, "actions": names, "period_s": str(environment.control_timestep())}
+    told = {"task": task, "actions": names, "period_s": str(environment.control_timestep())}
     made: Any = environment.task
     told |= {"vehicle": getattr(getattr(made, "vehicle", None), "kind", "")}
     try:

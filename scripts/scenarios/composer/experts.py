@@ -1,10 +1,12 @@
-"""Experts: the project's own controllers and planners as policies of the tasks. They know the true state.
+"""Experts: the project's own controllers and planners as policies of the tasks.
 
-environment = load("barrel", "press")
-policy = expert(environment)
-timestep = environment.reset()
-while not timestep.last():
-    timestep = environment.step(policy(timestep))
+    environment = load("barrel", "press")
+    policy = expert(environment)
+    timestep = environment.reset()
+    while not timestep.last():
+        timestep = environment.step(policy(timestep))
+
+They know the true state of the environment that they are made for.
 """
 
 from collections.abc import Callable, Iterable

@@ -24,6 +24,7 @@ from sim.interfaces.spatial import Array, shown
 
 NAMESPACE, VERSION = "uuv", "v0"
 _MODULE = "scenarios.composer.gym_tasks"
+_METADATA = {"render_modes": ["rgb_array"], "render_fps": 50}
 _BEYOND = 1e6  # bound of a number whose specification states none
 Observation = dict[str, Array]
 
@@ -35,7 +36,7 @@ class TaskEnvironment(gymnasium.Env[Any, Any]):
     work) and "damage". A seed given to `reset` seeds all that follows.
     """
 
-    metadata = {"render_modes": ["rgb_array"], "render_fps": 50}  # noqa: RUF012 (Gymnasium has it so)
+    metadata = _METADATA
 
     def __init__(
         self,

@@ -1,7 +1,8 @@
 """Registry of the tasks, as dm_control's `suite`: domains and tasks by name, with tags.
 
-environment = suite.load("barrel", "press", seed=0)
-suite.ALL_TASKS, suite.BY_TAG["contact"]
+    environment = suite.load("barrel", "press", seed=0)
+
+`ALL_TASKS` and `BY_TAG` list the names.
 """
 
 from collections.abc import Callable, Sequence

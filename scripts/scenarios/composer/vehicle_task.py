@@ -1,5 +1,6 @@
 """Base of composer tasks with a vehicle: actions, observations, judge, rewards, and when an episode ends."""
 
+from abc import abstractmethod
 from collections import OrderedDict
 from collections.abc import Mapping
 from typing import Any
@@ -56,21 +57,21 @@ class VehicleTask(composer.Task):
     # What a task defines
 
     @property
+    @abstractmethod
     def judge(self) -> Judge:
         """Judge of the episode."""
-        raise NotImplementedError  # of the task
 
+    @abstractmethod
     def goal(self, truth: Truth) -> Mapping[str, Array]:
         """Numbers of the observation that tell what to do, by name; each (k,)."""
-        raise NotImplementedError  # of the task
 
+    @abstractmethod
     def shaped(self, truth: Truth) -> float:
         """Reward in [0, 1] of a state."""
-        raise NotImplementedError  # of the task
 
+    @abstractmethod
     def begin(self, random_state: Random) -> tuple[Array, Array | None]:
         """Draw an episode: hull pose X_WB (4, 4) at its start, and joint angles (n,) [rad]; None: folded."""
-        raise NotImplementedError  # of the task
 
     # What it has from there
 

@@ -59,7 +59,7 @@ Precision = Literal["double", "single"]
 StageAxes = Literal["joint", "tip"]
 
 _METHODS = get_args(Method)
-_MOST: dict[str, int] = {"hybrid": 4000, "jacobian_free": 12000, "plain": 4000}  # iterations; sweeps are cheap
+_MOST: dict[str, int] = {"hybrid": 4000, "jacobian_free": 12000, "plain": 4000, "priority": 400}  # sweeps are cheap
 _MOST_COUNTED = 10**9  # largest number of iterations or restarts that may be asked for
 _MOST_THREADS = 1024  # largest number of threads that may be asked for
 _MOST_KEPT = 10**6  # largest number of iterations in a history, which is allocated beforehand
@@ -166,7 +166,9 @@ def solve(
         q0: (n,) [rad] or [m] start; values beyond the limits are brought within them.
         position_tolerance: [m] largest position error of a solution; with infinity it does not count.
         orientation_tolerance: [rad] largest orientation error of a solution; with infinity it does not count.
-        method: "hybrid" (Levenberg-Marquardt), "jacobian_free" (accelerated sweeps) or "plain" ([Danilov 2021]).
+        method: "hybrid" (Levenberg-Marquardt), "jacobian_free" (accelerated sweeps), "plain" ([Danilov 2021]), or
+            "priority": the tip's position, then its z axis, then the turn about it. A pose counts as met without that
+            turn, and its orientation error is the angle of the axes. It keeps the branch of `q0`.
         branch: "free" restarts until a pose is met, from the same places for the same chain and q0. "keep" is for
             tracking: it moves from `q0` by short steps only, without restarts or jumps by a whole turn. A solution to
             which some joint moved by more than half a radian (or half the chain's length) is then tested further. It is

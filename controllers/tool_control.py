@@ -155,7 +155,7 @@ class ToolControl:
         passive = [model.joint(j).name for j in range(model.njnt) if j not in vehicle.joints and model.jnt_type[j] != 0]
         self._chain = Chain.from_mjcf(model, ARM_BASE_BODY, TIP_SITE, exclude=passive)
         X_AB = inverse(np.array(vehicle.X_BA))
-        self.tracking = ToolTracking.of(X_AB, tuning, follows_hull=self.drift.follows_hull)
+        self.tracking = ToolTracking.of(X_AB, vehicle.joints.size, tuning, follows_hull=self.drift.follows_hull)
         self._tracking_fields = tuple(self.tracking)
         self._armature = np.array(vehicle.armature)
         self.compliance_ticks = max(1, round(tuning.compliance_period / tuning.task_period))

@@ -106,7 +106,8 @@ class ArmTuning:
     compliance_period: float = tuned(0.2, "[s] after which the servo's compliance at the tip is computed anew")
     blend_time: float = tuned(0.2, "[s] of the critically damped transition from held joint angles to a tool pose")
     inverse_kinematics: Method = field(
-        default="hybrid", metadata={"about": "[-] method that tracks the tool pose: hybrid, jacobian_free or plain"}
+        default="hybrid",
+        metadata={"about": "[-] method that tracks the tool pose; hybrid is priority for other than six joints"},
     )
 
     gears: GearTuning = field(default_factory=GearTuning)

@@ -12,6 +12,7 @@ import numba
 import numpy as np
 
 from controllers.arm.inverse_dynamics import ArmParameters, JointMotion, newton_euler, workspace
+from controllers.ik.priorities import DAMPING, prioritised
 from controllers.tuning import ArmTuning
 from models.vehicle import Vehicle
 from sim.interfaces.kernels import keyed_by_imports
@@ -232,10 +233,10 @@ def servo_joints(arm, drives, seen, wanted, soft, borne, integral):
 def resolve_tool_motion(X_AB, X_WB, tool, hull, J_B, drift, speed_limit, out):
     """Re-aiming, p*_C = R^T (p*_O - r) in [Konoplin 2022]: tool pose in the arm's base, and its joint rates.
 
-    Joint speeds are J^-1 of the tool's velocity relative to the hull, damped near singular postures. With `drift` the
-    motion of the hull is compensated: its velocity in `qd`, its acceleration in `qdd`. The tool then stands still on
-    the object. Without it the drives carry the arm along when contact pushes the hull, and their force adds to the
-    contact force.
+    Joint speeds are J^-1 of the tool's velocity relative to the hull, damped near singular postures. Of an arm with
+    other than six joints they are by priorities. With `drift` the motion of the hull is compensated: its velocity in
+    `qd`, its acceleration in `qdd`. The tool then stands still on the object. Without it the drives carry the arm along
+    when contact pushes the hull, and their force adds to the contact force.
 
     Args:
         X_AB: (4, 4) hull pose in the arm's base.
@@ -268,6 +269,29 @@ def resolve_tool_motion(X_AB, X_WB, tool, hull, J_B, drift, speed_limit, out):
             wanted[1, i] = -(a[i] + w[j] * v[k] - w[k] * v[j] + b[j] * p[k] - b[k] * p[j])
             wanted[1, 3 + i] = -b[i]
     wanted[2, :3] = X_BG[:3, 2]
+    n = qd.shape[0]
+    if n == 6:
+        _all_at_once(J_B, wanted, qd, qdd, yielding)
+    else:
+        z, rest, held = X_BG[:3, 2].copy(), np.zeros(n), np.zeros(n, dtype=np.bool_)
+        prioritised(J_B, z, wanted[0], DAMPING, rest, held, qd)
+        prioritised(J_B, z, wanted[1], DAMPING, rest, held, qdd)
+        prioritised(J_B, z, wanted[2], DAMPING, rest, held, yielding[1])
+    fastest = 0.0
+    for j in range(n):
+        yielding[0, j] = 0.0
+        for i in range(3):
+            yielding[0, j] += J_B[i, j] * X_BG[i, 2]
+        fastest = max(fastest, abs(qd[j]))
+    if fastest > speed_limit:  # all alike: the tool lags on its way, and does not leave it
+        for j in range(n):
+            qd[j] *= speed_limit / fastest
+
+
+@numba.njit(cache=True)
+@keyed_by_imports
+def _all_at_once(J_B, wanted, qd, qdd, yielding):
+    """Joint speeds, accelerations and motion along the tool axis for the twists `wanted` (3, 6), damped."""
     # J^T (J J^T + damping)^-1 by Cholesky in place: a call of LAPACK costs more than these sums.
     A = J_B @ J_B.T.copy()
     for i in range(6):
@@ -286,16 +310,9 @@ def resolve_tool_motion(X_AB, X_WB, tool, hull, J_B, drift, speed_limit, out):
             for k in range(i + 1, 6):
                 row[i] -= A[k, i] * row[k]
             row[i] /= A[i, i]
-    fastest = 0.0
     for j in range(qd.shape[0]):
-        qd[j] = qdd[j] = yielding[0, j] = yielding[1, j] = 0.0
+        qd[j] = qdd[j] = yielding[1, j] = 0.0
         for i in range(6):
             qd[j] += J_B[i, j] * wanted[0, i]
             qdd[j] += J_B[i, j] * wanted[1, i]
             yielding[1, j] += J_B[i, j] * wanted[2, i]
-        for i in range(3):
-            yielding[0, j] += J_B[i, j] * X_BG[i, 2]
-        fastest = max(fastest, abs(qd[j]))
-    if fastest > speed_limit:  # all alike: the tool lags on its way, and does not leave it
-        for j in range(qd.shape[0]):
-            qd[j] *= speed_limit / fastest

@@ -12,6 +12,7 @@ import numpy as np
 from controllers.arm.joint_servo import ResolvedMotion, ToolTarget, resolve_tool_motion
 from controllers.ik.chain_kernels import BAD_TARGET, HYBRID, Settings
 from controllers.ik.damped_descent import solve_keep
+from controllers.ik.method import tracking_method
 from controllers.ik.tracking_solvers import solve_at, solver_address
 from controllers.tuning import ArmTuning
 from sim.interfaces.kernels import keyed_by_imports
@@ -53,15 +54,16 @@ class ToolTracking(NamedTuple):
     solver: int  # address of the inverse kinematics (`controllers.ik.tracking_solvers`); 0: the hybrid method
 
     @classmethod
-    def of(cls, X_AB: Array, tuning: ArmTuning, *, follows_hull: bool) -> "ToolTracking":
+    def of(cls, X_AB: Array, joints: int, tuning: ArmTuning, *, follows_hull: bool) -> "ToolTracking":
         """Record for an arm.
 
         Args:
             X_AB: (4, 4) hull pose in its base.
+            joints: their number.
             tuning: its gains.
             follows_hull: as the field.
         """
-        solver = solver_address(tuning.inverse_kinematics)
+        solver = solver_address(tracking_method(tuning.inverse_kinematics, joints))
         return cls(X_AB, follows_hull, tuning.joint_speed_limit, tuning.blend_time, tuning.task_period, solver)
 
 

@@ -51,7 +51,7 @@ PAST = 15  # columns of `past`
 
 CONVERGED, STALLED, EXHAUSTED, BRANCH_LOST, OUT_OF_REACH = 0, 1, 2, 3, 4  # why a solver ended
 BAD_TARGET, BAD_START, BAD_OPTION = 5, 6, 7  # input that a solver refuses
-HYBRID, JACOBIAN_FREE, PLAIN = 0, 1, 2  # methods, in `Settings`
+HYBRID, JACOBIAN_FREE, PLAIN, PRIORITY = 0, 1, 2, 3  # methods, in `Settings`
 ALONG, WITHIN, THROUGH = 0, 1, 2  # treatment of the limits, see `controllers.ik.damped_descent.descend`
 
 TWO_PI = 2.0 * math.pi  # [rad]
@@ -74,7 +74,7 @@ class Memory(NamedTuple):
 class Settings(NamedTuple):
     """Settings of a solver."""
 
-    method: int  # HYBRID, JACOBIAN_FREE or PLAIN
+    method: int  # HYBRID, JACOBIAN_FREE, PLAIN or PRIORITY
     tol_p: float  # [m] position tolerance
     tol_r: float  # [rad] orientation tolerance; of PLAIN the rotation error that suffices in place of the next two
     tol_1: float  # [rad] tolerance of F_alpha1; PLAIN only

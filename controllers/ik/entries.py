@@ -13,9 +13,20 @@ import numpy as np
 from numba import njit, types
 from numpy.typing import DTypeLike
 
-from controllers.ik.chain_kernels import HYBRID, JACOBIAN_FREE, PLAIN, SCALE, Settings, forward, partition, set_goal
+from controllers.ik.chain_kernels import (
+    HYBRID,
+    JACOBIAN_FREE,
+    PLAIN,
+    PRIORITY,
+    SCALE,
+    Settings,
+    forward,
+    partition,
+    set_goal,
+)
 from controllers.ik.damped_descent import solve_hybrid, solve_keep
 from controllers.ik.paper_stages import solve_plain, stage_axes, three_goals
+from controllers.ik.priorities import solve_priority
 from controllers.ik.sweeps import solve_jacobian_free
 from sim.interfaces.kernels import imports_stamp
 
@@ -74,6 +85,11 @@ def _make_entries(stamp: int) -> dict[str, tuple[Any, tuple[Any, ...]]]:
         return solve_plain(memory, X, q0, settings, trail, out)
 
     @_holding
+    def priority(memory, X, q0, settings, trail, out):
+        _ = stamp
+        return solve_priority(memory, X, q0, settings, trail, out)
+
+    @_holding
     def goals(memory, X, tip_axes, trail, out):
         """Evaluate the three goals of [Danilov 2021, eq. 6] for each row of a trail.
 
@@ -102,6 +118,8 @@ def _make_entries(stamp: int) -> dict[str, tuple[Any, tuple[Any, ...]]]:
                 outcome = solve_jacobian_free(memory, X[i], q0[i], settings, trail, q[i])
             elif settings.method == PLAIN:
                 outcome = solve_plain(memory, X[i], q0[i], settings, trail, q[i])
+            elif settings.method == PRIORITY:
+                outcome = solve_priority(memory, X[i], q0[i], settings, trail, q[i])
             elif settings.keep:
                 outcome = solve_keep(memory, X[i], q0[i], settings, trail, q[i])
             else:
@@ -118,6 +136,7 @@ def _make_entries(stamp: int) -> dict[str, tuple[Any, tuple[Any, ...]]]:
         "traced_keep": (traced_keep, traced),
         "jacobian_free": (jacobian_free, traced),
         "plain": (plain, traced),
+        "priority": (priority, traced),
         "goals": (goals, (_GIVEN[2], _FLAG, _TABLE, _TABLE)),
         "many": (many, (_GIVEN[3], _GIVEN[2], _SETTINGS, _COUNT, _COUNT, _TABLE, _TABLE)),
     }

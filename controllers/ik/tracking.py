@@ -139,8 +139,10 @@ class Tracker:
         self._travel = speeds * period
         tol_p, tol_r = self._tolerances = float(position_tolerance), float(orientation_tolerance)
         axis = tol_r * 0.5**0.5
-        kind = kernels.PLAIN if method == "plain" else kernels.JACOBIAN_FREE
-        self._settings = kernels.Settings(kind, tol_p, tol_r, axis, axis, _STEPS, 0, True, False)
+        kinds = {"plain": kernels.PLAIN, "jacobian_free": kernels.JACOBIAN_FREE, "priority": kernels.PRIORITY}
+        self._settings = kernels.Settings(
+            kinds.get(method, kernels.HYBRID), tol_p, tol_r, axis, axis, _STEPS, 0, True, False
+        )
         self._memory = memory_of(chain, _LEAD * chain._scale)
         self._entry = entry("keep" if method == "hybrid" else method)
         self._rank = _generic_rank(chain)

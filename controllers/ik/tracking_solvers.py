@@ -12,9 +12,10 @@ from numba import types
 from numba.extending import intrinsic
 from numba.np.numpy_support import carray
 
-from controllers.ik.chain_kernels import JACOBIAN_FREE, PLAIN, Settings, memory_size
+from controllers.ik.chain_kernels import JACOBIAN_FREE, PLAIN, PRIORITY, Settings, memory_size
 from controllers.ik.method import Method
 from controllers.ik.paper_stages import solve_plain
+from controllers.ik.priorities import solve_priority
 from controllers.ik.sweeps import solve_jacobian_free
 from sim.interfaces.kernels import imports_stamp
 
@@ -28,7 +29,11 @@ _size = numba.njit(memory_size)
 @cache
 def _compiled(method: Method) -> Any:
     """C function of a method; it must stay alive, since its address is in use."""
-    stamp, plain = _STAMP, method == "plain"  # closed over: numba's cache is keyed by them
+    stamp, plain, priority = (
+        _STAMP,
+        method == "plain",
+        method == "priority",
+    )  # closed over: numba's cache is keyed by them
 
     def of_pointers(n, tol_p, tol_r, limit, memory, X, q0, q, errors):
         _ = stamp
@@ -38,6 +43,9 @@ def _compiled(method: Method) -> Any:
         if plain:
             settings = Settings(PLAIN, tol_p, tol_r, axis, axis, limit, 0, True, True)
             code, _, _, said[0], said[1] = solve_plain(chain, target, start, settings, trail, out)
+        elif priority:
+            settings = Settings(PRIORITY, tol_p, tol_r, axis, axis, limit, 0, True, False)
+            code, _, _, said[0], said[1] = solve_priority(chain, target, start, settings, trail, out)
         else:
             settings = Settings(JACOBIAN_FREE, tol_p, tol_r, axis, axis, limit, 0, True, False)
             code, _, _, said[0], said[1] = solve_jacobian_free(chain, target, start, settings, trail, out)

@@ -8,12 +8,16 @@ import numba
 import numpy as np
 
 from controllers.hull.thrust_margin import ThrustMargin
-from controllers.mkps import Chain, IkOptions, solve
+from controllers.mkps import Chain, IkOptions, IkResult, solve
+from controllers.planning.arm_size import FULL, reach
 from controllers.planning.hull_path import arm_gap, joint_centres_kernel, joint_gap_kernel
 from models.vehicle import Vehicle
 from sim.interfaces.spatial import Array, inverse
 
 FEW_STEPS = IkOptions(max_iterations=60)
+TILT = 0.35  # [rad] by which the tool axis of an arm of fewer joints may be off while the tool presses
+_ROOMY_TILT = 0.15  # [rad] off, that gives a margin of 1
+_BENT = 0.08  # share of the arm's length: smallest singular value of its position's Jacobian that gives a margin of 1
 ROUNDING = 1e-9  # [m] far above the rounding of a distance
 _LARGEST_STEP = 0.8  # [rad] of a joint between two poses of a path
 _AT_LIMIT = 0.02  # [rad] from its limit a joint counts as at it, in a message
@@ -78,6 +82,10 @@ class ToolTrack:
     poses: list[Array]  # k poses (4, 4) in W, relative to the travelling hull
     gone: Array  # (k, 3) [m] displacement of the hull at each since mid-path, W
     loads: Array | None = None  # (k, 3) [N] force of the world on the tip at each, tool axes; None: thrust is left out
+    # k poses (4, 4) of a hull that carries its arm; the tool poses are then in W itself, and `gone` is zero. None: the
+    # hull that is tried.
+    hulls: list[Array] | None = None
+    q: Array | None = None  # (n,) [rad] from which the inverse kinematics starts; None: the ready posture
 
 
 class Limit(Enum):
@@ -86,6 +94,7 @@ class Limit(Enum):
     REACH = auto()  # no inverse kinematics
     TURN = auto()  # a joint would turn too far between two poses
     JOINT = auto()  # of a joint's angle
+    TILT = auto()  # of the tool axis
     TORQUE = auto()
     SINGULAR = auto()
     OBJECT = auto()  # nearness of the arm to the object
@@ -133,11 +142,15 @@ class ArmMargins:
         X_AW = inverse(X_WB @ self.vehicle.X_BA)
         low, high = self.vehicle.q_limits[:, 0], self.vehicle.q_limits[:, 1]
         margin, floor = np.inf, max(to_beat, 0.05)
-        q, q_start = self.vehicle.q_ready, None
+        q, q_start = self.vehicle.q_ready if track.q is None else track.q, None
+        full, long = self.chain.n >= FULL, reach(self.chain)
         slides = np.array([kind == "p" for kind in self.chain.joint_types])
         for i, X_WG in enumerate(track.poses):
             share = i / len(track.poses)
-            result = solve(self.chain, X_AW @ X_WG, q, 1e-4, 1e-3, branch="keep", options=FEW_STEPS)
+            if track.hulls is not None:
+                X_WB = track.hulls[i]
+                X_AW = inverse(X_WB @ self.vehicle.X_BA)
+            result = posture_for(self.chain, X_AW @ X_WG, q)
             jump, room = _step_and_room(q, result.q, low, high)
             if not result.converged:
                 return Dropped(i, share, Limit.REACH, result.q)
@@ -148,13 +161,19 @@ class ArmMargins:
             if margin <= floor:  # cheap margins first: most candidates are rejected here
                 return Dropped(i, share, Limit.JOINT, q)
             X_AG, J = self.chain.kinematics(q)
+            pressed = track.loads is None or bool(np.any(track.loads[i]))
+            if not full and pressed:
+                margin = min(margin, (TILT - result.orientation_error) / (TILT - _ROOMY_TILT))
+                if margin <= floor:
+                    return Dropped(i, share, Limit.TILT, np.array([result.orientation_error]))
             # These two, and the gap, seldom are the smallest margin: kernels, equal but for rounding, tell where.
-            if not _are_above(margin, J, X_AG[:3, 2] * self.force, self.vehicle.torque_limits):
+            if not (full and _are_above(margin, J, X_AG[:3, 2] * self.force, self.vehicle.torque_limits)):
                 torque = 1.0 - np.abs(J[:3].T @ (X_AG[:3, 2] * self.force) / self.vehicle.torque_limits).max()
                 margin = min(margin, 3.0 * torque)
                 if margin <= floor:
                     return Dropped(i, share, Limit.TORQUE, J[:3].T @ X_AG[:3, 2])
-                margin = min(margin, np.linalg.svd(J * _SCALE, compute_uv=False)[-1] / _SINGULAR)
+                weakest = np.linalg.svd(J * _SCALE if full else J[:3], compute_uv=False)[-1]
+                margin = min(margin, weakest / (_SINGULAR if full else _BENT * long))
                 if margin <= floor:
                     return Dropped(i, share, Limit.SINGULAR, q)
             centres = joint_centres_kernel(slides, self.chain.axes, self.chain.points, q)[2 : self.chain.n - 2]
@@ -191,6 +210,8 @@ class ArmMargins:
             case Limit.JOINT:
                 low, high = vehicle.q_limits[:, 0], vehicle.q_limits[:, 1]
                 return f"{joint(-np.minimum(dropped.q - low, high - dropped.q))} comes to its limit"
+            case Limit.TILT:
+                return f"the tool would lean by {np.degrees(dropped.q[0]):.0f} deg"
             case Limit.TORQUE:
                 return f"{joint(np.abs(dropped.q) / vehicle.torque_limits)} cannot bear the push"
             case Limit.SINGULAR:
@@ -201,7 +222,16 @@ class ArmMargins:
                 return "the thrusters cannot bear push and friction"
 
 
-def reach(chain: Chain) -> float:
-    """Length [m] of the stretched arm, from joint to joint to the tip."""
-    stations = np.vstack([np.zeros(3), chain.points, chain.X_base_tip0[:3, 3]])
-    return float(np.linalg.norm(np.diff(stations, axis=0), axis=1).sum())
+def posture_for(chain: Chain, X_AG: Array, q: Array) -> IkResult:
+    """Inverse kinematics of an arm for a tool pose near `q`, on its branch.
+
+    With fewer than six joints the position is met, and the tool axis as far as it can be.
+
+    Args:
+        chain: kinematics of the arm.
+        X_AG: (4, 4) tool pose in its base.
+        q: (n,) [rad] where to start.
+    """
+    if chain.n >= FULL:
+        return solve(chain, X_AG, q, 1e-4, 1e-3, branch="keep", options=FEW_STEPS)
+    return solve(chain, X_AG, q, 1e-4, np.pi, method="priority", options=FEW_STEPS)

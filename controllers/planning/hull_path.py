@@ -8,6 +8,7 @@ import numpy as np
 from scipy.spatial import ConvexHull
 
 from controllers.mkps import Chain
+from controllers.planning.arm_size import size
 from controllers.planning.trajectories import PoseMove
 from models.vehicle import Vehicle
 from sim.interfaces.spatial import Array, exp_so3, pose, transform_points
@@ -34,6 +35,7 @@ class HullPath:
         arm_A = np.vstack([joint_centres(chain, q), chain.kinematics(q)[0][:3, 3]])
         self._arm_B, self._hull_box = transform_points(np.array(vehicle.X_BA), arm_A), hull_box
         shell = ConvexHull(obstacle)
+        self._clearance = size(chain) * CLEARANCE
         self._skin, self._planes, self._middle = skin_of(obstacle, shell), shell.equations, obstacle.mean(axis=0)
 
     def gap(self, X_WB: Array) -> float:
@@ -58,10 +60,10 @@ class HullPath:
     def way(self, X_from: Array, X_to: Array) -> list[Array]:
         """Poses (4, 4) of a path from `X_from` (4, 4), excluded, to `X_to` (4, 4), included.
 
-        A straight path if it keeps CLEARANCE, or as much as either end has. Otherwise the first detour that does, the
-        shortest detours first. If none does, the path with the largest clearance.
+        A straight path if it keeps CLEARANCE, scaled to the arm's size, or as much as either end has. Otherwise the
+        first detour that does, the shortest detours first. If none does, the path with the largest clearance.
         """
-        wanted = min(CLEARANCE, self.gap(X_from), self.gap(X_to))
+        wanted = min(self._clearance, self.gap(X_from), self.gap(X_to))
         best, widest = [X_to], -np.inf
         for way in self._ways(X_from, X_to):
             gap = self.least_gap([X_from, *way])

@@ -24,8 +24,10 @@ import numpy as np
 from scipy.spatial import ConvexHull
 
 from controllers.hull.thrust_margin import ThrustMargin
-from controllers.mkps import Chain, solve
-from controllers.planning.arm_margins import FEW_STEPS, ROUNDING, ArmMargins, Dropped, ToolTrack, reach
+from controllers.mkps import Chain
+from controllers.planning.arm_margins import ROUNDING, ArmMargins, Dropped, ToolTrack, posture_for
+from controllers.planning.arm_size import FULL, reach, size
+from controllers.planning.carried_arm import CarriedArm
 from controllers.planning.hull_path import hull_gap, hull_gap_kernel, skin_of
 from controllers.planning.path_poses import (
     STANDOFF_STEPS,
@@ -35,6 +37,7 @@ from controllers.planning.path_poses import (
     tool_loads,
     tool_poses,
 )
+from controllers.planning.placement import Placement, PlacementSearch, Surroundings, out_of_reach
 from models.objects.targets import TargetModel
 from models.vehicle import Vehicle
 from sim.interfaces.errors import ReachError, StrongCurrentError
@@ -45,51 +48,6 @@ _TRAVELS = (0.0, 0.5, 1.0, 1.4)  # travels of the hull that are tried, as shares
 _SHORTER = 0.04  # share of a path by which it is shortened per try, where it is too long
 _STILL = readonly(np.zeros(3))
 _BETTER = 1e-4  # share by which a margin must be larger to count: a round tool turned by half has the same one
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Placement:
-    """Hull pose from which the whole path can be worked, with the arm's posture at its start."""
-
-    X_WB: Array  # (4, 4) at the path's start
-    travel_W: Array  # (3,) [m] displacement of the hull by the end of the path
-    roll: float  # [rad] rotation of the tool about its own axis from the path's x
-    q_start: Array  # (n,) [rad] at the stand-off before the path's first point
-    margin: float  # [-] smallest margin along the path: 1 is roomy, 0 is at a limit
-    reached: float  # [-] share of the path within reach
-    held: bool = True  # the thrusters bear push and friction along the whole path, or are not considered
-
-    def hull_at(self, share: float) -> Array:
-        """Hull pose (4, 4) when the tool has done `share` [-] of the path."""
-        X_WB = self.X_WB.copy()
-        X_WB[:3, 3] += share * self.travel_W
-        return X_WB
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PlacementSearch:
-    """Search grid and clearances of the placement; heights and radii in lengths of the stretched arm."""
-
-    heights: tuple[float, ...] = (0.4, 0.5, 0.6, 0.7)  # of the base off the middle, against its own axis
-    radii: tuple[float, ...] = (0.13, 0.26, 0.4, 0.53)  # of the base off the middle, across that axis
-    bearings: int = 12  # number of directions around the middle
-    asides: int = 6  # number of directions across the axis of a base with a horizontal axis
-    turns: tuple[float, ...] = (0.0, -0.5 * np.pi, 0.5 * np.pi)  # [rad] hull yaw, from forward reach
-    headings: tuple[float, ...] = (-0.6, 0.0, 0.6)  # [rad] hull yaw from facing the surface, horizontal axis
-    refinements: tuple[float, ...] = (0.06, 0.02)  # [m] steps of the final local search
-    rolls: int = 4  # number of rotations of the tool about its axis
-    clearance: float = 0.25  # [m] least distance of the hull to the object
-    arm_clearance: float = 0.06  # [m] distance of joint centres to the object that gives a margin of 1
-    samples: int = 15  # number of poses tried along the path
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Surroundings:
-    """The hull's box, and what it keeps clear of."""
-
-    obstacle: Array  # (k, 3) [m] points of the object in W; hull and arm keep clear of its convex hull
-    hull_box: Array  # (2, 3) [m] corners of the hull's box in B
-    floor: float = -np.inf  # [m] height in W of the seabed, above which the hull keeps its clearance
 
 
 def place_hull(
@@ -120,10 +78,17 @@ def place_hull(
     Returns:
         The placement, its pose at the start of the path.
 
+    An arm of fewer than six joints is carried along by the hull, see `controllers.planning.carried_arm`.
+
     Raises:
         ReachError: no candidate reaches all of the path; the message gives the largest share reached.
     """
-    search = search or PlacementSearch()
+    search = search or PlacementSearch.of_size(size(chain))
+    if chain.n < FULL:
+        carried = CarriedArm(
+            vehicle=vehicle, chain=chain, around=around, force=force, standoff=standoff, search=search, holding=holding
+        )
+        return carried.place(path)
     shares = samples_along(path, search.samples)
     middle = 0.5 * (path.p.min(axis=0) + path.p.max(axis=0))
     hull = ConvexHull(around.obstacle)
@@ -196,14 +161,7 @@ def place_hull(
             if not any(better):
                 break
     if best is None:
-        held = " while the thrusters hold it" if holding else ""
-        where = "0%: nowhere is there room for the hull"
-        if furthest is not None:
-            at = float(shares[min(max(furthest.at - STANDOFF_STEPS, 0), len(shares) - 1)])
-            where = f"{furthest.reached:.0%}, up to {at:.2f} m, where {arm.said(furthest)}"
-        raise ReachError(
-            f"the tool path is out of reach: no place of the hull lets the arm take all of it{held}, at best {where}"
-        )
+        raise out_of_reach(shares, furthest, arm, held=holding is not None)
     start = best.X_WB.copy()
     start[:3, 3] -= 0.5 * travel_W
     return replace(best, X_WB=start)
@@ -354,7 +312,7 @@ class PathStanding:
         for X_WG, load, share in zip(poses, loads, done, strict=True):
             X_WB = placement.hull_at(share)
             X_AG = inverse(X_WB @ self.vehicle.X_BA) @ X_WG
-            q = solve(self.chain, X_AG, q, 1e-4, 1e-3, branch="keep", options=FEW_STEPS).q
+            q = posture_for(self.chain, X_AG, q).q
             most = max(most, holding.used(q, X_WB[:3, :3], load))
         return most
 
@@ -395,7 +353,7 @@ class PathStanding:
 
     def _candidates(self) -> Iterator[tuple[float, float]]:
         """Candidates (share of the path to work, travel of the hull as a share of it), the best first."""
-        yield from ((1.0, travel) for travel in _TRAVELS)
+        yield from ((1.0, travel) for travel in (_TRAVELS if self.chain.n >= FULL else (1.0,)))
         share = 1.0 - _SHORTER
         while share >= self.limits.least_share - 1e-9:
             yield share, 1.0

@@ -13,8 +13,8 @@ from scipy.spatial import cKDTree
 from controllers.mkps import Chain, IkOptions, solve
 from controllers.planning.arm_margins import ArmMargins, Dropped, ToolTrack, reach
 from controllers.planning.hull_path import joint_centres
-from controllers.planning.hull_placement import Placement
 from controllers.planning.path_poses import tool_poses
+from controllers.planning.placement import Placement
 from controllers.planning.work_vehicle import WorkVehicle
 from sim.interfaces.errors import ConfigurationError, ReachError
 from sim.interfaces.messages import ToolPath

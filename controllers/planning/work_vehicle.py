@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from controllers.mkps import Chain
+from controllers.planning.arm_size import size
 from models.vehicle import Vehicle
 from sim.interfaces.messages import StateEstimate
 from sim.interfaces.spatial import Array, readonly
@@ -20,6 +21,11 @@ class WorkVehicle:
     chain: Chain  # its arm, base to tool
     hull_box: Array  # (2, 3) [m] corners of the hull in B, kept clear of objects and seabed
     X_BC: Array = field(default_factory=lambda: _AHEAD)  # (4, 4) pose of the camera on the hull, z its axis
+
+    @property
+    def size(self) -> float:
+        """Scale [-] of the distances that it keeps beside an object, see `controllers.planning.arm_size`."""
+        return size(self.chain)
 
     @property
     def level_view_B(self) -> Array:

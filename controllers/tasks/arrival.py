@@ -3,11 +3,12 @@
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
+from typing import Self
 
 import numpy as np
 
 from controllers.planning.hull_path import HullPath
-from controllers.planning.hull_placement import Placement
+from controllers.planning.placement import Placement
 from controllers.planning.promise import NAVIGATION_TIME, PromiseLimits, promise
 from controllers.planning.work_vehicle import WorkVehicle
 from controllers.tasks.hull_phases import HullMotion, MoveHull, RestLimits, Settle, Unfold, heading
@@ -286,6 +287,11 @@ class ArrivalLimits:
     lift: float = 0.45  # [m] distance before the work pose, along the axis of the arm's base, at which the arm unfolds
     lost_place: float = 0.6  # [m] position error of the hull above which the work ends
     blind_time: float = 5.0  # [s] without vision after which the work ends
+
+    @classmethod
+    def of_size(cls, size: float) -> Self:
+        """Limits of an arm whose distances beside an object are `size` [-] times the usual ones."""
+        return cls(lift=size * cls().lift)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

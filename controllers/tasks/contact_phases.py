@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, fields
+from typing import Self
 
 from controllers.planning.path_poses import stretches
 from controllers.planning.trajectories import BEND, Progress, SpeedLaw, progress_along
@@ -25,6 +26,11 @@ class ApproachLimits:
     touch: float = 6.0  # [N] estimated normal force that counts as contact
     touch_time: float = 0.04  # [s] for which it must last
     search: float = 0.06  # [m] by which the approach goes beyond the expected surface
+
+    @classmethod
+    def of_size(cls, size: float) -> Self:
+        """Limits of an arm whose distances beside an object are `size` [-] times the usual ones."""
+        return cls(standoff=size * cls().standoff)
 
     def __post_init__(self) -> None:
         for each in fields(self):
@@ -260,7 +266,7 @@ class FollowPath(Phase):
             return PhaseEvent.DONE if next_stretch(held) is None or not self._forces else PhaseEvent.MORE
         placement = held.start_of_line()
         held.X_WB = placement.hull_at(held.s / length)
-        state.v_WB_W = rate * state.pace / length * placement.travel_W
+        state.v_WB_W = rate * state.pace / length * placement.hull_rate(held.s / length)
         return None
 
     def setpoint(self, state: FollowState, held: Held, now: Context) -> Setpoint:
@@ -304,7 +310,7 @@ class NextStretch(Phase):
         done, rate = state.progress.at(now.time - state.since)
         held.s, length, placement = state.begin + done, float(held.line.path.s[-1]), held.start_of_line()
         held.X_WB = placement.hull_at(held.s / length)
-        state.v_WB_W = rate / length * placement.travel_W
+        state.v_WB_W = rate / length * placement.hull_rate(held.s / length)
         return PhaseEvent.DONE if now.time - state.since > state.progress.duration + self._limits.linger else None
 
     def setpoint(self, state: FollowState, held: Held, now: Context) -> Setpoint:

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import Self
 
 import numpy as np
 
@@ -254,6 +255,11 @@ class EscapeLimits:
     fold_speed: float = 0.8  # [rad/s] of the joints
     motion: HullMotion = field(default_factory=lambda: HullMotion(speed=0.4, acceleration=0.2, behind=None))
     leash: Leash = field(default_factory=Leash)
+
+    @classmethod
+    def of_size(cls, size: float) -> Self:
+        """Limits of an arm whose distances beside an object are `size` [-] times the usual ones."""
+        return cls(draw=size * cls().draw)
 
 
 @dataclass(slots=True, eq=False)

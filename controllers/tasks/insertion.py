@@ -15,7 +15,8 @@ from functools import partial
 
 import numpy as np
 
-from controllers.planning.hull_placement import PathStanding, PlacementSearch, StandingLimits
+from controllers.planning.hull_placement import PathStanding, StandingLimits
+from controllers.planning.placement import PlacementSearch
 from controllers.planning.work_vehicle import WorkVehicle
 from controllers.tasks.arrival import ArrivalLimits, WorkSite, around, arrival
 from controllers.tasks.axial_phases import (

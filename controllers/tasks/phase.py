@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from controllers.planning.hull_placement import Placement
 from controllers.planning.path_poses import tool_pose
+from controllers.planning.placement import Placement
 from sim.interfaces.errors import ConfigurationError, ReachError, StrongCurrentError
 from sim.interfaces.messages import AbortCode, Command, Promise, StateEstimate, Target, ToolPath
 from sim.interfaces.spatial import Array, readonly

@@ -19,7 +19,7 @@ from functools import partial
 import numpy as np
 
 from controllers.planning.ground_approach import GroundApproach
-from controllers.planning.hull_placement import Placement
+from controllers.planning.placement import Placement
 from controllers.planning.seabed_height import HeightSearch, choose_height
 from controllers.planning.trajectories import Progress
 from controllers.planning.work_vehicle import WorkVehicle

@@ -14,7 +14,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from controllers.hull.thrust_margin import ThrustMargin
-from controllers.planning.hull_placement import PathStanding, PlacementSearch, StandingLimits
+from controllers.planning.hull_placement import PathStanding, StandingLimits
+from controllers.planning.placement import PlacementSearch
 from controllers.planning.promise import PromiseLimits
 from controllers.planning.work_vehicle import WorkVehicle
 from controllers.tasks.arrival import ArrivalLimits, CertainPlace, TareSensors, WorkSite, around, arrival

@@ -5,7 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from controllers.hull.thrust_margin import ThrustMargin
-from controllers.planning.hull_placement import PathStanding, Placement, StandingLimits
+from controllers.planning.hull_placement import PathStanding, StandingLimits
+from controllers.planning.placement import Placement
 from controllers.tasks.phase import ToolLine
 from models.naming import check_parts
 from models.objects.target_model import ModelPath, TargetModel

@@ -10,7 +10,9 @@ from controllers.hull.thrust_margin import ThrustMargin
 from controllers.planning.promise import PromiseLimits
 from controllers.planning.trajectories import FASTEST, SLOWEST
 from controllers.tasks import surface_work
+from controllers.tasks.arrival import ArrivalLimits
 from controllers.tasks.contact_phases import ApproachLimits
+from controllers.tasks.hull_phases import EscapeLimits
 from models.objects.targets import TargetModel
 from models.site import scenes
 from models.site.sliding_contact import let_tool_slide
@@ -145,9 +147,10 @@ class PlacedSurfaceWork(PlacedTask):
 
     def planner(self) -> surface_work.SurfaceWork:
         """Planner of the work."""
-        own, task = self.own, self.task
+        own, task = self.own.at_work(), self.task
+        usual = task.approach == ApproachLimits()
         return surface_work.SurfaceWork(
-            own.at_work(),
+            own,
             self.target,
             surface_work.SurfaceTaskConfig(
                 forces=task.forces,
@@ -156,12 +159,14 @@ class PlacedSurfaceWork(PlacedTask):
                 force_rate=task.force_rate,
                 force_control="force-control" not in self.scenario.control.without,
                 contactless=task.contactless,
-                approach=task.approach,
+                approach=ApproachLimits.of_size(own.size) if usual else task.approach,
+                arrival=ArrivalLimits.of_size(own.size),
+                escape=EscapeLimits.of_size(own.size),
                 promise=task.promise,
             ),
             X_WB_scan=self.X_WB,
             floor=scenes.seabed_height(self.target, self.truth.X_WT),  # the charted depth there
-            holding=ThrustMargin.of(own.model),
+            holding=ThrustMargin.of(self.own.model),
         )
 
     def assess(self, ran: RunResult, seed: int) -> Assessment:

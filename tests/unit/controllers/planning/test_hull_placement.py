@@ -9,15 +9,9 @@ from controllers.hull.thrust_margin import ThrustMargin
 from controllers.mkps import Chain, solve
 from controllers.planning import hull_path
 from controllers.planning.arm_margins import ArmMargins, Dropped, ToolTrack, Worked
-from controllers.planning.hull_placement import (
-    PathStanding,
-    Placement,
-    PlacementSearch,
-    StandingLimits,
-    Surroundings,
-    place_hull,
-)
+from controllers.planning.hull_placement import PathStanding, StandingLimits, place_hull
 from controllers.planning.path_poses import middle_part, tool_pose
+from controllers.planning.placement import Placement, PlacementSearch, Surroundings
 from models.naming import ARM_BASE_BODY, TIP_SITE
 from models.objects.targets import TargetModel, barrel, pile, ring, vertical
 from models.site import scenes

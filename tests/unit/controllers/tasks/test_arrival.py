@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from at_rest import at_rest
-from controllers.planning.hull_placement import Placement
+from controllers.planning.placement import Placement
 from controllers.planning.promise import NAVIGATION_TIME, PromiseLimits
 from controllers.tasks import arrival
 from controllers.tasks.arrival import CertainPlace, ScanLimits, ScanTarget, TareSensors, fuse_poses

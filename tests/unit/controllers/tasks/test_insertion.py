@@ -10,7 +10,7 @@ import pytest
 
 from controllers.mkps import Chain
 from controllers.planning import hull_placement
-from controllers.planning.hull_placement import Placement
+from controllers.planning.placement import Placement
 from controllers.planning.work_vehicle import WorkVehicle
 from controllers.tasks.insertion import EntryLimits, HoleInsertion, InsertionJob, axis_path
 from controllers.tasks.phase import Context

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from controllers.mkps import Chain
-from controllers.planning.hull_placement import Placement
+from controllers.planning.placement import Placement
 from controllers.planning.seabed_height import WorkHeight
 from controllers.planning.work_vehicle import WorkVehicle
 from controllers.tasks import seabed_work

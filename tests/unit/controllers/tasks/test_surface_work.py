@@ -12,7 +12,7 @@ import models
 from controllers.hull.thrust_margin import ThrustMargin
 from controllers.mkps import Chain
 from controllers.planning import hull_placement
-from controllers.planning.hull_placement import Placement
+from controllers.planning.placement import Placement
 from controllers.planning.work_vehicle import WorkVehicle
 from controllers.tasks.arrival import ArrivalLimits, ScanLimits
 from controllers.tasks.contact_phases import ApproachLimits

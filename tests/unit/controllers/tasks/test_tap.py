@@ -8,7 +8,7 @@ import pytest
 
 import models
 from controllers.mkps import Chain
-from controllers.planning.hull_placement import Placement
+from controllers.planning.placement import Placement
 from controllers.planning.work_vehicle import WorkVehicle
 from controllers.tasks.arrival import WorkSite
 from controllers.tasks.surface_work import SurfaceTaskConfig

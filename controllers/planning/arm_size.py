@@ -1,0 +1,20 @@
+"""Size of an arm: its length, and the scale of the distances that hull and tool keep beside an object."""
+
+import numpy as np
+
+from controllers.ik.chain import Chain
+
+FULL = 6  # joints of an arm that can give its tool any pose
+_USUAL = 1.5  # [m] length of a stretched arm from which on distances beside an object are the usual ones
+_LEAST = 0.4  # smallest scale: the errors of navigation and station keeping do not shrink with an arm
+
+
+def reach(chain: Chain) -> float:
+    """Length [m] of the stretched arm, from joint to joint to the tip."""
+    stations = np.vstack([np.zeros(3), chain.points, chain.X_base_tip0[:3, 3]])
+    return float(np.linalg.norm(np.diff(stations, axis=0), axis=1).sum())
+
+
+def size(chain: Chain) -> float:
+    """Scale [-] of the distances that a vehicle with this arm keeps beside an object; 1 for an arm of 1.5 m."""
+    return min(1.0, max(_LEAST, reach(chain) / _USUAL))

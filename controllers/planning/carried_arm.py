@@ -1,0 +1,209 @@
+"""Hull placement for arms of fewer than six joints: the hull carries the arm along the path, and turns with it.
+
+Such an arm cannot give its tool any direction. Hull and arm are therefore one chain: three slides and the yaw of the
+level hull, then the arm's joints. Its inverse kinematics by priorities gives the hull's place at every point of the
+path: the tool's position first, then its axis. Of many working postures of the arm the roomiest is taken.
+
+The arm alone holds the tool's position while the hull drifts. The tool's axis then leans, which a round pad
+bears.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import cast
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+from scipy.spatial import ConvexHull
+from scipy.stats import qmc
+
+from controllers.hull.thrust_margin import ThrustMargin
+from controllers.ik.chain import Chain
+from controllers.mkps import IkOptions, solve
+from controllers.planning.arm_margins import ArmMargins, Dropped, ToolTrack
+from controllers.planning.hull_path import hull_gap, skin_of
+from controllers.planning.path_poses import STANDOFF_STEPS, samples_along, tool_loads, tool_poses
+from controllers.planning.placement import Placement, PlacementSearch, Surroundings, out_of_reach
+from models.vehicle import Vehicle
+from sim.interfaces.messages import ToolPath
+from sim.interfaces.spatial import Array, exp_so3, pose, readonly
+
+HULL_JOINTS = 4  # surge, sway and heave [m] in W, and yaw [rad]
+_POSTURES = 512  # working postures of the arm that are tried
+_KEPT = 12  # of them, tried along the whole path
+_INSIDE = 0.1  # share of a joint's range at either end that a working posture keeps clear of
+_UPRIGHT = 0.2  # [-] horizontal part of a tool axis under which it has no heading
+_YAWS = 8  # headings of the hull tried under an upright tool
+_POSITION, _TILT = 1e-5, 0.02  # [m], [rad] within which the whole chain meets the path
+_STEPS = IkOptions(max_iterations=60)
+
+
+def with_hull(chain: Chain, X_BA: Array) -> Chain:
+    """The arm's chain behind the hull's: slides along x, y, z of W and the yaw of a level hull.
+
+    Args:
+        chain: the arm, base to tip.
+        X_BA: (4, 4) its base on the hull.
+    """
+    R, free = X_BA[:3, :3], np.inf * np.array([[-1.0, 1.0]])
+    return Chain(
+        joint_types="pppr" + chain.joint_types,
+        axes=np.vstack([np.eye(3), [[0.0, 0.0, 1.0]], chain.axes @ R.T]),
+        points=np.vstack([np.zeros((HULL_JOINTS, 3)), chain.points @ R.T + X_BA[:3, 3]]),
+        links=np.vstack([np.zeros((HULL_JOINTS, 3)), chain.links @ R.T]),
+        X_base_tip0=X_BA @ chain.X_base_tip0,
+        limits=np.vstack([np.repeat(free, HULL_JOINTS, axis=0), chain.limits]),
+        names=("surge", "sway", "heave", "yaw", *chain.names),
+    )
+
+
+def hull_pose(joints: Array) -> Array:
+    """Pose (4, 4) of the hull at joint values (4 + n,) of `with_hull`."""
+    return pose(exp_so3([0.0, 0.0, joints[3]]), joints[:3])
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class CarriedArm:
+    """Search for the hull's way along a path, for an arm that it carries."""
+
+    vehicle: Vehicle
+    chain: Chain  # of the arm
+    around: Surroundings
+    force: float  # [N] largest set force
+    standoff: float  # [m] from which the tool approaches
+    search: PlacementSearch
+    holding: ThrustMargin | None = None  # None: thrust is left out
+
+    def place(self, path: ToolPath) -> Placement:
+        """Placement with the largest margin for all of `path`.
+
+        Raises:
+            ReachError: There is none; the message tells how far the best one comes.
+        """
+        whole = with_hull(self.chain, self.vehicle.X_BA)
+        shares = samples_along(path, self.search.samples)
+        shell = ConvexHull(self.around.obstacle)
+        skin = skin_of(self.around.obstacle, shell)
+        arm = ArmMargins(
+            vehicle=self.vehicle,
+            chain=self.chain,
+            planes=shell.equations,
+            force=self.force,
+            clearance=self.search.arm_clearance,
+            holding=self.holding,
+        )
+        drag = self.holding.drag if self.holding else 0.0
+        poses = tool_poses(path, shares, 0.0, self.standoff)
+        on_path, middle = poses[STANDOFF_STEPS:-STANDOFF_STEPS], len(shares) // 2
+        best, furthest = cast("Placement | None", None), cast("Dropped | None", None)
+        for start in self._starts(whole, on_path[middle]):
+            hulls = self._along(whole, on_path, middle, start, keeps_x=path.keeps_x)
+            if hulls is None or any(not self._has_room(X_WB, skin) for X_WB in hulls):
+                continue
+            at_ends = [hulls[0]] * STANDOFF_STEPS, [hulls[-1]] * STANDOFF_STEPS
+            roll = self._roll(whole, start, on_path[middle])
+            track = ToolTrack(
+                poses=tool_poses(path, shares, roll, self.standoff),
+                gone=np.zeros((len(poses), 3)),
+                loads=tool_loads(path, shares, roll, self.force, drag),
+                hulls=[*at_ends[0], *hulls, *at_ends[1]],
+                q=start[HULL_JOINTS:],
+            )
+            found = arm.along(track, hulls[0], best.margin if best else 0.0)
+            if isinstance(found, Dropped):
+                if best is None and (furthest is None or found.reached > furthest.reached):
+                    furthest = found
+                continue
+            best = Placement(
+                X_WB=hulls[0],
+                travel_W=readonly(hulls[-1][:3, 3] - hulls[0][:3, 3]),
+                roll=roll,
+                q_start=found.q_start,
+                margin=found.margin,
+                reached=1.0,
+                way=_way(shares, hulls),
+            )
+        if best is None:
+            raise out_of_reach(shares, furthest, arm, held=self.holding is not None)
+        return best
+
+    def _starts(self, whole: Chain, X_WG: Array) -> Iterator[Array]:
+        """Joint values (4 + n,) of hull and arm for the middle of the path, the roomiest postures of the arm first."""
+        low, high = self.vehicle.q_limits.T
+        span = high - low
+        even = qmc.Halton(len(low), scramble=False).random(_POSTURES)
+        postures = np.vstack([self.vehicle.q_ready, low + _INSIDE * span + (1.0 - 2.0 * _INSIDE) * span * even])
+        z_W, found = X_WG[:3, 2], []
+        for q in postures:
+            X_BG, J = self.vehicle.X_BA @ self.chain.kinematics(q)[0], self.chain.kinematics(q)[1]
+            z_B = X_BG[:3, 2]
+            if abs(z_B[2] - z_W[2]) > 0.5:  # the hull stays level: only the arm tilts the tool
+                continue
+            room = float(np.minimum(q - low, high - q).min())
+            push = np.abs(J[:3].T @ self.chain.forward(q)[:3, 2]) * self.force / self.vehicle.torque_limits
+            bent = float(np.linalg.svd(J[:3], compute_uv=False)[-1])
+            found.append((min(room, 1.0 - float(push.max()), 5.0 * bent) - abs(z_B[2] - z_W[2]), q, X_BG))
+        found.sort(key=lambda each: -each[0])
+        kept = 0
+        for _, q, X_BG in found:
+            for yaw in self._yaws(X_BG[:3, 2], z_W):
+                R_WB = exp_so3([0.0, 0.0, yaw])
+                near = np.concatenate([X_WG[:3, 3] - R_WB @ X_BG[:3, 3], [yaw], q])
+                met = solve(whole, self._round(whole, near, X_WG), near, _POSITION, _TILT, "priority", options=_STEPS)
+                if met.converged:
+                    yield met.q
+                    kept += 1
+            if kept >= _KEPT:
+                return
+
+    @staticmethod
+    def _yaws(z_B: Array, z_W: Array) -> Array:
+        """Headings [rad] of the hull that turn the tool axis of a posture towards the wanted one."""
+        if np.hypot(z_W[0], z_W[1]) < _UPRIGHT:
+            return np.linspace(0.0, 2.0 * np.pi, _YAWS, endpoint=False, dtype=np.float64)
+        return np.array([np.arctan2(z_W[1], z_W[0]) - np.arctan2(z_B[1], z_B[0])], dtype=np.float64)
+
+    @staticmethod
+    def _round(whole: Chain, joints: Array, X_WG: Array) -> Array:
+        """Tool pose (4, 4) at the place and with the axis of `X_WG`, turned about it as the tool is at `joints`."""
+        z, x = X_WG[:3, 2], whole.forward(joints)[:3, 0]
+        x = x - (x @ z) * z
+        if np.linalg.norm(x) < 1e-3:
+            return X_WG
+        x = x / np.linalg.norm(x)
+        return pose(np.column_stack([x, np.cross(z, x), z]), X_WG[:3, 3])
+
+    def _along(
+        self, whole: Chain, poses: list[Array], middle: int, start: Array, *, keeps_x: bool
+    ) -> list[Array] | None:
+        """Hull poses (4, 4) along the path, from the middle to both ends; None where hull and arm do not get there."""
+        hulls: dict[int, Array] = {}
+        for way in (range(middle, len(poses)), range(middle, -1, -1)):
+            joints = start
+            for i in way:
+                wanted = poses[i] if keeps_x else self._round(whole, joints, poses[i])
+                met = solve(whole, wanted, joints, _POSITION, _TILT, "priority", options=_STEPS)
+                if not met.converged:
+                    return None
+                joints = met.q
+                hulls[i] = hull_pose(joints)
+        return [hulls[i] for i in range(len(poses))]
+
+    def _has_room(self, X_WB: Array, skin: Array) -> bool:
+        """True if the hull is clear of object and seabed."""
+        clearance, box = self.search.clearance, self.around.hull_box
+        above = X_WB[2, 3] + box[0, 2] >= self.around.floor + clearance
+        return above and hull_gap(X_WB, box, skin) >= clearance
+
+    @staticmethod
+    def _roll(whole: Chain, joints: Array, X_WG: Array) -> float:
+        """Turn [rad] of the tool about its axis from that of `X_WG`, at `joints`."""
+        x = X_WG[:3, :3].T @ whole.forward(joints)[:3, 0]
+        return float(np.arctan2(x[1], x[0]))
+
+
+def _way(shares: Array, hulls: list[Array]) -> CubicSpline:
+    """Displacement [m] in W and turn [rad] of the hull from its first pose, over the share of the path."""
+    p = np.array([X[:3, 3] for X in hulls]) - hulls[0][:3, 3]
+    yaw = np.unwrap([np.arctan2(X[1, 0], X[0, 0]) for X in hulls])
+    return CubicSpline(shares / shares[-1], np.column_stack([p, yaw - yaw[0]]), bc_type="natural")

@@ -190,6 +190,7 @@ class HullTuning:
     title = "hull"
     frequency: float = tuned(1.6, "[rad/s] natural frequency of the closed loop")
     damping: float = tuned(1.0, "[-] damping ratio of the closed loop")
+    length: float = tuned(0.69, "[m] cube root of the displaced volume, below which the loop is faster by Froude's law")
     response: float = tuned(
         0.05, "[s] lag of the thrust with lead compensation; command noise grows by about lag / response"
     )

@@ -42,7 +42,7 @@ class StationKeeping:
         model: mujoco.MjModel,
         arm: ArmDynamics | None = None,
         *,
-        frequency: float = HULL.frequency,
+        frequency: float | None = None,
         damping: float = HULL.damping,
         water_error: float = 0.0,
         beliefs: ObserverDeviations | None = None,
@@ -52,7 +52,8 @@ class StationKeeping:
         Args:
             model: compiled model of the vehicle, with hydrodynamics on its hull.
             arm: believed dynamics of the arm; None reads them from `model`, where a vehicle may have no arm.
-            frequency: [rad/s] natural frequency of the closed loop.
+            frequency: [rad/s] natural frequency of the closed loop; None: that of the tuning, by Froude's law higher for
+                a vehicle smaller than the one it was tuned on.
             damping: [-] damping ratio of the closed loop.
             water_error: [-] share by which added mass and drag of the hull are deliberately wrong.
             beliefs: standard deviations assumed by the disturbance observer.
@@ -60,6 +61,8 @@ class StationKeeping:
         Raises:
             ConfigurationError: a figure is out of range, or the hull carries no hydrodynamics.
         """
+        if frequency is None:
+            frequency = HULL.frequency * quickness(model)
         for name, value in (("frequency", frequency), ("damping", damping)):
             if not checked([value], (1,), f"hover {name}")[0] > 0.0:
                 raise ConfigurationError(f"hover {name}: must be > 0, got {value}")
@@ -155,6 +158,16 @@ class StationKeeping:
         wrench = self.inertia @ acceleration - static - arm_wrench_B - unknown
         state.given_B = wrench
         return wrench
+
+
+def quickness(model: mujoco.MjModel) -> float:
+    """Frequencies [-] of the vehicle in `model` against those of the one that `HULL` was tuned on; at least 1.
+
+    By Froude's law: the square root of the lengths, which are the cube roots of the displaced volumes.
+    """
+    wet = [hydrodynamics.unpack(row).volume for row in model.body_user[1:] if hydrodynamics.carries(row)]
+    length = sum(wet) ** (1.0 / 3.0)
+    return max(1.0, float(np.sqrt(HULL.length / length))) if length > 0.0 else 1.0
 
 
 def hull_inertia(model: mujoco.MjModel, hull: int, water_scale: float) -> Array:

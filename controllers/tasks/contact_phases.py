@@ -30,7 +30,8 @@ class ApproachLimits:
     @classmethod
     def of_size(cls, size: float) -> Self:
         """Limits of an arm whose distances beside an object are `size` [-] times the usual ones."""
-        return cls(standoff=size * cls().standoff)
+        usual = cls()
+        return cls(standoff=size * usual.standoff, touch=size * usual.touch)
 
     def __post_init__(self) -> None:
         for each in fields(self):

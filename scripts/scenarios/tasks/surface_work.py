@@ -156,7 +156,7 @@ class PlacedSurfaceWork(PlacedTask):
                 forces=task.forces,
                 speed=task.speed,
                 least_share=task.least,
-                force_rate=task.force_rate,
+                force_rate=own.size**2 * task.force_rate,  # a lighter hull is pushed away sooner
                 force_control="force-control" not in self.scenario.control.without,
                 contactless=task.contactless,
                 approach=ApproachLimits.of_size(own.size) if usual else task.approach,

@@ -31,10 +31,11 @@ from controllers.ik.chain_kernels import (
 
 DAMPING = 1e-6  # [m^2/rad^2], [1] added to the squares of a task's Jacobian: bounds the joints near singular postures
 FAR = 0.05  # [1/rad^2] share of the squared position error that is added to the damping of a descent
-LONGEST = 0.3  # [rad] or [scaled m] longest step of a joint; halved where the position error grows
+LONGEST = 0.3  # [rad] or [scaled m] longest step of a joint; shortened where the error grows
 QUIET = 1e-7  # [rad] or [scaled m] largest step at which the descent has come to its end
+LEAN = 0.01  # [1/rad^2] weight of the tool axis against the scaled position, where a step is judged
 ZONE = 0.15  # share of a joint's range at either end, in which its posture is pushed back
-PUSH = 0.02  # share of the way out of that zone that a step makes where the tool leaves it free
+PUSH = 0.3  # share of the way out of that zone that a step makes where the tool leaves it free
 TASKS = 3
 
 
@@ -178,7 +179,7 @@ def solve_priority(memory, X, q0, settings, trail, out):
     J, z, twist, rates, posture = np.empty((6, n)), np.empty(3), np.empty(6), np.empty(n), np.empty(n)
     held = np.zeros(n, dtype=np.bool_)
     scale, steps, tilt, p2 = table[0, SCALE], 0, 0.0, 0.0
-    before, tilt_before, longest, largest = np.inf, 0.0, LONGEST, 1.0
+    before, p2_before, tilt_before, longest, largest = np.inf, np.inf, 0.0, LONGEST, 1.0
     near2 = (0.1 * settings.tol_p * scale) ** 2
     while True:
         note(q, trail, steps)
@@ -197,10 +198,11 @@ def solve_priority(memory, X, q0, settings, trail, out):
         twist[3], twist[4], twist[5] = scaled * tx + turn * z[0], scaled * ty + turn * z[1], scaled * tz + turn * z[2]
         if steps >= settings.limit:
             break
-        if p2 > before and p2 > near2:  # the step was too long: go back and take a shorter one
+        merit = p2 + LEAN * tilt * tilt
+        if merit > before and p2 > p2_before and p2 > near2:  # the step was too long: go back and take a shorter one
             steps, longest = steps + 1, 0.3 * longest
             if longest < QUIET:
-                p2, tilt = before, tilt_before
+                p2, tilt = p2_before, tilt_before
                 for j in range(n):
                     q[j] = work[j, BEST]
                 break
@@ -208,7 +210,7 @@ def solve_priority(memory, X, q0, settings, trail, out):
                 q[j] = work[j, BEST] + longest / largest * rates[j]
                 q[j] = min(max(q[j], table[HEAD + j, LOWER]), table[HEAD + j, UPPER])
             continue
-        longest, before, tilt_before = min(1.5 * longest, LONGEST), p2, tilt
+        longest, before, p2_before, tilt_before = min(1.5 * longest, LONGEST), merit, p2, tilt
         for j in range(n):
             J[0, j], J[1, j], J[2, j], J[3, j], J[4, j], J[5, j] = column(table, work, j, px, py, pz)
             posture[j] = PUSH * out_of_the_zone(q[j], table[HEAD + j, LOWER], table[HEAD + j, UPPER])

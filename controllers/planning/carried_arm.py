@@ -21,6 +21,7 @@ from controllers.hull.thrust_margin import ThrustMargin
 from controllers.ik.chain import Chain
 from controllers.mkps import IkOptions, solve
 from controllers.planning.arm_margins import ArmMargins, Dropped, ToolTrack
+from controllers.planning.arm_size import reach
 from controllers.planning.hull_path import hull_gap, skin_of
 from controllers.planning.path_poses import STANDOFF_STEPS, samples_along, tool_loads, tool_poses
 from controllers.planning.placement import Placement, PlacementSearch, Surroundings, out_of_reach
@@ -95,6 +96,7 @@ class CarriedArm:
         drag = self.holding.drag if self.holding else 0.0
         poses = tool_poses(path, shares, 0.0, self.standoff)
         on_path, middle = poses[STANDOFF_STEPS:-STANDOFF_STEPS], len(shares) // 2
+        most = -np.inf
         best, furthest = cast("Placement | None", None), cast("Dropped | None", None)
         for start in self._starts(whole, on_path[middle]):
             hulls = self._along(whole, on_path, middle, start, keeps_x=path.keeps_x)
@@ -109,11 +111,15 @@ class CarriedArm:
                 hulls=[*at_ends[0], *hulls, *at_ends[1]],
                 q=start[HULL_JOINTS:],
             )
-            found = arm.along(track, hulls[0], best.margin if best else 0.0)
+            found = arm.along(track, hulls[0], 0.0)
             if isinstance(found, Dropped):
                 if best is None and (furthest is None or found.reached > furthest.reached):
                     furthest = found
                 continue
+            worth = min(found.margin, 1.0) - self._side(start[HULL_JOINTS:])
+            if worth <= most:
+                continue
+            most = worth
             best = Placement(
                 X_WB=hulls[0],
                 travel_W=readonly(hulls[-1][:3, 3] - hulls[0][:3, 3]),
@@ -132,7 +138,10 @@ class CarriedArm:
         low, high = self.vehicle.q_limits.T
         span = high - low
         even = qmc.Halton(len(low), scramble=False).random(_POSTURES)
-        postures = np.vstack([self.vehicle.q_ready, low + _INSIDE * span + (1.0 - 2.0 * _INSIDE) * span * even])
+        postures = low + _INSIDE * span + (1.0 - 2.0 * _INSIDE) * span * even
+        straight = postures.copy()
+        straight[:, 0] = self.vehicle.q_ready[0]
+        postures = np.vstack([self.vehicle.q_ready, straight, postures])
         z_W, found = X_WG[:3, 2], []
         for q in postures:
             X_BG, J = self.vehicle.X_BA @ self.chain.kinematics(q)[0], self.chain.kinematics(q)[1]
@@ -142,7 +151,8 @@ class CarriedArm:
             room = float(np.minimum(q - low, high - q).min())
             push = np.abs(J[:3].T @ self.chain.forward(q)[:3, 2]) * self.force / self.vehicle.torque_limits
             bent = float(np.linalg.svd(J[:3], compute_uv=False)[-1])
-            found.append((min(room, 1.0 - float(push.max()), 5.0 * bent) - abs(z_B[2] - z_W[2]), q, X_BG))
+            margin = min(room, 1.0 - float(push.max()), 5.0 * bent)
+            found.append((margin - abs(z_B[2] - z_W[2]) - self._side(q), q, X_BG))
         found.sort(key=lambda each: -each[0])
         kept = 0
         for _, q, X_BG in found:
@@ -155,6 +165,10 @@ class CarriedArm:
                     kept += 1
             if kept >= _KEPT:
                 return
+
+    def _side(self, q: Array) -> float:
+        """Share of the arm's length by which the tool is aside of the hull at joint angles `q`: a push there rolls it."""
+        return abs(float((self.vehicle.X_BA @ self.chain.forward(q))[1, 3])) / reach(self.chain)
 
     @staticmethod
     def _yaws(z_B: Array, z_W: Array) -> Array:

@@ -7,7 +7,7 @@ Each value is a `tuned` field of a frozen dataclass, with its unit and meaning; 
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, fields, is_dataclass
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -191,6 +191,7 @@ class HullTuning:
     frequency: float = tuned(1.6, "[rad/s] natural frequency of the closed loop")
     damping: float = tuned(1.0, "[-] damping ratio of the closed loop")
     length: float = tuned(0.69, "[m] cube root of the displaced volume, below which the loop is faster by Froude's law")
+    mass: float = tuned(350.0, "[kg] of the vehicle that thresholds of force and moment are for; they grow with it")
     response: float = tuned(
         0.05, "[s] lag of the thrust with lead compensation; command noise grows by about lag / response"
     )
@@ -216,6 +217,9 @@ class ObserverDeviations:
     offset: float = tuned(0.01, "[m/s^2] steady force over the hull's inertia, initial")
     offset_walk: float = tuned(0.003, "[m/s^2/sqrt(s)] random walk")
     moment_bandwidth: float = tuned(3.0, "[rad/s] of the Luenberger observer of the moment")
+
+
+LIGHTEST = 0.2  # share of `HullTuning.mass` under which thresholds of force do not sink: sensors do not shrink
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -260,6 +264,16 @@ class FaultLimits:
     probe_share: float = tuned(0.12, "[-] size of a probe's doublet, as a share of full thrust")
     probe_time: float = tuned(0.6, "[s] of a doublet: half of it ahead, half of it astern")
     probe_again: float = tuned(4.0, "[s] after which a thruster that was found sound may be probed again")
+
+    @classmethod
+    def of_mass(cls, mass: float) -> Self:
+        """The limits of a vehicle of `mass` [kg]; forces grow with it, lengths with its cube root."""
+        usual, share = cls(), max(LIGHTEST, round(mass / HULL.mass, 1))
+        return cls(
+            hull_force=share * usual.hull_force,
+            hull_speed=share * usual.hull_speed,
+            lever=share ** (1.0 / 3.0) * usual.lever,
+        )
 
     def __post_init__(self) -> None:
         check(self, "health", positive=tuple(self.__slots__))

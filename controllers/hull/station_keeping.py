@@ -52,8 +52,8 @@ class StationKeeping:
         Args:
             model: compiled model of the vehicle, with hydrodynamics on its hull.
             arm: believed dynamics of the arm; None reads them from `model`, where a vehicle may have no arm.
-            frequency: [rad/s] natural frequency of the closed loop; None: that of the tuning, by Froude's law higher for
-                a vehicle smaller than the one it was tuned on.
+            frequency: [rad/s] natural frequency of the closed loop; None: that of the tuning, by Froude's law higher
+                for a vehicle smaller than the one it was tuned on.
             damping: [-] damping ratio of the closed loop.
             water_error: [-] share by which added mass and drag of the hull are deliberately wrong.
             beliefs: standard deviations assumed by the disturbance observer.

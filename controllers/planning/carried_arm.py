@@ -167,7 +167,7 @@ class CarriedArm:
                 return
 
     def _side(self, q: Array) -> float:
-        """Share of the arm's length by which the tool is aside of the hull at joint angles `q`: a push there rolls it."""
+        """Share of the arm's length by which the tool is aside of the hull at `q` (n,): a push there rolls it."""
         return abs(float((self.vehicle.X_BA @ self.chain.forward(q))[1, 3])) / reach(self.chain)
 
     @staticmethod

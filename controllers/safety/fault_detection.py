@@ -102,7 +102,7 @@ class FaultDetection:
             limits: thresholds; None takes the defaults.
         """
         self._vehicle = vehicle = Vehicle.of(model)
-        self._period, self.limits = period, limits or FaultLimits()
+        self._period, self.limits = period, limits or FaultLimits.of_mass(float(model.body_subtreemass[0]))
         limits = self.limits
         self.joints = JointResidualModel(
             armature=np.array(vehicle.armature),

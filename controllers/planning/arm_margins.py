@@ -17,7 +17,7 @@ from sim.interfaces.spatial import Array, inverse
 FEW_STEPS = IkOptions(max_iterations=60)
 TILT = 0.35  # [rad] by which the tool axis of an arm of fewer joints may be off while the tool presses
 _ROOMY_TILT = 0.15  # [rad] off, that gives a margin of 1
-_BENT = 0.08  # share of the arm's length: smallest singular value of its position's Jacobian that gives a margin of 1
+BENT = 0.3  # share of a shorter arm's length: least singular value of its position that gives a margin of 1
 ROUNDING = 1e-9  # [m] far above the rounding of a distance
 _LARGEST_STEP = 0.8  # [rad] of a joint between two poses of a path
 _AT_LIMIT = 0.02  # [rad] from its limit a joint counts as at it, in a message
@@ -173,7 +173,7 @@ class ArmMargins:
                 if margin <= floor:
                     return Dropped(i, share, Limit.TORQUE, J[:3].T @ X_AG[:3, 2])
                 weakest = np.linalg.svd(J * _SCALE if full else J[:3], compute_uv=False)[-1]
-                margin = min(margin, weakest / (_SINGULAR if full else _BENT * long))
+                margin = min(margin, weakest / (_SINGULAR if full else BENT * long))
                 if margin <= floor:
                     return Dropped(i, share, Limit.SINGULAR, q)
             centres = joint_centres_kernel(slides, self.chain.axes, self.chain.points, q)[2 : self.chain.n - 2]

@@ -20,7 +20,7 @@ from scipy.stats import qmc
 from controllers.hull.thrust_margin import ThrustMargin
 from controllers.ik.chain import Chain
 from controllers.mkps import IkOptions, solve
-from controllers.planning.arm_margins import ArmMargins, Dropped, ToolTrack
+from controllers.planning.arm_margins import BENT, ArmMargins, Dropped, ToolTrack
 from controllers.planning.arm_size import reach
 from controllers.planning.hull_path import hull_gap, skin_of
 from controllers.planning.path_poses import STANDOFF_STEPS, samples_along, tool_loads, tool_poses
@@ -151,7 +151,7 @@ class CarriedArm:
             room = float(np.minimum(q - low, high - q).min())
             push = np.abs(J[:3].T @ self.chain.forward(q)[:3, 2]) * self.force / self.vehicle.torque_limits
             bent = float(np.linalg.svd(J[:3], compute_uv=False)[-1])
-            margin = min(room, 1.0 - float(push.max()), 5.0 * bent)
+            margin = min(room, 1.0 - float(push.max()), bent / (BENT * reach(self.chain)))
             found.append((margin - abs(z_B[2] - z_W[2]) - self._side(q), q, X_BG))
         found.sort(key=lambda each: -each[0])
         kept = 0

@@ -7,6 +7,8 @@ import mujoco
 import numpy as np
 
 from controllers.hull.thrust_margin import ThrustMargin
+from controllers.planning.arm_margins import TILT
+from controllers.planning.arm_size import FULL
 from controllers.planning.promise import PromiseLimits
 from controllers.planning.trajectories import FASTEST, SLOWEST
 from controllers.tasks import surface_work
@@ -91,7 +93,6 @@ class SurfaceWorkTask(Task):
 class PlacedSurfaceWork(PlacedTask):
     """Surface work at its site."""
 
-    bounds: ClassVar[Bounds | None] = Bounds()
     scenario: Scenario
     own: OwnVehicle
     task: SurfaceWorkTask
@@ -109,6 +110,16 @@ class PlacedSurfaceWork(PlacedTask):
     def X_WB(self) -> Array:
         """Scan pose of the hull."""
         return scan_pose(self.own.X_BC, self.approach_W, self.task.range)
+
+    @property
+    def bounds(self) -> Bounds:
+        """The usual bounds; those of the force by the arm's size, and an axis that leans for one of fewer joints."""
+        own, usual = self.own.at_work(), Bounds()
+        return Bounds(
+            force_error_rms=own.size * usual.force_error_rms,
+            force_error_max=own.size * usual.force_error_max,
+            tilt=usual.tilt if own.chain.n >= FULL else TILT,
+        )
 
     def scene(self, vehicle: mujoco.MjSpec) -> mujoco.MjSpec:
         """Adds the true object, on which the tool slides, and flat seabed."""
@@ -179,6 +190,7 @@ class PlacedSurfaceWork(PlacedTask):
             seed=seed,
             wall_s=ran.wall_s,
             identification_s=found.duration_s if found is not None else None,
+            bounds=self.bounds,
         )
 
     def pictures(self, ran: RunResult) -> Pictures:

@@ -82,7 +82,6 @@ class PlacedTask(ABC):
 
     begun: ClassVar[tuple[WorkState, ...]] = (WorkState.WORK,)  # a run in none of these states counts as refused
     longest: float = LONGEST  # [s] simulated, limit of a run
-    bounds: ClassVar[Bounds | None] = None  # of force and path, drawn in log and report; None: it has none
     exact_start: ClassVar[bool] = False  # True: the hull starts at `X_WB`, without an error of place and heading
 
     @property
@@ -94,6 +93,11 @@ class PlacedTask(ABC):
     @abstractmethod
     def X_WB(self) -> Array:
         """Pose (4, 4) of the hull at which the work begins, but for the start's error."""
+
+    @property
+    def bounds(self) -> Bounds | None:
+        """Bounds of force and path, drawn in log and report; None: it has none."""
+        return None
 
     @property
     def soil(self) -> SoilForce | None:

@@ -98,7 +98,7 @@ class CarriedArm:
         on_path, middle = poses[STANDOFF_STEPS:-STANDOFF_STEPS], len(shares) // 2
         most = -np.inf
         best, furthest = cast("Placement | None", None), cast("Dropped | None", None)
-        for start in self._starts(whole, on_path[middle]):
+        for start in self._starts(whole, on_path[middle], skin):
             hulls = self._along(whole, on_path, middle, start, keeps_x=path.keeps_x)
             if hulls is None or any(not self._has_room(X_WB, skin) for X_WB in hulls):
                 continue
@@ -133,7 +133,7 @@ class CarriedArm:
             raise out_of_reach(shares, furthest, arm, held=self.holding is not None)
         return best
 
-    def _starts(self, whole: Chain, X_WG: Array) -> Iterator[Array]:
+    def _starts(self, whole: Chain, X_WG: Array, skin: Array) -> Iterator[Array]:
         """Joint values (4 + n,) of hull and arm for the middle of the path, the roomiest postures of the arm first."""
         low, high = self.vehicle.q_limits.T
         span = high - low
@@ -160,7 +160,7 @@ class CarriedArm:
                 R_WB = exp_so3([0.0, 0.0, yaw])
                 near = np.concatenate([X_WG[:3, 3] - R_WB @ X_BG[:3, 3], [yaw], q])
                 met = solve(whole, self._round(whole, near, X_WG), near, _POSITION, _TILT, "priority", options=_STEPS)
-                if met.converged:
+                if met.converged and self._has_room(hull_pose(met.q), skin):
                     yield met.q
                     kept += 1
             if kept >= _KEPT:

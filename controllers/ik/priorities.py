@@ -210,7 +210,9 @@ def solve_priority(memory, X, q0, settings, trail, out):
                 q[j] = work[j, BEST] + longest / largest * rates[j]
                 q[j] = min(max(q[j], table[HEAD + j, LOWER]), table[HEAD + j, UPPER])
             continue
-        longest, before, p2_before, tilt_before = min(1.5 * longest, LONGEST), merit, p2, tilt
+        # A turn of the axis may cost position for a step. Shorter steps then keep it from going to and fro for ever.
+        longest = 0.5 * longest if p2 > p2_before and p2 > near2 else min(1.2 * longest, LONGEST)
+        before, p2_before, tilt_before = merit, p2, tilt
         for j in range(n):
             J[0, j], J[1, j], J[2, j], J[3, j], J[4, j], J[5, j] = column(table, work, j, px, py, pz)
             posture[j] = PUSH * out_of_the_zone(q[j], table[HEAD + j, LOWER], table[HEAD + j, UPPER])

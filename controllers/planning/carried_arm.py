@@ -31,7 +31,8 @@ from sim.interfaces.spatial import Array, exp_so3, pose, readonly
 
 HULL_JOINTS = 4  # surge, sway and heave [m] in W, and yaw [rad]
 _POSTURES = 512  # working postures of the arm that are tried
-_KEPT = 12  # of them, tried along the whole path
+_KEPT = 24  # of them, tried along the whole path
+_ENOUGH = 0.7  # margin from which on no further posture is tried
 _INSIDE = 0.1  # share of a joint's range at either end that a working posture keeps clear of
 _UPRIGHT = 0.2  # [-] horizontal part of a tool axis under which it has no heading
 _YAWS = 8  # headings of the hull tried under an upright tool
@@ -99,6 +100,8 @@ class CarriedArm:
         most = -np.inf
         best, furthest = cast("Placement | None", None), cast("Dropped | None", None)
         for start in self._starts(whole, on_path[middle], skin):
+            if most >= _ENOUGH:
+                break
             hulls = self._along(whole, on_path, middle, start, keeps_x=path.keeps_x)
             if hulls is None or any(not self._has_room(X_WB, skin) for X_WB in hulls):
                 continue
@@ -156,13 +159,15 @@ class CarriedArm:
         found.sort(key=lambda each: -each[0])
         kept = 0
         for _, q, X_BG in found:
+            fits = False
             for yaw in self._yaws(X_BG[:3, 2], z_W):
                 R_WB = exp_so3([0.0, 0.0, yaw])
                 near = np.concatenate([X_WG[:3, 3] - R_WB @ X_BG[:3, 3], [yaw], q])
                 met = solve(whole, self._round(whole, near, X_WG), near, _POSITION, _TILT, "priority", options=_STEPS)
                 if met.converged and self._has_room(hull_pose(met.q), skin):
                     yield met.q
-                    kept += 1
+                    fits = True
+            kept += fits
             if kept >= _KEPT:
                 return
 

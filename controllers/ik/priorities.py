@@ -36,7 +36,7 @@ QUIET = 1e-7  # [rad] or [scaled m] largest step at which the descent has come t
 LEAN = 0.01  # [1/rad^2] weight of the tool axis against the scaled position, where a step is judged
 ZONE = 0.15  # share of a joint's range at either end, in which its posture is pushed back
 PUSH = 0.3  # share of the way out of that zone that a step makes where the tool leaves it free
-TASKS = 3
+TASKS = 3  # position, tool axis, turn about it
 
 
 @jit

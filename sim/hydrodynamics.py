@@ -44,7 +44,6 @@ from numba.core import event
 from models.exact_mjcf import library
 from models.hydrodynamics import (
     INDEFINITE,
-    LARGEST,
     LAYOUT,
     TOO_FAST,
     TOO_HIGH,
@@ -56,6 +55,7 @@ from models.hydrodynamics import (
     water_density,
     world_row,
 )
+from models.water.bounds import LARGEST
 from sim.interfaces.errors import ConfigurationError, HydrodynamicsError, PhysicsWarning
 from sim.interfaces.spatial import Array, skew
 from sim.water import mujoco_layout, passive_callback

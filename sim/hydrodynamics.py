@@ -58,7 +58,7 @@ from models.hydrodynamics import (
 from models.water.bounds import LARGEST
 from sim.interfaces.errors import ConfigurationError, HydrodynamicsError, PhysicsWarning
 from sim.interfaces.spatial import Array, skew
-from sim.water import mujoco_layout, passive_callback
+from sim.water import energy, mujoco_layout, passive_callback
 
 DRAG_SPEED = 2.0  # [m/s, rad/s] speed at which the drag rate is compared with the time step
 
@@ -221,6 +221,7 @@ def doubts(model: mujoco.MjModel) -> list[str]:
     - Movable bodies with mass and shape but no coefficients, in one tree with bodies that have them.
     - A body whose mass over volume is outside DENSITIES.
     - Coefficients whose linear and angular parts look swapped. A body of about 1 m cannot show this.
+    - Cross terms that feed energy in, beside the other damping of their body, at a motion that sampling found.
     - Force and torque sensors, which do not measure the water.
     """
     wet = _bodies(model)
@@ -253,6 +254,12 @@ def doubts(model: mujoco.MjModel) -> list[str]:
                     f"{names[i]}: angular over linear {name} is {lever:.3g} m^{power}, though the body's radius of "
                     f"gyration is {gyration:.3g} m; six-vectors are (linear; angular)"
                 )
+        if fed := energy.largest_power(body):
+            power, twist = fed[0], ", ".join(f"{x:.2g}" for x in fed[1])
+            found.append(
+                f"{names[i]}: its cross terms feed in {power:.3g} W at the twist ({twist}) m/s, rad/s through the "
+                "water, more than its other damping takes: a motion may grow without bound"
+            )
     kinds = int(mujoco.mjtSensor.mjSENS_FORCE), int(mujoco.mjtSensor.mjSENS_TORQUE)
     holding = {j for i in wet for j in _above(model, i)}
     blind = [
@@ -402,6 +409,8 @@ def drag_slope(model: mujoco.MjModel, data: mujoco.MjData, speed: float) -> Arra
                 p = strip.start + 0.5 * (1.0 + node) * (strip.end - strip.start)
                 to_point = np.hstack([np.eye(3), -skew(p)])
                 slope += 0.5 * weight * length * to_point.T @ local @ to_point
+        for form in body.terms:
+            slope += form.slope(speed)
         J_B = _jacobian(model, data, i)
         total += J_B.T @ slope @ J_B
     return total

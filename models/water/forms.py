@@ -26,7 +26,7 @@ SWEEPS: Final = (-2, 0, 2)  # exponents of `LiftDrag.sweep`
 _RIGHT: Final = 0.5 * math.pi
 _KEPT: Final = 1e-12  # by which a vector's length may differ from 1 for it to be kept bit by bit
 _SQUARE: Final = 1e-3  # largest cosine of an angle that should be right
-_SAMPLES: Final = 800  # directions of flow at which the slope of a LiftDrag is sampled
+_SAMPLES: Final = 200  # directions of flow at which the slope of a LiftDrag is sampled
 
 
 class Form(ABC):
@@ -149,8 +149,10 @@ class FadingDamping(Form):
         return -fading[:, None] * self.linear * np.hstack([v, w])
 
     def slope(self, speed: float) -> Array:
-        """That at rest, which is the largest."""
-        return np.diag(self.linear)
+        """That at rest, and a diagonal that dominates what the fading couples between the components."""
+        most = np.concatenate([self.linear[:3] / math.e, self.linear[3:] * self.rate * speed])  # of rate d |nu| exp()
+        coupled = np.outer(most, [1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
+        return np.diag(self.linear + np.sum(0.5 * (coupled + coupled.T), axis=1))
 
     def scaled(self, factor: float) -> Self:
         """With `factor` times the damping."""

@@ -26,7 +26,10 @@ SWEEPS: Final = (-2, 0, 2)  # exponents of `LiftDrag.sweep`
 _RIGHT: Final = 0.5 * math.pi
 _KEPT: Final = 1e-12  # by which a vector's length may differ from 1 for it to be kept bit by bit
 _SQUARE: Final = 1e-3  # largest cosine of an angle that should be right
-_SAMPLES: Final = 200  # directions of flow at which the slope of a LiftDrag is sampled
+# Directions of flow at which the slope of a LiftDrag is sampled, by differences of _STEP; allowance for those between.
+_ANGLES: Final = np.linspace(-math.pi, math.pi, 361) + 1e-3  # [rad] in the plane of forward and upward
+_SWEPT: Final = np.radians([0.0, 25.0, 50.0, 65.0, 80.0, -50.0])  # out of it
+_STEP, _BETWEEN = 1e-5, 1.05
 
 
 class Form(ABC):
@@ -170,7 +173,8 @@ class LiftDrag(Form):
         C_L = slope alpha up to the stall, beyond it along `stalled_slope` and not below 0,
         C_D = drag_0 + drag_slope |alpha| + induced C_L^2, beyond the stall along `stalled_drag_slope`.
 
-    Lift has no power at any angle; drag takes power.
+    Lift has no power at any angle; drag takes power. With sweep -2 the drag keeps its size where the flow runs along
+    the span, and its way jumps there.
 
     Raises:
         ConfigurationError: a number out of bounds, or directions that are not perpendicular to 1e-3.
@@ -337,19 +341,18 @@ class LiftDrag(Form):
 
     def slope(self, speed: float) -> Array:
         """The largest that differences of the force show over directions of flow, in every direction at `point`."""
-        k = np.arange(_SAMPLES) + 0.5
-        polar, azimuth = np.arccos(1.0 - 2.0 * k / _SAMPLES), np.pi * (1.0 + math.sqrt(5.0)) * k  # a Fibonacci sphere
-        flow = np.stack([np.cos(azimuth) * np.sin(polar), np.sin(azimuth) * np.sin(polar), np.cos(polar)], axis=1)
-        turn = np.linspace(0.0, 2.0 * np.pi, _SAMPLES, endpoint=False)[:, None]
-        flow = max(speed, 1e-9) * np.vstack([flow, np.cos(turn) * self.forward + np.sin(turn) * self.upward])
-        step = 1e-4 * max(speed, 1e-9)
-        columns = [(self._force(flow + step * e) - self._force(flow - step * e)) / (2.0 * step) for e in np.eye(3)]
+        angle, sweep = np.meshgrid(_ANGLES, _SWEPT if self.sweep else _SWEPT[:1])
+        angle, sweep = angle.ravel()[:, None], sweep.ravel()[:, None]
+        plane = np.cos(angle) * self.forward + np.sin(angle) * self.upward
+        flow = np.cos(sweep) * plane + np.sin(sweep) * np.cross(self.forward, self.upward)
+        columns = [(self._force(flow + _STEP * e) - self._force(flow - _STEP * e)) / (2.0 * _STEP) for e in np.eye(3)]
         jacobians = -np.stack(columns, axis=2)
         # Where a step crosses the jump from +90 to -90 degrees, its difference is no slope.
-        smooth = np.abs(flow @ self.forward) > 2.0 * step
+        smooth = np.abs(np.cos(angle[:, 0] - self.incidence)) > 10.0 * _STEP
         eigenvalues = np.linalg.eigvalsh(0.5 * (jacobians + jacobians.transpose(0, 2, 1)))[smooth]
+        largest = speed * _BETWEEN * float(eigenvalues.max())  # the force grows with the square of the speed
         to_point = np.hstack([np.eye(3), -skew(self.point)])
-        return max(float(eigenvalues.max()), 0.0) * to_point.T @ to_point
+        return max(largest, 0.0) * to_point.T @ to_point
 
     def scaled(self, factor: float) -> Self:
         """With `factor` times the area."""

@@ -1,4 +1,4 @@
-"""REMUS 100, a torpedo-shaped vehicle with one propeller, as [PythonVehicleSimulator] models it after [Fossen 2021].
+"""REMUS 100, a torpedo-shaped vehicle with one propeller, as PythonVehicleSimulator models it after [Fossen 2021].
 
 Figures and forms are those of the source's remus100.py (commit 7e1db8e), which was read; its helper gnc.py was read in
 copies. Its axes are forward, starboard, down; the few signs that change are marked. It stands for what the plain
@@ -32,7 +32,7 @@ from sim.interfaces.spatial import GRAVITY, Array, checked, skew
 LENGTH, DIAMETER = 1.6, 0.19  # [m]
 DENSITY = 1026.0  # [kg/m^3] of the source; the vehicle is ballasted for any
 LOW = 0.02  # [m] of the centre of mass below the centre of buoyancy, which is the origin
-MOST_RPM = 1525.0
+MOST_RPM = 1525.0  # largest propeller speed [1/min]
 FIN_TIME = 0.1  # [s] time constant of rudder and stern plane
 MOST_FIN = math.radians(15.0)  # [rad]
 _A, _B = LENGTH / 2.0, DIAMETER / 2.0  # [m] semi-axes

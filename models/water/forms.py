@@ -78,7 +78,7 @@ class MunkFactor(Form):
         torque:  -(k_i (v x p)_i),    force:  -sum_i k_i w_i e_i x p.
 
     Scaling both keeps the power of the pair at zero about each axis, for any k. Scaling the torque alone does not. Zero
-    about y and z is what [PythonVehicleSimulator] does.
+    about y and z is what PythonVehicleSimulator does for its REMUS 100.
 
     Raises:
         ConfigurationError: a factor outside 0 to 1.
@@ -169,9 +169,11 @@ class LiftDrag(Form):
     With the components a, b of the velocity of `point` along the two, and V^2 = a^2 + b^2, the angle of attack is
     atan(-b / a) + incidence, within 90 degrees. The force at `point` is
 
-        q S (C_L (a upward - b forward) - C_D (a forward + b upward)) / V,    q = rho / 2 V^2 (V / |v|)^sweep,
-        C_L = slope alpha up to the stall, beyond it along `stalled_slope` and not below 0,
-        C_D = drag_0 + drag_slope |alpha| + induced C_L^2, beyond the stall along `stalled_drag_slope`.
+        q S (C_L (a upward - b forward) - C_D (a forward + b upward)) / V.
+
+    - Pressure: q = rho / 2 V^2 (V / |v|)^sweep.
+    - Lift: C_L = slope alpha up to the stall. Beyond it C_L follows `stalled_slope`, but not below 0.
+    - Drag: C_D = drag_0 + drag_slope |alpha| + induced C_L^2. Beyond the stall it follows `stalled_drag_slope`.
 
     Lift has no power at any angle; drag takes power. With sweep -2 the drag keeps its size where the flow runs along
     the span, and its way jumps there.

@@ -46,7 +46,7 @@ def test_list_names_everything_that_the_registries_do_without_importing_them(uuv
     from models.arms.published_arms import ARMS
     from models.objects.targets import OBJECTS
     from models.site.soil import SOILS
-    from models.tools.sampler import TOOLS
+    from models.tools.tools import TOOLS
     from scenarios.contact_parts import CONTROLLERS, SENSORS
     from scenarios.perturbations.perturbation import registry
     from scenarios.tasks import task

@@ -72,8 +72,10 @@ class PostureSearch:
         rng = np.random.default_rng(0)
         self._drawn = rng.uniform(self._low, self._high, (DRAWN, len(self._low)))
         self._neighbours = self._always_touching(self._drawn[:_TRIED])
-        tips = np.array([self._tip(q) for q in self._drawn])
-        self.reach = float(np.linalg.norm(tips, axis=1).max())  # [m] of the tip from the arm's base, among the drawn
+        self._tips = np.array([self._tip(q) for q in self._drawn])
+        self.reach = float(
+            np.linalg.norm(self._tips, axis=1).max()
+        )  # [m] of the tip from the arm's base, among the drawn
 
     def home(self) -> FoundPosture:
         """The folded posture."""
@@ -111,6 +113,22 @@ class PostureSearch:
             said=f"tip {far:.2f} m from the arm's base ({far / self.reach:.0%} of its reach), "
             f"smallest singular value {self.singular_value(best):.2g}",
         )
+
+    def drawn_tips(self) -> Array:
+        """Places (DRAWN, 3) [m] of the tip in the drawn postures, hull axes."""
+        return self._tips @ self.data.xmat[self.vehicle.hull].reshape(3, 3) + self.vehicle.X_BA[:3, 3]
+
+    def share_touching(self, turned: int | None = None, count: int = _TRIED) -> float:
+        """Share of the first `count` drawn postures in which the arm touches the hull or itself.
+
+        Args:
+            turned: index of a joint that is taken as if its axis pointed the other way; None: none.
+            count: number of postures.
+        """
+        postures = np.array(self._drawn[:count])
+        if turned is not None:
+            postures[:, turned] *= -1.0
+        return float(np.mean([not self.is_clear(q) for q in postures]))
 
     def is_clear(self, q: Array) -> bool:
         """Whether the arm touches neither the hull nor itself at joint angles `q` (n,)."""

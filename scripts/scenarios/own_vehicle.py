@@ -92,11 +92,21 @@ def vehicle_spec(
         return scenes.vehicle_spec(name, parts)
     if name == "uuv_puma" and parts is None:
         return uuv_puma.build(wanted)
-    spec, held = scenes.vehicle_spec(name, parts), TOOLS.load(wanted)
-    own = next((geom.type for geom in spec.geoms if geom.name == TOOL_GEOM), None)
-    has_tip = any(site.name == TIP_SITE for site in spec.sites)
-    if (tool is not None or own != _SHAPES.get(wanted)) and (tool is not None or has_tip):
-        attachment.attach(spec, held)
+    return with_tool(scenes.vehicle_spec(name, parts), tool, needs)
+
+
+def with_tool(spec: mujoco.MjSpec, tool: str | None, needs: str | None = None) -> mujoco.MjSpec:
+    """`spec` itself with a tool on its tip: `tool`, or the one that a task needs and its own is not.
+
+    Raises:
+        ConfigurationError: There is no such tool, or no tip for it.
+    """
+    if tool is not None:
+        attachment.attach(spec, TOOLS.load(tool))
+    elif needs is not None and any(site.name == TIP_SITE for site in spec.sites):
+        own = next((geom.type for geom in spec.geoms if geom.name == TOOL_GEOM), None)
+        if own is None or own != _SHAPES.get(needs):
+            attachment.attach(spec, TOOLS.load(needs))
     return spec
 
 

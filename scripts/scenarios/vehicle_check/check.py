@@ -59,7 +59,7 @@ def check_vehicle(
         if job not in JOBS:
             raise ConfigurationError(f"--jobs: no job {job!r}; there are {', '.join(JOBS)}{did_you_mean(job, JOBS)}")
     file = None if parts_file is None else str(parts_file)
-    if not isinstance(vehicle, mujoco.MjSpec):
+    if isinstance(vehicle, str | Path):
         name = str(vehicle)
         arm_jobs = ArmJobs(name, tool=tool, parts=file, forces=forces)
         return _Check(name, vehicle_spec(name, tool, file), arm_jobs, given=False).run(jobs)

@@ -41,7 +41,7 @@ SATURATED = 0.3  # share of the time at most at which a thruster may be at its l
 CURRENT = (0.3 * float(np.cos(np.pi / 6)), 0.3 * float(np.sin(np.pi / 6)), 0.0)  # [m/s] of the job hover-current
 VIEW = 0.5  # share of the camera's view that may be on the vehicle itself
 _PRESSING = 5  # degrees of freedom of a tool on a surface: its place, and its axis
-SMALL_PAD = 50.0  # [N] at the tip, under which the small pad is proposed
+SMALL_PAD = 50.0  # [N] at the tip in its weakest direction, under which the small pad is proposed
 
 
 def _barrel(path: Literal["longitudinal", "transverse"], **given: Any) -> Scenario:
@@ -54,7 +54,8 @@ def _pile(**given: Any) -> Scenario:
 
 def _tap(**given: Any) -> Scenario:
     """The points to tap, on a line along the barrel."""
-    return BarrelOptions(length=TAPPED[-1], **({"forces": (TAP_FORCE,)} | given)).scenario()
+    options: dict[str, Any] = {"length": TAPPED[-1], "forces": (TAP_FORCE,)} | given
+    return BarrelOptions(**options).scenario()
 
 
 def _insertion(**given: Any) -> Scenario:
@@ -198,7 +199,7 @@ def _spring_limit(own: OwnVehicle) -> float:
 def _tool_hint(model: mujoco.MjModel) -> str:
     try:
         vehicle = Vehicle.of(model)
-        bears = tip_force(model, vehicle, np.array(vehicle.q_ready)).along if vehicle.tip >= 0 else np.inf
+        bears = tip_force(model, vehicle, np.array(vehicle.q_ready)).weakest if vehicle.tip >= 0 else np.inf
     except UuvError:
         return ""
     return f"; try --tool {'small_pad' if bears < SMALL_PAD else 'pad'}"
@@ -236,7 +237,8 @@ def _planned(name: str, scenario: Scenario, own: OwnVehicle) -> JobVerdict:
 def _short(said: str) -> str:
     """What a planner says of the best place that it found, without the sentence before it."""
     _, found, best = said.partition("at best ")
-    return f"at best {best}" if found else said
+    share, _, why = best.partition("%")
+    return f"at best {share}% of the path is within reach{why}" if found else said
 
 
 def _stand(placed: PlacedTask, current: Array) -> tuple[float, float]:

@@ -9,7 +9,7 @@
     thrusters:
       - {name: port, pos: [-0.2, 0.1, 0], direction: [1, 0, 0], kind: t200}
       - {actuator: thr_2, kind: {forward: 300, reverse: 220, dead_band: 0.05, time_constant: 0.15}}
-      - {site: thr_3, kind: {command: [-1, 0, 1], thrust: [-40, 0, 50]}}
+      - {site: thr_3, kind: {of_table: {command: [-1, 0, 1], thrust: [-40, 0, 50]}}}  # as in `models.sidecar`
     trim: 0.05                         # [m] ballast the hull: neutral, and this metacentric height, with the arm folded
 
 Every key may be left out where the model has that part by its usual name.
@@ -20,7 +20,8 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
-from models.water.thrusters import Thruster, t200
+from models.sidecar import thruster_of
+from models.water.thrusters import Thruster
 from models.yaml_files import document_of
 from sim.interfaces.errors import ConfigurationError, did_you_mean
 from sim.interfaces.files import text_of
@@ -28,8 +29,8 @@ from sim.interfaces.spatial import Array, checked, finite_number, readonly, show
 
 PARTS_SUFFIX = ".parts.yaml"
 _PLACE = ("body", "pos", "z")
+_T200 = {"t200": {}}
 _THRUSTER = ("name", "actuator", "site", "body", "pos", "direction", "kind")
-_CURVE = ("command", "thrust")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -177,22 +178,5 @@ def _thruster(value: Any, number: int, hull: str | None, name: str) -> MappedThr
         site=site,
         place=place,
         direction=None if placed else direction,
-        thruster=_kind(value.get("kind", "t200"), f"{said}: kind"),
+        thruster=thruster_of(_T200 if value.get("kind", "t200") == "t200" else value["kind"], f"{said}: kind"),
     )
-
-
-def _kind(value: Any, name: str) -> Thruster:
-    """A thruster by name, by its figures, or by a table of command and thrust."""
-    if value == "t200":
-        return t200()
-    if not isinstance(value, Mapping):
-        raise ConfigurationError(f"{name}: expected t200 or figures such as forward and reverse, got {shown(value)}")
-    figures = [each.name for each in fields(Thruster) if each.name not in ("table", "polynomial")]
-    _known(value, [*figures, *_CURVE], name)
-    given: dict[str, Any] = {key: number for key, number in value.items() if key not in _CURVE}
-    try:
-        if _CURVE[0] in value or _CURVE[1] in value:
-            return Thruster.of_table(value.get(_CURVE[0], ()), value.get(_CURVE[1], ()), **given)
-        return Thruster(**given)
-    except (TypeError, ValueError) as error:
-        raise ConfigurationError(f"{name}: {' '.join(str(error).split())}") from error

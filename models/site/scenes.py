@@ -5,7 +5,7 @@ from pathlib import Path
 import mujoco
 
 import models
-from models import hydrodynamics
+from models import hydrodynamics, sidecar
 from models.mjcf_files import compiled, read_mjcf
 from models.naming import TOOL_GEOM
 from models.objects.targets import TargetModel
@@ -19,35 +19,45 @@ from sim.interfaces.spatial import Array, shown, transform_points
 SEABED_DEPTH = 0.75  # [m] of the flat seabed below the object's origin
 
 
-def vehicle_spec(vehicle: str | Path, parts: str | Path | None = None) -> mujoco.MjSpec:
+def vehicle_spec(
+    vehicle: str | Path, water: str | Path | None = None, parts: str | Path | None = None
+) -> mujoco.MjSpec:
     """Vehicle by its name in `models.available()`, or from a file; the parts that can be computed are complete.
 
+    An MJCF's coefficients are in its user data, in custom elements, or in a sidecar (`models.sidecar`); a URDF's in a
+    sidecar.
+
     Args:
-        vehicle: a name, MODULE:FUNCTION, or a file: MJCF with coefficients in its user data, or URDF.
-        parts: file that maps the model's names to those of the contract (`models.own.parts_file`); None: the one beside
-            a file of a vehicle, NAME.parts.yaml, if there is one.
+        vehicle: a name, MODULE:FUNCTION, or a file, MJCF or URDF.
+        water: sidecar of the file; None: `NAME.water.yaml` beside it, if there is one.
+        parts: file that maps the model's names to those of the contract (`models.own.parts_file`); None:
+            `NAME.parts.yaml` beside the vehicle's file, if there is one.
 
     Returns:
-        Its spec; `models.own.complete.computed` tells what was added.
+        Its spec with its water; `models.own.complete.computed` tells what was added.
 
     Raises:
         ConfigurationError: neither a name nor a file, a file that cannot be read or compiled, or a part of the mapping
             that the model has not.
     """
-    spec, mapped = _as_given(vehicle, parts)
+    spec, mapped = _as_given(vehicle, water, parts)
     complete(spec)
     if mapped is not None and mapped.trim is not None:
         mapping.ballast(spec, mapped.trim, f"vehicle {shown(str(vehicle))}")
     return spec
 
 
-def _as_given(vehicle: str | Path, parts: str | Path | None) -> tuple[mujoco.MjSpec, PartsMap | None]:
+def _as_given(
+    vehicle: str | Path, water: str | Path | None, parts: str | Path | None
+) -> tuple[mujoco.MjSpec, PartsMap | None]:
     """The spec of a vehicle under the contract's names, and the mapping that gave them."""
     if not isinstance(vehicle, str | Path):
         raise ConfigurationError(f"vehicle: expected a name or an MJCF file, got {shown(vehicle)}")
     vehicle = str(vehicle)
     mapped, name = None if parts is None else read_parts(parts), f"parts {shown(str(parts))}"
     if ":" in vehicle or vehicle in models.available():
+        if water is not None:
+            raise ConfigurationError(f"vehicle {shown(vehicle)}: has its own water, so a water file is refused")
         spec = models.load(vehicle)
         if mapped is not None:
             mapping.apply(spec, mapped, name)
@@ -61,12 +71,14 @@ def _as_given(vehicle: str | Path, parts: str | Path | None) -> tuple[mujoco.MjS
     if urdf_vehicle.is_urdf(vehicle):
         spec, notes = urdf_vehicle.spec_of_urdf(vehicle)
         mapped = mapped or PartsMap()
+        sidecar.attach_beside(spec, vehicle, water)  # by the names of the file
         mapping.apply(spec, mapped, name if parts or beside(vehicle) else f"vehicle {shown(vehicle)}")
         urdf_vehicle.add_motors(spec, mapping.joints_between(spec), f"vehicle {shown(vehicle)}")
         note(spec, notes)
         compiled(spec, f"vehicle {shown(vehicle)}")
     else:
         spec, _ = read_mjcf(vehicle, "vehicle")
+        sidecar.attach_beside(spec, vehicle, water)
         if mapped is not None:
             mapping.apply(spec, mapped, name)
     if hydrodynamics.attached(spec):

@@ -89,10 +89,10 @@ def vehicle_spec(
     """
     wanted = tool or needs
     if wanted is None:
-        return scenes.vehicle_spec(name, parts)
+        return scenes.vehicle_spec(name, parts=parts)
     if name == "uuv_puma" and parts is None:
         return uuv_puma.build(wanted)
-    return with_tool(scenes.vehicle_spec(name, parts), tool, needs)
+    return with_tool(scenes.vehicle_spec(name, parts=parts), tool, needs)
 
 
 def with_tool(spec: mujoco.MjSpec, tool: str | None, needs: str | None = None) -> mujoco.MjSpec:

@@ -40,7 +40,7 @@ def complete(spec: mujoco.MjSpec) -> list[str]:
         )
         said[CAMERA_SITE] = f"site camera: none given; {bow[0]:.2f} m ahead of the hull's origin, looking ahead"
     if not {HOME_KEY, READY_KEY} <= keys:
-        search = PostureSearch(spec)
+        search = PostureSearch(spec.compile())
         for name, find in ((HOME_KEY, search.home), (READY_KEY, search.ready)):
             if name not in keys:
                 found = find()

@@ -9,7 +9,9 @@ touch in nearly every posture are neighbours whose shapes overlap, and do not co
 """
 
 from collections.abc import Iterator
+from copy import copy
 from dataclasses import dataclass
+from functools import cached_property
 
 import mujoco
 import numpy as np
@@ -43,24 +45,23 @@ class FoundPosture:
 class PostureSearch:
     """Search of postures of the arm of one vehicle."""
 
-    def __init__(self, spec: mujoco.MjSpec) -> None:
-        """Compile a copy of `spec` in which all parts of the vehicle may touch each other.
+    def __init__(self, model: mujoco.MjModel) -> None:
+        """Take a copy of a vehicle's model in which all its parts may touch each other.
+
+        Args:
+            model: compiled, without a scene. Shapes that do not collide count only where the vehicle has no others.
 
         Raises:
             ConfigurationError: it has no vehicle with an arm.
         """
-        self.vehicle = Vehicle.of(spec.compile())
-        bare = spec.copy()
-        solid = [geom for geom in bare.geoms if geom.contype or geom.conaffinity] or list(bare.geoms)
-        for geom in bare.geoms:
-            geom.contype = geom.conaffinity = 0
-        for geom in solid:
-            geom.contype = geom.conaffinity = 1
-        for key in list(bare.keys):
-            bare.delete(key)
-        self.model = bare.compile()
+        self.vehicle = Vehicle.of(model)
+        self.model = model = copy(model)
+        solid = (np.asarray(model.geom_contype) | np.asarray(model.geom_conaffinity)) > 0
+        bits = (solid if solid.any() else np.ones_like(solid)).astype(np.int32)
+        model.geom_contype[:] = model.geom_conaffinity[:] = bits
+        model.body_contype[:] = model.body_conaffinity[:] = 1
         self.data = mujoco.MjData(self.model)
-        model, vehicle = self.model, self.vehicle
+        vehicle = self.vehicle
         self._low, self._high = vehicle.q_limits[:, 0], vehicle.q_limits[:, 1]
         self._camera = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SITE, CAMERA_SITE)
         first = int(model.jnt_bodyid[vehicle.joints[0]])
@@ -76,6 +77,25 @@ class PostureSearch:
         self.reach = float(
             np.linalg.norm(self._tips, axis=1).max()
         )  # [m] of the tip from the arm's base, among the drawn
+
+    @cached_property
+    def _drawn(self) -> Array:
+        """Postures (DRAWN, n), the same every time."""
+        return np.random.default_rng(0).uniform(self._low, self._high, (DRAWN, len(self._low)))
+
+    @cached_property
+    def _neighbours(self) -> set[tuple[int, int]]:
+        """Pairs of bodies whose shapes touch in nearly every posture."""
+        return self._always_touching(self._drawn[:_TRIED])
+
+    @cached_property
+    def _tips(self) -> Array:
+        return np.array([self._tip(q) for q in self._drawn])
+
+    @cached_property
+    def reach(self) -> float:
+        """Largest distance [m] of the tip from the arm's base."""
+        return float(np.linalg.norm(self._tips, axis=1).max())
 
     def home(self) -> FoundPosture:
         """The folded posture."""

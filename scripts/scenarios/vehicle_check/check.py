@@ -8,6 +8,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
+from models import hydrodynamics as coefficients
 from models.naming import HOME_KEY, READY_KEY, parts
 from models.own.complete import complete, computed
 from models.own.postures import PostureSearch
@@ -27,6 +28,7 @@ from scenarios.vehicle_check.statics import (
     strongest_current,
     tip_force,
     trim_of,
+    weight_of,
 )
 from sim import hydrodynamics
 from sim.interfaces.errors import ConfigurationError, HydrodynamicsError, PhysicsWarning, UuvError, did_you_mean
@@ -157,9 +159,14 @@ class _Check:
         if wet:
             self._findings += doubts.water_doubts(model, vehicle)
             self._findings += doubts.stiff_contact(model)
-            weight = float(model.body_subtreemass[model.body_rootid[vehicle.hull]]) * 9.81
+        wet = wet and coefficients.carries(model.body_user[vehicle.hull])  # else trim and currents mean nothing
+        if wet:
+            weight = weight_of(model, vehicle)
             trim = trim_of(model, vehicle)
-            self._figure("mass and trim", f"{weight / 9.81:.1f} kg, {_trim_said(trim)} at home")
+            self._figure(
+                "mass and trim",
+                f"{float(model.body_subtreemass[model.body_rootid[vehicle.hull]]):.1f} kg, {_trim_said(trim)} at home",
+            )
             if vehicle.tip >= 0:
                 self._figure("trim in ready", _trim_said(trim_of(model, vehicle, READY_KEY)))
             self._findings += doubts.trim_doubts(trim, weight)
@@ -177,7 +184,7 @@ class _Check:
                 said.append(f"{axis} -{back:.0f} to {ahead:.0f} {unit}{held}")
             self._figure("authority", "; ".join(said[:3]))
             self._figure("", "; ".join(said[3:]))
-        if wet and hydrodynamics.carries_hydrodynamics(model):
+        if wet:
             rate = doubts.drag_rate(model)
             self._figure(
                 "time step",
@@ -187,7 +194,7 @@ class _Check:
 
     def _arm(self, model: mujoco.MjModel, vehicle: Vehicle, wet: bool) -> float:
         """Reach, force and view of the arm, and doubts; returns the share of the view that is on the vehicle."""
-        search = PostureSearch(self._spec)
+        search = PostureSearch(model)
         postures = {}
         for key in (HOME_KEY, READY_KEY):
             number = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_KEY, key)

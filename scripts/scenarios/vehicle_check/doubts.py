@@ -15,7 +15,8 @@ from scenarios.vehicle_check.statics import AXES, TipForce, Trim, authority
 from sim import hydrodynamics
 from sim.sensors.depth_camera import OPTICS
 
-HEAVY = 0.02  # share of the weight that may be left over at rest
+HEAVY = 0.005  # share of the weight that may be left over at rest
+LEAST_HEAVY = 5.0  # [N] that may be left over in any case
 LIST = float(np.radians(5.0))  # [rad] of list or trim at rest that may be left to the thrusters
 LOADED = 0.5  # share of a joint's torque that the arm's own weight in water may take
 BLOCKED = 0.15  # share of the camera's rays that may hit the vehicle itself, the arm at home
@@ -30,13 +31,14 @@ HALF_VIEW = float(np.arctan(0.5 * OPTICS.width / OPTICS.focal))  # [rad] of the 
 
 def trim_doubts(trim: Trim, weight: float) -> Iterator[Finding]:
     """Vehicle too heavy, too light, or listing."""
-    if abs(trim.force) > HEAVY * weight:
+    most = max(HEAVY * weight, LEAST_HEAVY)
+    if abs(trim.force) > most:
         word = "light" if trim.force > 0.0 else "heavy"
         yield Finding(
             code="trim",
             level="doubt",
             said=f"too {word} by {abs(trim.force):.0f} N ({abs(trim.force) / 9.81:.1f} kg), "
-            f"{abs(trim.force) / weight:.1%} of its weight, at most {HEAVY:.0%}: the hull's volume, or `trim:` in its "
+            f"{abs(trim.force) / weight:.1%} of its weight, at most {most:.0f} N: the hull's volume, or `trim:` in its "
             "mapping",
             figure=trim.force,
         )

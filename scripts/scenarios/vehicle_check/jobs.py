@@ -1,13 +1,14 @@
 """Verdict on each job: whether a vehicle can begin it, by the figure that decides.
 
-A job of the arm is tried in order: parts, force at the tip, thrust, view. Then its own planner looks for a place of the
-hull beside the object at its true pose, in the job's current. All numbers are those of the job's own options.
+A job of the arm is tried in order: parts, view, and then its own planner. That looks for a place of the hull beside the
+object at its true pose, in the job's current. Where there is none, force at the tip and thrust tell why, if they can.
+All numbers are those of the job's own options.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any, Literal
+from typing import Any, Literal, Self
 
 import mujoco
 import numpy as np
@@ -139,31 +140,45 @@ class ArmJobs:
                 hint = _tool_hint(model) if "geom" in " ".join(lacking) else ""
                 return _refused(name, "parts", f"lacks {', '.join(lacking)}{hint}")
             own = OwnVehicle.of(spec, task.spares)
-            return self._statics(name, scenario, own) or _view(name, scenario, blocked) or _planned(name, scenario, own)
+            return _view(name, scenario, blocked) or _planned(name, scenario, own)
         except UuvError as error:
             return _refused(name, "parts", str(error))
-
-    def _statics(self, name: str, scenario: Scenario, own: OwnVehicle) -> JobVerdict | None:
-        """Refusal by the force at the tip or by thrust; None: neither refuses."""
-        force, ready = _push(scenario), np.array(own.vehicle.q_ready)
-        bears = tip_force(own.model, own.vehicle, ready)
-        if bears.along < force:
-            said = f"the tip bears {bears.along:.0f} N in ready ({bears.by}), the job sets {force:.0f} N"
-            return _refused(name, "force", said + _lower(scenario, bears.along), bears.along)
-        spring = _spring_limit(own)
-        if spring < force:
-            return _refused(
-                name, "force", f"the tool's spring is at its end at {spring:.0f} N, the job sets {force:.0f} N", spring
-            )
-        used = ThrustMargin.of(own.model, drag=0.0).used(ready, np.eye(3), [0.0, 0.0, -force])
-        if used > 1.0:
-            said = f"{force:.0f} N at the tip ask for {used:.0%} of a thruster"
-            return _refused(name, "thrust", said + _lower(scenario, force / used), used)
-        return None
 
 
 def _refused(job: str, code: str, said: str, figure: float | None = None) -> JobVerdict:
     return JobVerdict(job=job, promised=False, code=code, said=said, figure=figure)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ReadyForce:
+    """What a job's push asks of arm, tool and thrusters in the posture `ready`."""
+
+    force: float  # [N] that the job sets
+    bears: float  # [N] that the drives bear along the tool
+    by: str  # joint that limits it
+    spring: float  # [N] at which the tool's spring is at its end
+    used: float  # share of a thruster
+
+    @classmethod
+    def of(cls, scenario: Scenario, own: OwnVehicle) -> Self:
+        """The figures of a scenario for the vehicle's model of itself."""
+        force, ready = push_of(scenario), np.array(own.vehicle.q_ready)
+        tip = tip_force(own.model, own.vehicle, ready)
+        used = ThrustMargin.of(own.model, drag=0.0).used(ready, np.eye(3), [0.0, 0.0, -force])
+        return cls(force=force, bears=tip.along, by=tip.by, spring=_spring_limit(own), used=used)
+
+    def refusal(self, scenario: Scenario, beyond: float = 1.0) -> tuple[str, str, float] | None:
+        """Code, sentence and figure of what bears the push less than `beyond` times; None: all do."""
+        if self.spring < self.force:
+            said = f"the tool's spring is at its end at {self.spring:.0f} N, the job sets {self.force:.0f} N"
+            return "force", said + _lower(scenario, self.spring), self.spring
+        if beyond * self.bears < self.force:
+            said = f"the tip bears {self.bears:.0f} N in ready ({self.by}), the job sets {self.force:.0f} N"
+            return "force", said + _lower(scenario, self.bears), self.bears
+        if self.used > beyond:
+            said = f"{self.force:.0f} N at the tip in ready ask for {self.used:.0%} of a thruster"
+            return "thrust", said + _lower(scenario, self.force / self.used), self.used
+        return None
 
 
 def _lower(scenario: Scenario, force: float) -> str:
@@ -174,7 +189,7 @@ def _lower(scenario: Scenario, force: float) -> str:
     return f"; --forces {wise:.0f} may do"
 
 
-def _push(scenario: Scenario) -> float:
+def push_of(scenario: Scenario) -> float:
     """Largest set force [N] of a job."""
     task = scenario.task
     if isinstance(task, SurfaceWorkTask):
@@ -221,15 +236,17 @@ def _planned(name: str, scenario: Scenario, own: OwnVehicle) -> JobVerdict:
     except StrongCurrentError as error:
         return _refused(name, "current", str(error), speed)
     except ReachError as error:
+        if (refused := ReadyForce.of(scenario, own).refusal(scenario)) is not None:
+            return _refused(name, *refused)
         joints = len(own.vehicle.joints)
-        more = f"; the arm has {joints} joints, pressing takes {_PRESSING}" if joints < _PRESSING else ""
+        more = f"; the arm has {joints} joints, a tool's place and axis take {_PRESSING}" if joints < _PRESSING else ""
         return _refused(name, "reach", f"{_short(str(error))}{more}", float(joints) if more else None)
     part = "" if share > 0.999 else f", {share:.0%} of the path"
     return JobVerdict(
         job=name,
         promised=True,
         code="ok",
-        said=f"margin {margin:.2f} (1 is roomy, 0 at a limit) at {_push(scenario):.0f} N in {speed:.2f} m/s{part}",
+        said=f"margin {margin:.2f} (1 is roomy, 0 at a limit) at {push_of(scenario):.0f} N in {speed:.2f} m/s{part}",
         figure=margin,
     )
 

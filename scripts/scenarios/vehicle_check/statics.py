@@ -44,14 +44,19 @@ def resting(model: mujoco.MjModel, key: str) -> mujoco.MjData:
     return data
 
 
+def weight_of(model: mujoco.MjModel, vehicle: Vehicle) -> float:
+    """Weight [N] of the whole vehicle in air."""
+    root = int(model.body_rootid[vehicle.hull])
+    return float(model.body_subtreemass[root]) * float(np.linalg.norm(model.opt.gravity))
+
+
 def trim_of(model: mujoco.MjModel, vehicle: Vehicle, key: str = HOME_KEY) -> Trim:
     """Trim in the posture of a keyframe; the water's callback must be installed."""
     data = resting(model, key)
     at = slice(vehicle.hull_dof, vehicle.hull_dof + 6)
     wrench = data.qfrc_passive[at] - data.qfrc_bias[at]
     root = int(model.body_rootid[vehicle.hull])
-    weight = float(model.body_subtreemass[root]) * float(np.linalg.norm(model.opt.gravity))
-    lift = float(wrench[2]) + weight
+    lift = float(wrench[2]) + weight_of(model, vehicle)
     center = data.xmat[vehicle.hull].reshape(3, 3).T @ (data.subtree_com[root] - data.xpos[vehicle.hull])
     # Weight and lift right a vehicle that is tilted by a small angle by lift * height * angle.
     about_mass = wrench[3:] - np.cross(center, wrench[:3])

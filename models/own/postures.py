@@ -3,7 +3,8 @@
 Joint angles are drawn from a fixed seed within the limits, so that a model has the same postures every time. Parts that
 touch in nearly every posture are neighbours whose shapes overlap, and do not count as touching.
 
-- `home` is the most compact posture clear of the hull, of the arm itself and of the camera's view.
+- `home` is compact, and clear of the hull, of the arm itself and of the camera's view; a vehicle that is wet lists
+  little in it.
 - `ready` has the largest margin from singular postures and joint limits, the tool ahead of the camera, at 40 to 75 % of
   the arm's reach.
 """
@@ -16,6 +17,7 @@ from functools import cached_property
 import mujoco
 import numpy as np
 
+from models import hydrodynamics
 from models.naming import CAMERA_SITE
 from models.vehicle import Vehicle
 from sim.interfaces.spatial import Array
@@ -30,7 +32,7 @@ _LOCAL, _ROUNDS = 60, 6  # changes that are tried around the best posture, and r
 _LEVER = 0.4  # of the reach [m/rad]: weighs rotation against translation
 _INSIDE = 0.4, 0.75  # share of the reach at which a ready tool is
 _ROOMY = 0.5  # [rad] or [m] distance from a joint limit that counts as free
-_ASIDE = 0.5  # weight of the arm's middle aside of its base, which makes the vehicle list
+_LISTS = 1.0  # [m/rad] weight of the vehicle's list against the arm's spread
 _SPARE = 0.03  # share of a joint's range that a folded arm keeps from its ends
 
 
@@ -96,6 +98,20 @@ class PostureSearch:
     def reach(self) -> float:
         """Largest distance [m] of the tip from the arm's base."""
         return float(np.linalg.norm(self._tips, axis=1).max())
+
+    @cached_property
+    def _masses(self) -> list[tuple[int, float, float, Array]]:
+        """Body, mass [kg], displaced mass of water [kg] and its centre (3,) [m]; none where the hull has no water."""
+        model = self.model
+        if not hydrodynamics.carries(model.body_user[self.vehicle.hull]):
+            return []
+        density, found = hydrodynamics.water_density(model), []
+        for body in np.flatnonzero(model.body_rootid == model.body_rootid[self.vehicle.hull]):
+            wet = hydrodynamics.carries(model.body_user[body])
+            water = hydrodynamics.unpack(model.body_user[body]) if wet else hydrodynamics.BodyHydrodynamics(volume=0.0)
+            displaced = density * water.volume
+            found.append((int(body), float(model.body_mass[body]), displaced, np.array(water.center_of_buoyancy)))
+        return found
 
     def home(self) -> FoundPosture:
         """The folded posture."""
@@ -251,15 +267,25 @@ class PostureSearch:
         return self.data.site_xpos[self.vehicle.tip] - self.data.xpos[self.vehicle.arm_base]
 
     def _spread(self, q: Array) -> float:
-        """How far [m] the arm reaches out of the hull's box at `q` (n,), and its middle aside of its base, weighted."""
+        """How far [m] the arm reaches out of the hull's box at `q` (n,), and the list that it causes, weighted."""
         self._at(q)
         model, data, hull = self.model, self.data, self.vehicle.hull
         places = [data.geom_xpos[self._arm_geoms], data.site_xpos[[self.vehicle.tip]]]
         p_B = (np.vstack(places) - data.xpos[hull]) @ data.xmat[hull].reshape(3, 3)
         radius = np.append(model.geom_rbound[self._arm_geoms], 0.0)
         out = np.maximum(np.maximum(self._box[0] - p_B, p_B - self._box[1]), 0.0)
-        aside = abs(float(p_B[:-1, 1].mean()) - float(self.vehicle.X_BA[1, 3])) if len(p_B) > 1 else 0.0
-        return float((np.linalg.norm(out, axis=1) + radius).max()) + _ASIDE * aside
+        return float((np.linalg.norm(out, axis=1) + radius).max()) + _LISTS * min(self._lists(), 1.0)
+
+    def _lists(self) -> float:
+        """Angle [rad] by which the vehicle lists at the present posture; 0 for one without water, or unstable."""
+        model, data, hull = self.model, self.data, self.vehicle.hull
+        moment = np.zeros(3)  # [kg m] of masses less their water, about the hull, world axes
+        for body, mass, displaced, center in self._masses:
+            p = data.xpos[body] - data.xpos[hull]
+            R = data.xmat[body].reshape(3, 3)
+            moment += mass * (p + R @ model.body_ipos[body]) - displaced * (p + R @ center)
+        moment = moment @ data.xmat[hull].reshape(3, 3)
+        return float(np.hypot(*moment[:2]) / -moment[2]) if moment[2] < 0.0 else 0.0
 
     def _pairs(self) -> set[tuple[int, int]]:
         contact = self.data.contact

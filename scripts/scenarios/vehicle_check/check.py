@@ -157,7 +157,12 @@ class _Check:
         self._findings += doubts.inertia_doubts(model)
         self._findings += doubts.thruster_doubts(vehicle)
         if wet:
-            self._findings += doubts.water_doubts(model, vehicle)
+            doubted = [each.said.partition(":")[0] for each in self._findings if each.code == "inertia"]
+            self._findings += [
+                each
+                for each in doubts.water_doubts(model, vehicle)
+                if each.code != "coefficients" or each.said.partition(":")[0] not in doubted  # told by the inertia
+            ]
             self._findings += doubts.stiff_contact(model)
         wet = wet and coefficients.carries(model.body_user[vehicle.hull])  # else trim and currents mean nothing
         if wet:

@@ -167,29 +167,34 @@ def thruster_doubts(vehicle: Vehicle) -> Iterator[Finding]:
             f"{', '.join(free) or 'a combination of axes'}",
             figure=float(rank),
         )
-    for i, j, axis in _against(B):
-        first, second = vehicle.thruster_names[i], vehicle.thruster_names[j]
+    now = [max(authority(vehicle, axis)) for axis in range(6)]
+    for i, j in _against(B):
         turned = np.array(B)
         turned[:, i] *= -1.0
-        now, then = max(authority(vehicle, axis)), max(authority(vehicle, axis, turned))
+        then = [max(authority(vehicle, axis, turned)) for axis in range(6)]
+        axis = int(np.argmax(np.array(then) / np.maximum(now, 1e-6)))
+        first, second = vehicle.thruster_names[i], vehicle.thruster_names[j]
+        gain = (
+            f"{AXES[axis]} has {now[axis]:.0f}, with {first} turned round {then[axis]:.0f} {'N' if axis < 3 else 'N m'}"
+        )
         yield Finding(
             code="thruster-against-pair",
             level="doubt",
-            said=f"thruster {first} pushes against its mirror image {second}: reversed? {AXES[axis]} has "
-            f"{now:.0f} N, with {first} turned round {then:.0f} N",
-            figure=now,
+            said=f"thruster {first} pushes against its mirror image {second}: reversed? "
+            + (gain if then[axis] > 1.01 * now[axis] else "no axis would gain by turning it round"),
+            figure=now[axis],
         )
 
 
-def _against(B: np.ndarray) -> Iterator[tuple[int, int, int]]:
-    """Pairs of thrusters at mirrored places to port and starboard whose unit wrenches are opposite, and their axis."""
+def _against(B: np.ndarray) -> Iterator[tuple[int, int]]:
+    """Pairs of thrusters at mirrored places to port and starboard whose unit wrenches are opposite."""
     mirror = np.array([1.0, -1.0, 1.0, -1.0, 1.0, -1.0])
     for i in range(B.shape[1]):
         for j in range(i + 1, B.shape[1]):
             image = mirror * B[:, j]
             aside = np.linalg.norm(B[:, i] - B[:, j]) > 1e-6
             if aside and np.allclose(B[:, i], -image, atol=1e-3) and not np.allclose(B[:, i], image, atol=1e-3):
-                yield i, j, int(np.argmax(np.abs(B[:3, i])))
+                yield i, j
 
 
 def posture_doubts(search: PostureSearch, postures: dict[str, np.ndarray]) -> Iterator[Finding]:

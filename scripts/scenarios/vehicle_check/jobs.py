@@ -1,8 +1,8 @@
 """Verdict on each job: whether a vehicle can begin it, by the figure that decides.
 
-A job of the arm is tried in order: parts, view, and then its own planner. That looks for a place of the hull beside the
-object at its true pose, in the job's current. Where there is none, force at the tip and thrust tell why, if they can.
-All numbers are those of the job's own options.
+A job of the arm is tried in order: parts, a push far beyond what arm or thrusters bear, view, and then its own planner.
+That looks for a place of the hull beside the object at its true pose, in the job's current. Where there is none, force
+at the tip and thrust tell why, if they can. All numbers are those of the job's own options.
 """
 
 from collections.abc import Callable, Sequence
@@ -42,6 +42,7 @@ SATURATED = 0.3  # share of the time at most at which a thruster may be at its l
 CURRENT = (0.3 * float(np.cos(np.pi / 6)), 0.3 * float(np.sin(np.pi / 6)), 0.0)  # [m/s] of the job hover-current
 VIEW = 0.5  # share of the camera's view that may be on the vehicle itself
 _PRESSING = 5  # degrees of freedom of a tool on a surface: its place, and its axis
+BEYOND = 2.0  # times what arm or thrusters bear in `ready`, from which on no other posture is hoped for
 SMALL_PAD = 50.0  # [N] at the tip in its weakest direction, under which the small pad is proposed
 
 
@@ -140,6 +141,8 @@ class ArmJobs:
                 hint = _tool_hint(model) if "geom" in " ".join(lacking) else ""
                 return _refused(name, "parts", f"lacks {', '.join(lacking)}{hint}")
             own = OwnVehicle.of(spec, task.spares)
+            if (refused := ReadyForce.of(scenario, own).refusal(scenario, BEYOND)) is not None:
+                return _refused(name, *refused)
             return _view(name, scenario, blocked) or _planned(name, scenario, own)
         except UuvError as error:
             return _refused(name, "parts", str(error))

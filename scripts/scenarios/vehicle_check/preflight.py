@@ -7,12 +7,10 @@ from scenarios.tasks.insertion import InsertionTask
 from scenarios.tasks.seabed_sampling import SeabedSamplingTask
 from scenarios.tasks.surface_work import SurfaceWorkTask
 from scenarios.vehicle_check import doubts
-from scenarios.vehicle_check.jobs import VIEW, ReadyForce
+from scenarios.vehicle_check.jobs import BEYOND, VIEW, ReadyForce
 from scenarios.vehicle_check.statics import trim_of, weight_of
 from sim import hydrodynamics
 from sim.interfaces.errors import ConfigurationError
-
-BEYOND = 2.0  # times what arm or thrusters bear in `ready`, from which on no other posture is hoped for
 
 
 def preflight(scenario: Scenario, own: OwnVehicle) -> list[str]:

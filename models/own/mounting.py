@@ -14,6 +14,8 @@ from models.own.urdf_vehicle import add_motors, spec_of_urdf
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array, checked, quat_wxyz_from_rotation, rotation_from_z, shown
 
+_PREFIX = "arm_"
+
 
 def mount_arm(
     spec: mujoco.MjSpec,
@@ -26,6 +28,8 @@ def mount_arm(
     tip_z: ArrayLike = (0.0, 0.0, 1.0),
 ) -> list[str]:
     """Mount the arm of a URDF on the hull of `spec`, in place; its root link becomes the body `arm_base`.
+
+    Names of its other links, and of its joints, get the prefix `arm_`.
 
     The arm is dry: attach coefficients to its links, then trim the hull. Keyframes `home` and `ready` of the hull alone
     are dropped.
@@ -43,7 +47,7 @@ def mount_arm(
         Names of the arm's bodies, base first.
 
     Raises:
-        ConfigurationError: the hull has an arm, the file is no URDF, or a link or an effort is missing.
+        ConfigurationError: the vehicle has an arm or no hull, the file is no URDF, or a link or an effort is missing.
     """
     bodies = {body.name: body for body in spec.bodies}
     if HULL_BODY not in bodies or ARM_BASE_BODY in bodies:
@@ -56,17 +60,17 @@ def mount_arm(
         raise ConfigurationError(f"{name}: tip: there are the links {', '.join(links)}, got {shown(tip)}")
     z: Array = checked(tip_z, (3,), "tip_z")
     R = rotation_from_z(z, np.eye(3)[int(np.argmin(np.abs(z)))])
-    links[tip].add_site(name=TIP_SITE, pos=checked(tip_p, (3,), "tip_p"), quat=quat_wxyz_from_rotation(R), group=4)
     for joint in list(links[root].joints):
         arm.delete(joint)  # the free joint
-    links[root].name = ARM_BASE_BODY
+    links[root].name = ARM_BASE_BODY.removeprefix(_PREFIX)
     quat = quat_wxyz_from_rotation(rotation_from_rpy(checked(rpy, (3,), "rpy")))
     for key in [key for key in spec.keys if key.name in (HOME_KEY, READY_KEY)]:
         spec.delete(key)
-    taken = set(bodies) & set(links) | {joint.name for joint in spec.joints} & {joint.name for joint in arm.joints}
-    if taken:
-        raise ConfigurationError(f"{name}: names that the vehicle has too: {', '.join(sorted(taken))}")
     place = bodies[HULL_BODY].add_frame(pos=checked(p, (3,), "p"), quat=quat)
-    place.attach_body(arm.body(ARM_BASE_BODY), "", "")
+    place.attach_body(links[root], _PREFIX, "")
+    names = {link: ARM_BASE_BODY if link == root else _PREFIX + link for link in links}
+    spec.body(names[tip]).add_site(
+        name=TIP_SITE, pos=checked(tip_p, (3,), "tip_p"), quat=quat_wxyz_from_rotation(R), group=4
+    )
     add_motors(spec, joints_between(spec), name)
-    return [ARM_BASE_BODY, *(link for link in links if link != root)]
+    return list(names.values())

@@ -44,7 +44,7 @@ class Head:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Jaws:
-    """Parallel jaws: two fingers on coupled slides, held at an opening by springs; an actuator `jaws` moves them.
+    """Parallel jaws: two fingers on slides, held at an opening by springs; an actuator `jaws` on a tendon moves both.
 
     What may touch is the rounded end between the fingers' tips, a dome of half a finger's breadth.
     """
@@ -128,10 +128,10 @@ def add_jaws(
             rgba=[0.7, 0.72, 0.75, 1.0],
         )
         bodies[name] = cylinder(thin, np.zeros(3), [0.0, 0.0, long])
-    left, right = _FINGERS
-    couple = spec.add_equality(type=mujoco.mjtEq.mjEQ_JOINT, objtype=mujoco.mjtObj.mjOBJ_JOINT, name1=right, name2=left)
-    couple.data[:5] = [0.0, 1.0, 0.0, 0.0, 0.0]
-    motor = spec.add_actuator(name="jaws", trntype=mujoco.mjtTrn.mjTRN_JOINT, target=left)
+    both = spec.add_tendon(name="jaws")
+    for name in _FINGERS:
+        both.wrap_joint(name, 1.0)
+    motor = spec.add_actuator(name="jaws", trntype=mujoco.mjtTrn.mjTRN_TENDON, target="jaws")
     motor.ctrlrange, motor.ctrllimited = [-jaws.force, jaws.force], mujoco.mjtLimited.mjLIMITED_TRUE
     return bodies
 

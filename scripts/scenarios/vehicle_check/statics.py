@@ -20,7 +20,7 @@ AXES = ("surge", "sway", "heave", "roll", "pitch", "yaw")
 FASTEST = 2.0  # [m/s] of a current that is tried
 _DIRECTIONS = 60  # of a force on the tip that are tried
 _SHELLS, _NEAR = 6, 0.1  # of the ball before the camera; distance to a drawn tip that counts as reached, of the reach
-_SMALL = 1e-9
+_SMALL = 1e-9  # [N], [m] or [N m] that counts as zero
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

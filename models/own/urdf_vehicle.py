@@ -14,7 +14,7 @@ from models.arms import urdf
 from models.naming import HULL_BODY
 from models.own.mapping import add_motor
 from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.files import bytes_of
+from sim.interfaces.files import bytes_of, existing_file
 from sim.interfaces.spatial import shown
 
 _MESHES = (".stl", ".obj", ".msh")
@@ -43,6 +43,7 @@ def spec_of_urdf(file: str | Path) -> tuple[mujoco.MjSpec, list[str]]:
         ConfigurationError: it is no URDF, or MuJoCo does not accept it.
     """
     name = f"vehicle {shown(str(file))}"
+    existing_file(file, "vehicle")
     robot = urdf.parse(Path(file), name)
     notes = []
     left_out = sorted(set(_resolve_meshes(robot.xml, Path(file).resolve().parent)))

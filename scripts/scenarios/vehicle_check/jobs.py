@@ -217,7 +217,9 @@ def _spring_limit(own: OwnVehicle) -> float:
 def _tool_hint(model: mujoco.MjModel) -> str:
     try:
         vehicle = Vehicle.of(model)
-        bears = tip_force(model, vehicle, np.array(vehicle.q_ready)).weakest if vehicle.tip >= 0 else np.inf
+        if vehicle.tip < 0:
+            return ""
+        bears = tip_force(model, vehicle, np.array(vehicle.q_ready)).weakest
     except UuvError:
         return ""
     return f"; try --tool {'small_pad' if bears < SMALL_PAD else 'pad'}"

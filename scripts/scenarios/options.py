@@ -303,8 +303,8 @@ class InsertionOptions(TrialOptions):
     range: float = 1.25
     """Range from camera to manifold at the scan [m]."""
     vehicle: str = "uuv_puma"
-    """uuv_puma, which then carries the sampler in place of its pad; or an MJCF file with the named parts
-    (docs/own_vehicle.md), its geom `pad` a capsule."""
+    """A name or a file (docs/own_vehicle.md); it carries the sampler in place of its own tool, unless that is a capsule,
+    a sampler too."""
 
     def scenario(self) -> Scenario:
         """The insertion."""
@@ -350,8 +350,8 @@ class SeabedOptions(TrialOptions):
     without: tuple[Method, ...] = ()
     """Controller methods to leave out, e.g. compensation (ablation)."""
     vehicle: str = "uuv_puma"
-    """uuv_puma, which then carries a core tube or a box in place of its pad; or an MJCF file with the named parts
-    (docs/own_vehicle.md)."""
+    """A name or a file (docs/own_vehicle.md); it carries a core tube or a box in place of its own tool, unless that is
+    one too."""
 
     def scenario(self) -> Scenario:
         """The sampling."""

@@ -60,7 +60,7 @@ class SuiteEntry:
     actions: str  # usual kind
     time_limit: float  # [s] usual
     tags: tuple[str, ...]
-    tool: str | None = None  # in place of uuv_puma's pad
+    tool: str | None = None  # in place of the vehicle's own
 
 
 def _free(kind: type[HoldStation] | type[ReachPose]) -> Callable[[VehicleEntity, Actions, bool], VehicleTask]:

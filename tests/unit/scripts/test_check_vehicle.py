@@ -1,6 +1,7 @@
 """The check of a vehicle: ten broken ones, each told by a code and a figure, and the verdicts on jobs."""
 
 import json
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from io import StringIO
@@ -13,10 +14,12 @@ from rich.console import Console
 from models import hydrodynamics
 from models.naming import CAMERA_SITE, HULL_BODY, TIP_SITE
 from scenarios.cli import check_vehicle as command
-from scenarios.own_vehicle import vehicle_spec
+from scenarios.options import barrel
+from scenarios.own_vehicle import OwnVehicle, vehicle_spec
 from scenarios.vehicle_check.check import check_vehicle
 from scenarios.vehicle_check.doubts import inertia_doubts
 from scenarios.vehicle_check.findings import VehicleCheck
+from scenarios.vehicle_check.preflight import preflight
 from scenarios.vehicle_check.table import print_check
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import quat_wxyz_from_rotation, rotation_from_z
@@ -220,3 +223,24 @@ def test_findings_are_printed_with_their_codes(sound: dict[str, mujoco.MjSpec]) 
     said = StringIO()
     print_check(check_vehicle(spec, jobs=()), Console(width=120, file=said))
     assert "too heavy by 49 N" in said.getvalue()
+
+
+def test_a_job_far_beyond_a_vehicle_is_not_begun(sound: dict[str, mujoco.MjSpec]) -> None:
+    """And one that is beyond `ready` alone is begun with a line about it, a sound one without."""
+    job, own = barrel(), OwnVehicle.of(sound["uuv_puma"].copy())
+    assert preflight(job, own) == []
+    weak = sound["uuv_puma"].copy()
+    arm_too_weak(weak)
+    with pytest.raises(ConfigurationError, match=r"the tip bears 0 N in ready \(joint2\), the job sets 90 N"):
+        preflight(job, OwnVehicle.of(weak))
+    blind = sound["uuv_puma"].copy()
+    camera_on_the_hull(blind)
+    with pytest.raises(
+        ConfigurationError, match="68% of the camera's view is on the vehicle itself, most of it on hull"
+    ):
+        preflight(job, OwnVehicle.of(blind))
+    small = OwnVehicle.of(sound["bluerov2_heavy_alpha5"].copy())
+    (said,) = preflight(barrel(vehicle="bluerov2_heavy_alpha5", forces=(80.0,)), small)
+    assert re.fullmatch(r"doubtful: .* the job sets 80 N; --forces \d+ may do|doubtful: 80 N .* of a thruster.*", said)
+    with pytest.raises(ConfigurationError, match="the tool's spring is at its end at 100 N, the job sets 110 N"):
+        preflight(barrel(vehicle="bluerov2_heavy_alpha5", forces=(110.0,)), small)

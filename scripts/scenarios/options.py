@@ -303,8 +303,8 @@ class InsertionOptions(TrialOptions):
     range: float = 1.25
     """Range from camera to manifold at the scan [m]."""
     vehicle: str = "uuv_puma"
-    """A name or a file (docs/own_vehicle.md); it carries the sampler in place of its own tool, unless that is a capsule,
-    a sampler too."""
+    """A name or a file (docs/own_vehicle.md); it carries the sampler in place of its own tool, unless that is a
+    capsule, a sampler too."""
 
     def scenario(self) -> Scenario:
         """The insertion."""

@@ -5,6 +5,7 @@ import numpy as np
 
 from models.naming import ARM_BASE_BODY, CAMERA_SITE, HOME_KEY, HULL_BODY, READY_KEY, TIP_SITE, TOOL_GEOM
 from models.own.postures import FoundPosture, PostureSearch
+from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import quat_wxyz_from_rotation
 
 COMPUTED = "computed_"  # begins the name of a text element that tells a computed part
@@ -15,17 +16,14 @@ _BEFORE = 0.02  # [m] of the default camera before the hull's bow
 def complete(spec: mujoco.MjSpec) -> list[str]:
     """Add what a vehicle lacks and can be computed: site `camera`, keyframes `home` and `ready`.
 
-    The vehicle stays as it is where it has these, and where it has no free hull. What was added stands in text elements
-    of the spec too (`computed`).
+    The vehicle stays as it is where it has these, and where it has no arm by the contract: who needs that says so. What
+    was added stands in text elements of the spec too (`computed`).
 
     Args:
         spec: vehicle, changed in place.
 
     Returns:
         One line for each part that was added.
-
-    Raises:
-        ConfigurationError: the arm cannot be read, for instance a joint has no range.
     """
     bodies, sites = {body.name for body in spec.bodies}, {site.name for site in spec.sites}
     keys = {key.name for key in spec.keys}
@@ -39,8 +37,7 @@ def complete(spec: mujoco.MjSpec) -> list[str]:
             name=CAMERA_SITE, pos=bow, quat=quat_wxyz_from_rotation(_LOOK_AHEAD), group=4, size=[0.01, 0.01, 0.01]
         )
         said[CAMERA_SITE] = f"site camera: none given; {bow[0]:.2f} m ahead of the hull's origin, looking ahead"
-    if not {HOME_KEY, READY_KEY} <= keys:
-        search = PostureSearch(spec.compile())
+    if not {HOME_KEY, READY_KEY} <= keys and (search := _search(spec)) is not None:
         for name, find in ((HOME_KEY, search.home), (READY_KEY, search.ready)):
             if name not in keys:
                 found = find()
@@ -66,6 +63,14 @@ def note(spec: mujoco.MjSpec, lines: list[str]) -> None:
 def tool_kind(spec: mujoco.MjSpec) -> mujoco.mjtGeom | None:
     """Shape of the tool that a vehicle has; None: it has none."""
     return next((mujoco.mjtGeom(geom.type) for geom in spec.geoms if geom.name == TOOL_GEOM), None)
+
+
+def _search(spec: mujoco.MjSpec) -> PostureSearch | None:
+    """Search of postures; None for an arm that cannot be read, for instance because a joint has no range."""
+    try:
+        return PostureSearch(spec.compile())
+    except ConfigurationError:
+        return None
 
 
 def _add_key(spec: mujoco.MjSpec, search: PostureSearch, name: str, found: FoundPosture) -> None:

@@ -27,6 +27,15 @@ def apply(spec: mujoco.MjSpec, parts: PartsMap, name: str) -> None:
     Raises:
         ConfigurationError: a part that the mapping names is not in the model, or cannot serve.
     """
+    try:
+        _apply(spec, parts, name)
+    except ConfigurationError:
+        raise
+    except (ValueError, mujoco.FatalError) as error:  # of MuJoCo, such as a name that is there already
+        raise ConfigurationError(f"{name}: {' '.join(str(error).split())}") from error
+
+
+def _apply(spec: mujoco.MjSpec, parts: PartsMap, name: str) -> None:
     hull = _body(spec, parts.hull, name) if parts.hull else _only_body(spec, name)
     if hull is not None:
         _rename_body(spec, hull, HULL_BODY)
@@ -232,7 +241,10 @@ def _thruster(spec: mujoco.MjSpec, mapped: MappedThruster, renamed: dict[str | N
         return
     site = mapped.site
     if mapped.place is not None:
-        site, body = f"thruster_{mapped.name}", _body(spec, renamed.get(mapped.place.body) or HULL_BODY, name)
+        site, body = (
+            f"thruster_{mapped.name}",
+            _body(spec, renamed.get(mapped.place.body, mapped.place.body) or HULL_BODY, name),
+        )
         body.add_site(name=site, pos=mapped.place.pos, quat=_along_x(mapped.place.z), group=4)
     elif site not in {each.name for each in spec.sites}:
         raise _missing(name, "site", str(site), [each.name for each in spec.sites])

@@ -14,6 +14,7 @@ from models.own.complete import complete, note
 from models.own.parts_file import PartsMap, beside, read_parts
 from models.site.seabed import Seabed
 from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.files import existing_file
 from sim.interfaces.spatial import Array, shown, transform_points
 
 SEABED_DEPTH = 0.75  # [m] of the flat seabed below the object's origin
@@ -52,7 +53,7 @@ def _as_given(
 ) -> tuple[mujoco.MjSpec, PartsMap | None]:
     """The spec of a vehicle under the contract's names, and the mapping that gave them."""
     if not isinstance(vehicle, str | Path):
-        raise ConfigurationError(f"vehicle: expected a name or an MJCF file, got {shown(vehicle)}")
+        raise ConfigurationError(f"vehicle: expected a name or a file, got {shown(vehicle)}")
     vehicle = str(vehicle)
     mapped, name = None if parts is None else read_parts(parts), f"parts {shown(str(parts))}"
     if ":" in vehicle or vehicle in models.available():
@@ -61,11 +62,13 @@ def _as_given(
         spec = models.load(vehicle)
         if mapped is not None:
             mapping.apply(spec, mapped, name)
+            compiled(spec, name)
         return spec, mapped
     if not Path(vehicle).suffix:
         raise ConfigurationError(
             f"unknown vehicle {shown(vehicle)}; there are {', '.join(models.available())}, or a file, MJCF or URDF"
         )
+    existing_file(vehicle, "vehicle")
     if mapped is None and (there := beside(vehicle)) is not None:
         mapped, name = read_parts(there), f"parts {shown(str(there))}"
     if urdf_vehicle.is_urdf(vehicle):
@@ -75,12 +78,12 @@ def _as_given(
         mapping.apply(spec, mapped, name if parts or beside(vehicle) else f"vehicle {shown(vehicle)}")
         urdf_vehicle.add_motors(spec, mapping.joints_between(spec), f"vehicle {shown(vehicle)}")
         note(spec, notes)
-        compiled(spec, f"vehicle {shown(vehicle)}")
     else:
         spec, _ = read_mjcf(vehicle, "vehicle")
         sidecar.attach_beside(spec, vehicle, water)
         if mapped is not None:
             mapping.apply(spec, mapped, name)
+    compiled(spec, f"vehicle {shown(vehicle)}")
     if hydrodynamics.attached(spec):
         hydrodynamics.attach(spec, {})  # MJCF keeps user data of bodies but not of the world
     return spec, mapped

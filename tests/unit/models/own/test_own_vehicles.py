@@ -141,10 +141,12 @@ def test_a_mapping_can_lock_a_joint_and_replace_a_servo(tmp_path: Path) -> None:
         ("{lift: 9, bend: 5}", "{lift: -9}", "joints: lift"),
         ("{lift: 9, bend: 5}", "5", "expected names, or names with torque limits"),
         ("direction: [2, 0, 0]", "direction: [0, 0, 0]", "thruster 1: direction: must not be zero"),
+        ("pos: [0, 0.2, 0]", "body: nowhere, pos: [0, 0.2, 0]", "no body 'nowhere'"),
         (", direction: [2, 0, 0]", "", "thruster 1: direction: three numbers are missing"),
         ("kind: {forward: 30, reverse: 20}", "kind: {forwrd: 30}", "thruster 2: kind: .*forwrd"),
         ("pos: [-0.2, 0, 0.05]", "pos: [.nan, 0, 0.05]", "thruster 1: pos"),
         ("hull: base_link", "trim: -1", "trim"),
+        ("name: up_port", "name: ahead", "repeated name 'thruster_ahead'"),
         ("hull: base_link", "- hull", "YAML"),
     ],
 )
@@ -190,6 +192,14 @@ def test_computed_postures_are_clear_and_better_conditioned_than_those_by_hand(n
         assert search.is_clear(q)
     assert search.view_blocked(found.q_home) == 0.0
     assert search.singular_value(found.q_ready) > search.singular_value(theirs[READY_KEY])
+
+
+def test_an_arm_that_cannot_be_read_is_told_by_who_needs_it(tmp_path: Path) -> None:
+    endless = MJCF.replace(' range="-2.4 2.4"', "")
+    spec = vehicle_spec(written(tmp_path, ".xml", endless))
+    assert not computed(spec)
+    with pytest.raises(ConfigurationError, match="joint 'bend' of the arm must have a range"):
+        Vehicle.of(spec.compile())
 
 
 def test_what_a_vehicle_has_is_left_as_it_is() -> None:

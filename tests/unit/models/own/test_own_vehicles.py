@@ -131,6 +131,14 @@ def test_a_mapping_can_lock_a_joint_and_replace_a_servo(tmp_path: Path) -> None:
     assert model.actuator("bend").biastype[0] == mujoco.mjtBias.mjBIAS_NONE
 
 
+def test_a_hull_without_a_joint_floats(tmp_path: Path) -> None:
+    held = MJCF.replace("<freejoint/>", "")
+    model = vehicle_spec(written(tmp_path, ".xml", held)).compile()
+    assert model.jnt_type[0] == mujoco.mjtJoint.mjJNT_FREE
+    assert model.nq == 7 + 2
+    assert Vehicle.of(model).joint_names == ("lift", "bend")
+
+
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [

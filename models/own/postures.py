@@ -100,18 +100,23 @@ class PostureSearch:
         return float(np.linalg.norm(self._tips, axis=1).max())
 
     @cached_property
-    def _masses(self) -> list[tuple[int, float, float, Array]]:
-        """Body, mass [kg], displaced mass of water [kg] and its centre (3,) [m]; none where the hull has no water."""
+    def _masses(self) -> tuple[np.ndarray, Array, Array]:
+        """Bodies (b,), their masses less those of their water (b,) [kg], and moments of both in the body (b, 3) [kg m].
+
+        None where the hull has no water.
+        """
         model = self.model
         if not hydrodynamics.carries(model.body_user[self.vehicle.hull]):
-            return []
-        density, found = hydrodynamics.water_density(model), []
-        for body in np.flatnonzero(model.body_rootid == model.body_rootid[self.vehicle.hull]):
-            wet = hydrodynamics.carries(model.body_user[body])
-            water = hydrodynamics.unpack(model.body_user[body]) if wet else hydrodynamics.BodyHydrodynamics(volume=0.0)
-            displaced = density * water.volume
-            found.append((int(body), float(model.body_mass[body]), displaced, np.array(water.center_of_buoyancy)))
-        return found
+            return np.zeros(0, dtype=np.int64), np.zeros(0), np.zeros((0, 3))
+        density = hydrodynamics.water_density(model)
+        bodies = np.flatnonzero(model.body_rootid == model.body_rootid[self.vehicle.hull])
+        net, local = np.array(model.body_mass[bodies]), model.body_mass[bodies, None] * model.body_ipos[bodies]
+        for i, body in enumerate(bodies):
+            if hydrodynamics.carries(model.body_user[body]):
+                water = hydrodynamics.unpack(model.body_user[body])
+                net[i] -= density * water.volume
+                local[i] -= density * water.volume * water.center_of_buoyancy
+        return bodies, net, local
 
     def home(self) -> FoundPosture:
         """The folded posture."""
@@ -205,6 +210,10 @@ class PostureSearch:
     def singular_value(self, q: Array) -> float:
         """Smallest singular value [-] of the tip's Jacobian, lengths in shares of the reach, rotation weighted."""
         self._at(q)
+        return self._singular_value()
+
+    def _singular_value(self) -> float:
+        """`singular_value` at the present posture."""
         model, data, dof = self.model, self.data, self.vehicle.dof
         jac = np.zeros((6, model.nv))
         mujoco.mj_comPos(model, data)
@@ -218,6 +227,10 @@ class PostureSearch:
     def tip_axis(self, q: Array) -> tuple[Array, Array]:
         """Place (3,) [m] of the tip in hull axes and direction (3,) of the tool at `q` (n,)."""
         self._at(q)
+        return self._tip_axis()
+
+    def _tip_axis(self) -> tuple[Array, Array]:
+        """`tip_axis` at the present posture."""
         vehicle, data = self.vehicle, self.data
         R_WB, p = data.xmat[vehicle.hull].reshape(3, 3), data.xpos[vehicle.hull]
         return R_WB.T @ (data.site_xpos[vehicle.tip] - p), R_WB.T @ data.site_xmat[vehicle.tip].reshape(3, 3)[:, 2]
@@ -234,9 +247,10 @@ class PostureSearch:
 
     def _readiness(self, q: Array) -> float:
         room = float(np.minimum(q - self._low, self._high - q).min())
-        sigma = self.singular_value(q)
-        far = float(np.linalg.norm(self._tip(q))) / self.reach
-        p_BG, z_BG = self.tip_axis(q)
+        reach = self.reach  # may search, so before the posture is set
+        self._at(q)
+        sigma, (p_BG, z_BG) = self._singular_value(), self._tip_axis()
+        far = float(np.linalg.norm(p_BG - self.vehicle.X_BA[:3, 3])) / reach
         score = sigma * min(1.0, max(room, 0.0) / _ROOMY)
         score *= max(0.1, 1.0 - 4.0 * max(0.0, _INSIDE[0] - far, far - _INSIDE[1]))
         if self._camera >= 0:
@@ -278,12 +292,12 @@ class PostureSearch:
 
     def _lists(self) -> float:
         """Angle [rad] by which the vehicle lists at the present posture; 0 for one without water, or unstable."""
-        model, data, hull = self.model, self.data, self.vehicle.hull
-        moment = np.zeros(3)  # [kg m] of masses less their water, about the hull, world axes
-        for body, mass, displaced, center in self._masses:
-            p = data.xpos[body] - data.xpos[hull]
-            R = data.xmat[body].reshape(3, 3)
-            moment += mass * (p + R @ model.body_ipos[body]) - displaced * (p + R @ center)
+        data, hull = self.data, self.vehicle.hull
+        bodies, net, local = self._masses
+        if not bodies.size:
+            return 0.0
+        moment = net @ (data.xpos[bodies] - data.xpos[hull])  # [kg m] of masses less their water, world axes
+        moment += np.einsum("bij,bj->i", data.xmat[bodies].reshape(-1, 3, 3), local)
         moment = moment @ data.xmat[hull].reshape(3, 3)
         return float(np.hypot(*moment[:2]) / -moment[2]) if moment[2] < 0.0 else 0.0
 

@@ -41,7 +41,7 @@ TILT = float(np.radians(10.0))  # [rad] at most
 SATURATED = 0.3  # share of the time at most at which a thruster may be at its limit
 CURRENT = (0.3 * float(np.cos(np.pi / 6)), 0.3 * float(np.sin(np.pi / 6)), 0.0)  # [m/s] of the job hover-current
 VIEW = 0.5  # share of the camera's view that may be on the vehicle itself
-_PRESSING = 5  # degrees of freedom of a tool on a surface: its place, and its axis
+_ALL = 6  # degrees of freedom of a tool; an arm of fewer joints leaves the rest to the hull
 BEYOND = 2.0  # times what arm or thrusters bear in `ready`, from which on no other posture is hoped for
 SMALL_PAD = 50.0  # [N] at the tip in its weakest direction, under which the small pad is proposed
 
@@ -244,7 +244,7 @@ def _planned(name: str, scenario: Scenario, own: OwnVehicle) -> JobVerdict:
         if (refused := ReadyForce.of(scenario, own).refusal(scenario)) is not None:
             return _refused(name, *refused)
         joints = len(own.vehicle.joints)
-        more = f"; the arm has {joints} joints, a tool's place and axis take {_PRESSING}" if joints < _PRESSING else ""
+        more = f"; the arm has {joints} joints" if joints < _ALL else ""
         return _refused(name, "reach", f"{_short(str(error))}{more}", float(joints) if more else None)
     part = "" if share > 0.999 else f", {share:.0%} of the path"
     return JobVerdict(

@@ -36,6 +36,19 @@ def read_mjcf(file: str | Path, what: str) -> tuple[mujoco.MjSpec, mujoco.MjMode
             spec.modelfiledir = str(path.parent)
     except (ValueError, mujoco.FatalError) as error:
         raise ConfigurationError(f"{name} is not an MJCF that MuJoCo reads: {error}") from error
+    return spec, compiled(spec, name)
+
+
+def compiled(spec: mujoco.MjSpec, name: str) -> mujoco.MjModel:
+    """Compile a user's spec, and judge its numbers.
+
+    Args:
+        spec: of a file.
+        name: with which errors begin.
+
+    Raises:
+        ConfigurationError: MuJoCo cannot compile it, or a number is not finite or beyond 1e6.
+    """
     try:
         model = spec.compile()
     except (ValueError, mujoco.FatalError) as error:
@@ -45,4 +58,4 @@ def read_mjcf(file: str | Path, what: str) -> tuple[mujoco.MjSpec, mujoco.MjMode
         if not np.all(np.abs(values) <= _LARGEST):  # this form also catches NaN
             worst = values.flat[int(np.argmax(np.where(np.isfinite(values), np.abs(values), np.inf)))]
             raise ConfigurationError(f"{name}: {field} must be finite and within {_LARGEST:g}, got {worst:g}")
-    return spec, model
+    return model

@@ -266,6 +266,7 @@ class HoleInsertion(TaskPlanner):
         stand = PathStanding(
             vehicle=own.vehicle, chain=own.chain, model=target, hull_box=own.hull_box, limits=standing, search=search
         )
+        self.stand = stand
         site = WorkSite(own=own, X_WB_scan=np.array(X_WB_scan), stand=stand, around=around(own, target))
         limits = ArrivalLimits()
         monitors = axial_monitors(

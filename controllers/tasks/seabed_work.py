@@ -175,6 +175,7 @@ class SeabedWork(TaskPlanner):
             )
             return found.placement, path, 1.0
 
+        self.stand = stand
         limits = ArrivalLimits(scan=ScanLimits(views=job.scans, finds=1))
         site = WorkSite(own=own, X_WB_scan=X_WB, stand=stand, come_near=None if coarse is None else coarse.pose)
         monitors = axial_monitors(

@@ -154,7 +154,7 @@ class SurfaceWork(TaskPlanner):
             holding=holding if job.contactless is None else None,
         )
         site = WorkSite(own=own, X_WB_scan=np.array(X_WB_scan), stand=stand, around=around(own, target))
-        self.job = job
+        self.job, self.stand = job, stand
         super().__init__(
             surface_rows(site, job), surface_monitors(job), X_WB=X_WB_scan, q=own.vehicle.q_home, period=period
         )

@@ -6,47 +6,87 @@ import mujoco
 
 import models
 from models import hydrodynamics, sidecar
-from models.mjcf_files import read_mjcf
+from models.mjcf_files import compiled, read_mjcf
 from models.naming import TOOL_GEOM
 from models.objects.targets import TargetModel
+from models.own import mapping, urdf_vehicle
+from models.own.complete import complete, note
+from models.own.parts_file import PartsMap, beside, read_parts
 from models.site.seabed import Seabed
 from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.files import existing_file
 from sim.interfaces.spatial import Array, shown, transform_points
 
 SEABED_DEPTH = 0.75  # [m] of the flat seabed below the object's origin
 
 
-def vehicle_spec(vehicle: str | Path, water: str | Path | None = None) -> mujoco.MjSpec:
-    """Vehicle by its name in `models.available()`, or from an MJCF file.
+def vehicle_spec(
+    vehicle: str | Path, water: str | Path | None = None, parts: str | Path | None = None
+) -> mujoco.MjSpec:
+    """Vehicle by its name in `models.available()`, or from a file; the parts that can be computed are complete.
 
-    The file's coefficients are in its user data, in custom elements, or in a sidecar (`models.sidecar`).
+    An MJCF's coefficients are in its user data, in custom elements, or in a sidecar (`models.sidecar`); a URDF's in a
+    sidecar.
 
     Args:
-        vehicle: name, or MJCF file.
-        water: sidecar of the MJCF file; by default `NAME.water.yaml` beside it, if there is one.
+        vehicle: a name, MODULE:FUNCTION, or a file, MJCF or URDF.
+        water: sidecar of the file; None: `NAME.water.yaml` beside it, if there is one.
+        parts: file that maps the model's names to those of the contract (`models.own.parts_file`); None:
+            `NAME.parts.yaml` beside the vehicle's file, if there is one.
 
     Returns:
-        Spec with its water.
+        Its spec with its water; `models.own.complete.computed` tells what was added.
 
     Raises:
-        ConfigurationError: neither a name nor a file, or a file that cannot be read or compiled.
+        ConfigurationError: neither a name nor a file, a file that cannot be read or compiled, or a part of the mapping
+            that the model has not.
     """
+    spec, mapped = _as_given(vehicle, water, parts)
+    complete(spec)
+    if mapped is not None and mapped.trim is not None:
+        mapping.ballast(spec, mapped.trim, f"vehicle {shown(str(vehicle))}")
+    return spec
+
+
+def _as_given(
+    vehicle: str | Path, water: str | Path | None, parts: str | Path | None
+) -> tuple[mujoco.MjSpec, PartsMap | None]:
+    """The spec of a vehicle under the contract's names, and the mapping that gave them."""
     if not isinstance(vehicle, str | Path):
-        raise ConfigurationError(f"vehicle: expected a name or an MJCF file, got {shown(vehicle)}")
+        raise ConfigurationError(f"vehicle: expected a name or a file, got {shown(vehicle)}")
     vehicle = str(vehicle)
+    mapped, name = None if parts is None else read_parts(parts), f"parts {shown(str(parts))}"
     if ":" in vehicle or vehicle in models.available():
         if water is not None:
             raise ConfigurationError(f"vehicle {shown(vehicle)}: has its own water, so a water file is refused")
-        return models.load(vehicle)
+        spec = models.load(vehicle)
+        if mapped is not None:
+            mapping.apply(spec, mapped, name)
+            compiled(spec, name)
+        return spec, mapped
     if not Path(vehicle).suffix:
         raise ConfigurationError(
-            f"unknown vehicle {shown(vehicle)}; there are {', '.join(models.available())}, or an MJCF file"
+            f"unknown vehicle {shown(vehicle)}; there are {', '.join(models.available())}, or a file, MJCF or URDF"
         )
-    spec, _ = read_mjcf(vehicle, "vehicle")
-    sidecar.attach_beside(spec, vehicle, water)
+    existing_file(vehicle, "vehicle")
+    if mapped is None and (there := beside(vehicle)) is not None:
+        mapped, name = read_parts(there), f"parts {shown(str(there))}"
+    if urdf_vehicle.is_urdf(vehicle):
+        spec, notes = urdf_vehicle.spec_of_urdf(vehicle)
+        mapped = mapped or PartsMap()
+        sidecar.attach_beside(spec, vehicle, water)  # by the names of the file
+        mapping.apply(spec, mapped, name if parts or beside(vehicle) else f"vehicle {shown(vehicle)}")
+        urdf_vehicle.add_motors(spec, mapping.joints_between(spec), f"vehicle {shown(vehicle)}")
+        note(spec, notes)
+    else:
+        spec, _ = read_mjcf(vehicle, "vehicle")
+        sidecar.attach_beside(spec, vehicle, water)
+        if mapped is not None:
+            mapping.apply(spec, mapped, name)
+    compiled(spec, f"vehicle {shown(vehicle)}")
     if hydrodynamics.attached(spec):
         hydrodynamics.attach(spec, {})  # MJCF keeps user data of bodies but not of the world
-    return spec
+    return spec, mapped
 
 
 def work_site(vehicle: mujoco.MjSpec, target: TargetModel, X_WT: Array) -> mujoco.MjSpec:

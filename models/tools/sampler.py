@@ -13,7 +13,7 @@ import numpy as np
 from models.hydrodynamics import BodyHydrodynamics, cylinder
 from models.keyframes import keyframes_kept
 from models.naming import PAD_BODY, PAD_JOINT, TIP_SITE, TOOL_FACE_SITE, TOOL_GEOM
-from models.registry import Registry
+from models.tools.contact import ToolContact
 from sim.interfaces.errors import ConfigurationError
 
 
@@ -26,6 +26,14 @@ class Tube:
     mass: float  # [kg]
     domed: bool  # hemispherical tip of the same radius
     wall: float = 0.002  # [m]
+
+    @property
+    def contact(self) -> ToolContact:
+        """Nose and mount."""
+        shape = "dome" if self.domed else "open tube"
+        return ToolContact(
+            shape=shape, radius=self.radius, length=self.length, mass=self.mass, stiffness=STIFFNESS, give=GIVE
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -40,11 +48,18 @@ class Box:
     rake: float = float(np.radians(69.0))  # [rad] of its cutting edge, from the horizontal: 90 deg minus the friction
     # of steel on sand, so that the sand neither draws it in nor lifts it out
 
+    @property
+    def contact(self) -> ToolContact:
+        """Cutting edges and mount."""
+        across = 0.5 * max(self.width, self.breadth)
+        return ToolContact(
+            shape="open box", radius=across, length=self.length, mass=self.mass, stiffness=STIFFNESS, give=GIVE
+        )
+
 
 SAMPLER = Tube(radius=0.018, length=0.14, mass=0.6, domed=True)
 CORER = Tube(radius=0.03, length=0.25, mass=1.0, domed=False)
 BOX = Box(width=0.08, breadth=0.06, length=0.16, mass=0.9)
-TOOLS: Registry[Tube | Box] = Registry("tool", {"sampler": lambda: SAMPLER, "corer": lambda: CORER, "box": lambda: BOX})
 STIFFNESS = 3e4  # [N/m] of the mount, in each direction; that of the pad
 DAMPING = 150.0  # [N s/m] of the mount; >= k dt / 2 = 30 keeps it stable at 2 ms
 GIVE = 0.02  # [m] axial travel of the mount
@@ -69,19 +84,39 @@ def fit(spec: mujoco.MjSpec, tool: Tube | Box = SAMPLER) -> dict[str, BodyHydrod
             f"a sampler takes the place of a body {PAD_BODY!r} on one slide, at a site {TIP_SITE!r}"
         )
     with keyframes_kept(spec):
-        return _exchange(spec, pad, tip, tool)
+        link, place, turn = pad.parent, np.array(pad.pos), np.array(pad.quat)
+        along = np.array(pad.joints[0].axis)
+        spec.delete(pad)
+        return add(link, place, turn, along, tip, tool)
 
 
-def _exchange(
-    spec: mujoco.MjSpec, pad: mujoco.MjsBody, tip: mujoco.MjsSite, tool: Tube | Box
+def add(
+    link: mujoco.MjsBody,
+    place: np.ndarray,
+    turn: np.ndarray,
+    along: np.ndarray,
+    tip: mujoco.MjsSite,
+    tool: Tube | Box,
+    face: np.ndarray | None = None,
 ) -> dict[str, BodyHydrodynamics]:
-    """Delete `pad`, add the tool in its mount, move `tip` to its end, and return the tool's hydrodynamics."""
-    link, place, turn = pad.parent, np.array(pad.pos), np.array(pad.quat)
-    along = np.array(pad.joints[0].axis)
+    """Add the tool in its mount to a link, and move `tip` to its end.
+
+    Args:
+        link: that carries the tool.
+        place: (3,) [m] of the mount in the link.
+        turn: orientation wxyz of the mount in the link.
+        along: (3,) direction of the tool in the mount.
+        tip: site of the arm's tip.
+        tool: the tool.
+        face: orientation wxyz of the tip in the mount; None: as in the link.
+
+    Returns:
+        The tool's hydrodynamics by body name.
+    """
     R = np.empty(9)
     mujoco.mju_quat2Mat(R, turn)
-    spec.delete(pad)
     tip.pos = place + R.reshape(3, 3) @ along * tool.length
+    face = np.array(tip.quat) if face is None else face
     side = np.eye(3)[int(np.argmin(np.abs(along)))]
     side -= (side @ along) * along
     side /= np.linalg.norm(side)
@@ -90,7 +125,7 @@ def _exchange(
         parent = parent.add_body(name=name, mass=_MOUNT, ipos=[0.0] * 3, inertia=[1e-5] * 3, explicitinertial=True)
         if name == "mount_x":
             parent.pos, parent.quat = place, turn
-        _slide(parent, name, axis, (-SIDE_GIVE, SIDE_GIVE))
+        add_slide(parent, name, axis, (-SIDE_GIVE, SIDE_GIVE))
     held = parent.add_body(
         name=PAD_BODY,
         mass=tool.mass,
@@ -98,7 +133,7 @@ def _exchange(
         inertia=[tool.mass * tool.length**2 / 12.0] * 3,
         explicitinertial=True,
     )
-    _slide(held, PAD_JOINT, along, (-GIVE, 0.25 * GIVE))
+    add_slide(held, PAD_JOINT, along, (-GIVE, 0.25 * GIVE))
     geom = held.add_geom(
         name=TOOL_GEOM,
         mass=0.0,
@@ -112,7 +147,7 @@ def _exchange(
     )
     if isinstance(tool, Box):
         geom.type, geom.size = mujoco.mjtGeom.mjGEOM_BOX, [0.5 * tool.breadth, 0.5 * tool.width, 0.5 * tool.length]
-        geom.pos, geom.quat = 0.5 * tool.length * along, tip.quat
+        geom.pos, geom.quat = 0.5 * tool.length * along, face
         water = cylinder(float(np.sqrt(tool.width * tool.breadth / np.pi)), np.zeros(3), tool.length * along)
     else:
         dome = tool.radius if tool.domed else 0.0
@@ -120,17 +155,25 @@ def _exchange(
         geom.size = [tool.radius, 0, 0]
         geom.fromto = np.concatenate([dome * along, (tool.length - dome) * along])
         water = cylinder(tool.radius, dome * along, tool.length * along)
-    held.add_site(name=TOOL_FACE_SITE, pos=tool.length * along, quat=tip.quat, group=4)
+    held.add_site(name=TOOL_FACE_SITE, pos=tool.length * along, quat=face, group=4)
     return {PAD_BODY: water}
 
 
-def _slide(body: mujoco.MjsBody, name: str, axis: np.ndarray, limits: tuple[float, float]) -> None:
+def add_slide(
+    body: mujoco.MjsBody,
+    name: str,
+    axis: np.ndarray,
+    limits: tuple[float, float],
+    stiffness: float = STIFFNESS,
+    damping: float = DAMPING,
+) -> None:
+    """Add a slide [m] with a spring [N/m] and a damper [N s/m] to a body."""
     body.add_joint(
         name=name,
         type=mujoco.mjtJoint.mjJNT_SLIDE,
         axis=axis,
-        stiffness=STIFFNESS,
-        damping=DAMPING,
+        stiffness=stiffness,
+        damping=damping,
         range=limits,
         limited=True,
     )

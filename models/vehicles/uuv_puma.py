@@ -29,7 +29,8 @@ from models.arms import gear_friction
 from models.arms.gear_friction import GearFriction
 from models.hydrodynamics import BodyHydrodynamics, cylinder
 from models.naming import ARM_BASE_BODY, CAMERA_SITE, HOME_KEY, HULL_BODY, PAD_BODY
-from models.tools import sampler
+from models.tools import attachment, sampler
+from models.tools.tools import TOOLS
 from models.water import thrusters
 from sim.interfaces.spatial import Array, pose, quat_wxyz_from_rotation, rotation_from_z
 
@@ -105,8 +106,9 @@ def build(tool: str = "pad", arm: Literal["under", "side"] = "under") -> mujoco.
         "link6": cylinder(0.03, (0.08, 0, 0), (0.17, 0, 0)),
         PAD_BODY: cylinder(0.045, (0.01, 0, 0), (0.05, 0, 0)),
     }
-    if tool != "pad":
-        bodies |= sampler.fit(spec, sampler.TOOLS.load(tool))
+    held = None if tool == "pad" else TOOLS.load(tool)
+    if isinstance(held, sampler.Tube | sampler.Box):
+        bodies |= sampler.fit(spec, held)
     hydrodynamics.attach(spec, bodies)
     gears = {
         f"joint{i}": GearFriction(coulomb=dry, stiction=1.3 * dry, stribeck_speed=0.03)
@@ -116,6 +118,8 @@ def build(tool: str = "pad", arm: Literal["under", "side"] = "under") -> mujoco.
     thrusters.attach(spec, {a.name: _THRUSTER for a in spec.actuators if a.name.startswith("thruster_")})
     home = next(key for key in spec.keys if key.name == HOME_KEY)
     hydrodynamics.trim(spec, HULL_BODY, metacentric_height=METACENTRIC_HEIGHT, qpos=home.qpos)
+    if held is not None and not isinstance(held, sampler.Tube | sampler.Box):
+        attachment.attach(spec, held)
     return spec
 
 

@@ -35,7 +35,7 @@ class Assembly:
     gusts: np.random.Generator
     noise: np.random.Generator  # of the sensors
     full: bool  # record what the report needs
-    said: str  # line about the arm for the terminal, or empty
+    said: str  # lines about computed parts and the arm for the terminal, or empty
     drawn: Mapping[str, float]  # means of the factors that perturbations drew
 
     @property

@@ -19,6 +19,7 @@ from scenarios.contact_parts import SURVEY
 from scenarios.runner import Run, SignalStop, assessed, rehearse, run_through
 from scenarios.scenario import Scenario
 from scenarios.scenario_file import as_dict, write_scenario
+from scenarios.vehicle_check.preflight import preflight
 from sim.evaluation.metrics import Assessment
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.extras import absent, to_install
@@ -72,8 +73,8 @@ def command(
     first_start.build()
     folder = new_folder(scenario.name, options.out, scenario.seed)  # before the work: the folder may be unusable
     assembly = assembled(scenario, full=options.record)
-    if assembly.said:
-        console.print(assembly.said, highlight=False)
+    for line in filter(None, (assembly.said, *preflight(scenario, assembly.own))):
+        console.print(line, markup=False, highlight=False, soft_wrap=True)
     plant, placed = assembly.plant, assembly.placed
     title = placed.title + after
     # Before the run, which stores the current in the model.
@@ -125,7 +126,8 @@ def command(
         raise stop.asked
     if not result.recording.within(*placed.begun).any():
         raise ConfigurationError(
-            f"the work could not begin: {result.last.reference.note or f'not within {placed.longest:.0f} s'}"
+            f"the work could not begin: {result.last.reference.note or f'not within {placed.longest:.0f} s'} "
+            f"(uuv check {scenario.vehicle.vehicle})"
         )
     return 0 if assessment.accepted else NOT_ACCEPTED
 

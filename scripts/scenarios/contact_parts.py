@@ -22,6 +22,7 @@ from controllers.tuning import DRIVE_PERIOD, ELASTIC_GEARS, ArmTuning
 from controllers.work_controller import WorkController
 from models.arms import dh_geometry
 from models.naming import ARM_BASE_BODY, HULL_BODY, TIP_SITE
+from models.own.complete import computed
 from models.registry import Registry
 from models.vehicle import Vehicle
 from perception.clouds.scan import SensorModel
@@ -53,14 +54,15 @@ def believed_and_built(vehicle: VehicleSetup, belief: Belief, task: Task) -> tup
         task: Its task, which tells the tool, and the parts that are not needed.
 
     Returns:
-        Believed spec, built spec, line about the arm for the terminal (empty: nothing to report).
+        Believed spec, built spec, lines about computed parts and the arm for the terminal (empty: none).
 
     Raises:
         ConfigurationError: The vehicle is unknown, or the file of the arm does not match.
     """
-    believed, built = vehicle_spec(vehicle.vehicle, task.tool), vehicle_spec(vehicle.vehicle, task.tool)
+    believed = vehicle_spec(vehicle.vehicle, vehicle.tool, vehicle.parts, task.tool)
+    built, found = believed.copy(), "\n".join(computed(believed).values())
     if vehicle.arm_errors is None and not belief.calibrated and belief.arm is None:
-        return believed, built, ""
+        return believed, built, found
     drawn = OwnVehicle.of(believed, task.spares)
     arm = true = dh_geometry.read(drawn.model, ARM_BASE_BODY, TIP_SITE, exclude=drawn.passive_joints)
     if vehicle.arm_errors is not None:
@@ -77,7 +79,7 @@ def believed_and_built(vehicle: VehicleSetup, belief: Belief, task: Task) -> tup
             known, said = deck_calibration.from_file(Path(belief.arm), arm)
     if known is not arm:
         dh_geometry.move(believed, arm, known, ARM_BASE_BODY)
-    return believed, built, said
+    return believed, built, "\n".join(filter(None, (found, said)))
 
 
 def exteroceptive_sensor(kind: str, model: mujoco.MjModel, X_BS: Array) -> tuple[Sensor, SensorModel | None]:

@@ -39,16 +39,26 @@ def site_of(options: ScenarioOptions, of: SiteObject) -> Site:
 class VehicleOptions(ScenarioOptions):
     """Options of every command that drives the whole vehicle."""
 
-    groups: ClassVar[Mapping[str, str]] = {"vehicle": "vehicle arm_errors"}
+    groups: ClassVar[Mapping[str, str]] = {"vehicle": "vehicle arm_errors tool parts"}
 
     vehicle: str = "uuv_puma"
-    """A name of models.available(), an MJCF file with the named parts (docs/own_vehicle.md), or MODULE:FUNCTION."""
+    """A name of models.available(), a file with the named parts, MJCF or URDF (docs/own_vehicle.md), or
+    MODULE:FUNCTION."""
+    tool: str | None = None
+    """Tool on the arm's tip: a name of `uuv list tools`; default: the vehicle's own, or the one that the job needs."""
+    parts: Path | None = None
+    """File that maps the model's names to those of the contract; default: NAME.parts.yaml beside the vehicle's file."""
     controller: str = "work"
     """Controller: work, a registered name, or MODULE:CLASS."""
 
     def site(self, of: SiteObject) -> Site:
         """The site with that object."""
         return site_of(self, of)
+
+    def vehicle_setup(self, arm_errors: int | None = None) -> VehicleSetup:
+        """The vehicle with its tool."""
+        parts = None if self.parts is None else str(self.parts)
+        return VehicleSetup(vehicle=self.vehicle, arm_errors=arm_errors, tool=self.tool, parts=parts)
 
 
 @dataclass(kw_only=True)
@@ -139,7 +149,7 @@ class ContactOptions(VehicleOptions):
                 range=self.range,
                 promise=PromiseLimits(least=self.least_chance, wanted=max(WANTED, self.least_chance)),
             ),
-            vehicle=VehicleSetup(vehicle=self.vehicle, arm_errors=self.arm_errors),
+            vehicle=self.vehicle_setup(self.arm_errors),
             belief=Belief(calibrated=self.calibrated, arm=None if self.arm is None else str(self.arm)),
             sensing=Sensing(
                 sensor=SURVEY if self.target_pose == "known" else self.sensor,
@@ -293,8 +303,8 @@ class InsertionOptions(TrialOptions):
     range: float = 1.25
     """Range from camera to manifold at the scan [m]."""
     vehicle: str = "uuv_puma"
-    """uuv_puma, which then carries the sampler in place of its pad; or an MJCF file with the named parts
-    (docs/own_vehicle.md), its geom `pad` a capsule."""
+    """A name or a file (docs/own_vehicle.md); it carries the sampler in place of its own tool, unless that is a
+    capsule, a sampler too."""
 
     def scenario(self) -> Scenario:
         """The insertion."""
@@ -311,7 +321,7 @@ class InsertionOptions(TrialOptions):
                 compliance=self.compliance,
                 range=self.range,
             ),
-            vehicle=VehicleSetup(vehicle=self.vehicle),
+            vehicle=self.vehicle_setup(),
             control=Control(controller=self.controller),
         )
 
@@ -340,8 +350,8 @@ class SeabedOptions(TrialOptions):
     without: tuple[Method, ...] = ()
     """Controller methods to leave out, e.g. compensation (ablation)."""
     vehicle: str = "uuv_puma"
-    """uuv_puma, which then carries a core tube or a box in place of its pad; or an MJCF file with the named parts
-    (docs/own_vehicle.md)."""
+    """A name or a file (docs/own_vehicle.md); it carries a core tube or a box in place of its own tool, unless that is
+    one too."""
 
     def scenario(self) -> Scenario:
         """The sampling."""
@@ -358,7 +368,7 @@ class SeabedOptions(TrialOptions):
                 cloud=None if self.cloud is None else str(self.cloud),
                 targets=None if self.targets is None else str(self.targets),
             ),
-            vehicle=VehicleSetup(vehicle=self.vehicle),
+            vehicle=self.vehicle_setup(),
             sensing=Sensing(dead_beams=self.dead_beams),
             control=Control(controller=self.controller, without=self.without),
         )
@@ -394,7 +404,7 @@ class InspectionOptions(VehicleOptions):
             task=InspectionTask(
                 distance=self.distance, clearance=self.clearance, speed=self.speed, cover=self.cover, mesh=self.mesh
             ),
-            vehicle=VehicleSetup(vehicle=self.vehicle),
+            vehicle=self.vehicle_setup(),
             control=Control(controller=self.controller),
         )
 

@@ -11,9 +11,18 @@ from controllers.mkps import Chain
 from controllers.planning.work_vehicle import WorkVehicle
 from models.naming import ARM_BASE_BODY, CAMERA_SITE, TIP_SITE, TOOL_GEOM, check_parts, find
 from models.site import scenes
+from models.tools import attachment
+from models.tools.tools import TOOLS
 from models.vehicle import Vehicle, pose_in_body
 from models.vehicles import uuv_puma
 from sim.interfaces.spatial import Array
+
+# Shape of the tool that a task needs; a vehicle whose own tool has it keeps its own.
+_SHAPES = {
+    "sampler": mujoco.mjtGeom.mjGEOM_CAPSULE,
+    "corer": mujoco.mjtGeom.mjGEOM_CYLINDER,
+    "box": mujoco.mjtGeom.mjGEOM_BOX,
+}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -64,13 +73,41 @@ class OwnVehicle:
         return float(pad.size[0]) if pad.type[0] == mujoco.mjtGeom.mjGEOM_SPHERE else 0.0
 
 
-def vehicle_spec(name: str, tool: str | None = None) -> mujoco.MjSpec:
-    """The vehicle's spec: uuv_puma with `tool` in place of its pad, any other vehicle as it is.
+def vehicle_spec(
+    name: str, tool: str | None = None, parts: str | None = None, needs: str | None = None
+) -> mujoco.MjSpec:
+    """The vehicle's spec, complete as `models.site.scenes.vehicle_spec` makes it, with a tool on its tip.
+
+    Args:
+        name: Of the vehicle, or its file.
+        tool: A tool of `models.tools.tools.TOOLS` in place of its own; None: its own.
+        parts: File that maps its names to those of the contract; None: the one beside its file.
+        needs: Tool of a task, put on if none is asked for and its own has another shape.
 
     Raises:
         ConfigurationError: There is no such vehicle or tool, or its file cannot be read.
     """
-    return uuv_puma.build(tool) if tool is not None and name == "uuv_puma" else scenes.vehicle_spec(name)
+    wanted = tool or needs
+    if wanted is None:
+        return scenes.vehicle_spec(name, parts=parts)
+    if name == "uuv_puma" and parts is None:
+        return uuv_puma.build(wanted)
+    return with_tool(scenes.vehicle_spec(name, parts=parts), tool, needs)
+
+
+def with_tool(spec: mujoco.MjSpec, tool: str | None, needs: str | None = None) -> mujoco.MjSpec:
+    """`spec` itself with a tool on its tip: `tool`, or the one that a task needs and its own is not.
+
+    Raises:
+        ConfigurationError: There is no such tool, or no tip for it.
+    """
+    if tool is not None:
+        attachment.attach(spec, TOOLS.load(tool))
+    elif needs is not None and any(site.name == TIP_SITE for site in spec.sites):
+        own = next((geom.type for geom in spec.geoms if geom.name == TOOL_GEOM), None)
+        if own is None or own != _SHAPES.get(needs):
+            attachment.attach(spec, TOOLS.load(needs))
+    return spec
 
 
 def _hull_box(own: mujoco.MjModel, vehicle: Vehicle) -> Array:

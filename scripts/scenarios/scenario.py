@@ -28,8 +28,10 @@ _MOST_LOOKS = 40  # frames that arrive before the wait for a scan times out
 class VehicleSetup:
     """The vehicle as it is."""
 
-    vehicle: str = "uuv_puma"  # a name of models.available(), or an MJCF file with the named parts
+    vehicle: str = "uuv_puma"  # a name of models.available(), or a file, MJCF or URDF, with the named parts
     arm_errors: int | None = None  # seed of the errors with which the arm was built; None: no errors
+    tool: str | None = None  # of models.tools.tools.TOOLS, on its tip; None: its own, or the one that the task needs
+    parts: str | None = None  # file that maps its names to those of the contract; None: the one beside its file
 
     def __post_init__(self) -> None:
         if self.arm_errors is not None:

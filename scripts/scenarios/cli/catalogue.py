@@ -44,7 +44,7 @@ SHELVES = (
     Shelf("vehicle", "--vehicle NAME"),
     Shelf("arm", "models.arms.published_arms.load(NAME)"),
     Shelf("object", "uuv run clean-object --object NAME"),
-    Shelf("tool", "models.tools"),
+    Shelf("tool", "--tool NAME"),
     Shelf("soil", "uuv run sample-seabed --soil NAME"),
     Shelf("sensor", "--sensor NAME"),
     Shelf("controller", "--controller NAME"),
@@ -97,7 +97,7 @@ def things(kind: str) -> Iterator[tuple[str, str]]:
                 file = ROOT / "models" / "objects" / f"{name}.py"
                 yield name, _definitions(file).get(name, "") if file.exists() else ""
         case "tool":
-            yield from _documented(ROOT / "models" / "tools" / "sampler.py", "TOOLS")
+            yield from _documented(ROOT / "models" / "tools" / "tools.py", "TOOLS")
         case "soil":
             yield from _documented(ROOT / "models" / "site" / "soil.py", "SOILS")
         case "sensor":

@@ -1,135 +1,63 @@
-"""What a vehicle has of the contract (`models.naming`), and what follows: `uuv check VEHICLE`."""
+"""What a vehicle has of the contract, what is doubtful, and which jobs it can begin: `uuv check VEHICLE`."""
 
-from collections.abc import Iterator, Sequence
+import json
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
 
-import mujoco
-import numpy as np
 from rich.console import Console
-from rich.table import Table
-from scipy.optimize import linprog
 
-from models.naming import HOME_KEY, READY_KEY, lacks, parts
-from models.site.scenes import vehicle_spec
-from models.vehicle import Vehicle
-from models.water.thruster_curves import thrust_at
-from models.water.thrusters import curves
-from sim import hydrodynamics
-from sim.interfaces.errors import UuvError
-from sim.interfaces.spatial import Array
+from scenarios import first_start
+from scenarios.vehicle_check.check import check_vehicle
+from scenarios.vehicle_check.jobs import JOBS
+from scenarios.vehicle_check.table import print_check
+from sim.runs.command_line import parse
 
-AXES = ("surge", "sway", "heave", "roll", "pitch", "yaw")
-HEAVY = 5.0  # [N] of weight or lift at rest, above which the trim is named
-FASTEST = 2.0  # [m/s] of a current that is tried
-_USAGE = """usage: uuv check VEHICLE
+WIDTH = 132  # characters of the tables where the output is no terminal
+_USAGE = f"""usage: uuv check VEHICLE [OPTIONS]
 
-What a vehicle has of the contract, its trim, its thrust, and which jobs it can begin. VEHICLE: a name of
-`uuv list vehicle`, an MJCF file, or MODULE:FUNCTION that returns an MjSpec."""
+What a vehicle has of the contract, what was computed or looks wrong, and which jobs it can begin. Exit code 0: all of
+them; 1: some are refused. VEHICLE: a name of `uuv list vehicle`, a file, MJCF or URDF, or MODULE:FUNCTION that returns
+an MjSpec.
+
+  --parts FILE    maps the model's names to those of the contract; default NAME.parts.yaml beside the file
+  --tool NAME     a tool of `uuv list tools` on the tip
+  --forces F ...  set forces [N] in place of the jobs' own
+  --jobs JOB ...  of {", ".join(JOBS)}
+  --json          print the check as JSON"""
+
+
+@dataclass(kw_only=True)
+class CheckOptions:
+    """Check a vehicle."""
+
+    parts: Path | None = None
+    """File that maps the model's names to those of the contract."""
+    tool: str | None = None
+    """Tool on the tip."""
+    forces: tuple[float, ...] = ()
+    """Set forces [N] in place of the jobs' own."""
+    jobs: tuple[str, ...] = JOBS
+    """Jobs for which a verdict is wanted."""
+    json: bool = False
+    """Print the check as JSON."""
 
 
 def main(verb: str, args: Sequence[str]) -> int:
-    """Prints the tables; 1 if no job can be begun."""
+    """Prints the check; 1 if a job is refused."""
     del verb
-    if len(args) != 1 or args[0].startswith("-"):
+    if not args or args[0].startswith("-"):
         print(_USAGE)
         return 0 if args and args[0] in ("-h", "--help") else 2
-    model = hydrodynamics.compile(vehicle_spec(args[0]))
-    console = Console(width=None if Console().is_terminal else 120)
-    contract = Table("", "", "for", title=args[0], title_justify="left")
-    for word, name, use, there in parts(model):
-        contract.add_row(f"{word} {name}", "[green]there[/green]" if there else "[yellow]missing[/yellow]", use)
-    console.print(contract)
-    try:
-        vehicle = Vehicle.of(model)
-    except UuvError as error:
-        console.print(f"[red]no job can be begun:[/red] {error}", highlight=False)
-        return 1
-    figures = Table("", "", title="figures", title_justify="left")
-    for name, said in described(model, vehicle):
-        figures.add_row(name, said)
-    console.print(figures)
-    lacking = lacks(model)
-    if lacking:
-        console.print(f"[red]jobs of the arm:[/red] it lacks {', '.join(lacking)}", highlight=False)
+    options = parse(CheckOptions, args[1:])
+    first_start.build()
+    found = check_vehicle(
+        args[0], parts_file=options.parts, tool=options.tool, jobs=options.jobs, forces=options.forces
+    )
+    if options.json:
+        json.dump(found.as_dict(), sys.stdout, indent=2)
+        print()
     else:
-        console.print("[green]jobs of the arm:[/green] all parts are there; uuv run clean-barrel --vehicle " + args[0])
-    return 1 if lacking else 0
-
-
-def described(model: mujoco.MjModel, vehicle: Vehicle) -> Iterator[tuple[str, str]]:
-    """Trim, thrust and arm in words."""
-    hydrodynamics.install()
-    force, turning = _at_rest(model, vehicle)
-    said = "neutral" if abs(force[2]) < HEAVY else "too light" if force[2] > 0.0 else "too heavy"
-    yield "mass", f"{float(np.sum(model.body_mass)):.1f} kg"
-    yield "trim", f"{force[2]:+.1f} N ({said}), {turning[0]:+.1f} N m in roll, {turning[1]:+.1f} N m in pitch"
-    if vehicle.thruster_names:
-        most = {axis: _authority(vehicle, i) for i, axis in enumerate(AXES)}
-        yield "thrusters", f"{len(vehicle.thruster_names)}: {', '.join(vehicle.thruster_names)}"
-        for axis, (back, ahead) in most.items():
-            unit = "N" if axis in AXES[:3] else "N m"
-            extra = ""
-            if unit == "N":
-                speed = _strongest(model, vehicle, AXES.index(axis), min(back, ahead))
-                extra = f"; holds {speed:.2f} m/s" if speed < FASTEST else f"; holds {FASTEST:g} m/s and more"
-            yield axis, f"-{back:.0f} to {ahead:.0f} {unit}{extra}"
-    for name, most_torque, (low, high) in zip(
-        vehicle.joint_names, vehicle.torque_limits, vehicle.q_limits, strict=True
-    ):
-        yield f"joint {name}", f"{np.degrees(low):.0f} to {np.degrees(high):.0f} deg, {most_torque:.0f} N m"
-    if vehicle.tip >= 0:
-        data = _resting(model, READY_KEY)
-        reach = float(np.linalg.norm(data.site_xpos[vehicle.tip] - data.xpos[vehicle.arm_base]))
-        yield "tip", f"{reach:.2f} m from the arm's base in the ready posture"
-    yield "time step", f"{1e3 * float(model.opt.timestep):g} ms"
-
-
-def _resting(model: mujoco.MjModel, key: str = HOME_KEY) -> mujoco.MjData:
-    """State at rest in a keyframe, forces computed."""
-    data = mujoco.MjData(model)
-    number = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_KEY, key)
-    if number >= 0:
-        mujoco.mj_resetDataKeyframe(model, data, number)
-    mujoco.mj_forward(model, data)
-    return data
-
-
-def _at_rest(model: mujoco.MjModel, vehicle: Vehicle) -> tuple[Array, Array]:
-    """Force (3,) [N] and moment (3,) [N m] of weight and water on the vehicle at rest, at the hull's origin."""
-    data = _resting(model)
-    at = slice(vehicle.hull_dof, vehicle.hull_dof + 6)
-    wrench = data.qfrc_passive[at] - data.qfrc_bias[at]
-    return wrench[:3], wrench[3:]
-
-
-def _authority(vehicle: Vehicle, axis: int) -> tuple[float, float]:
-    """Largest force or moment against and along an axis, all other components being zero; both positive."""
-    B = vehicle.thruster_wrench
-    others = np.delete(B, axis, axis=0)
-    rank = [row for row in others if np.abs(row).max() > 1e-9]  # what no thruster reaches is zero anyhow
-    bounds = [(thrust_at(curve, -1.0), thrust_at(curve, 1.0)) for curve in curves(vehicle.thruster_table)]
-    equal = {"A_eq": np.array(rank), "b_eq": np.zeros(len(rank))} if rank else {}
-    found = []
-    for sign in (1.0, -1.0):
-        solved = linprog(sign * B[axis], bounds=bounds, **equal)
-        found.append(abs(float(solved.fun)) if solved.success else 0.0)
-    return found[0], found[1]
-
-
-def _strongest(model: mujoco.MjModel, vehicle: Vehicle, axis: int, force: float) -> float:
-    """Speed [m/s] of a current along an axis whose drag equals `force` [N], at most FASTEST."""
-    data = _resting(model)
-    at, still = vehicle.hull_dof + axis, float(data.qfrc_passive[vehicle.hull_dof + axis])
-
-    def drag(speed: float) -> float:
-        data.qvel[:] = 0.0
-        data.qvel[at] = speed
-        mujoco.mj_forward(model, data)
-        return abs(float(data.qfrc_passive[at]) - still)
-
-    low, high = 0.0, FASTEST
-    if drag(high) < force:
-        return high
-    for _ in range(30):
-        middle = 0.5 * (low + high)
-        low, high = (middle, high) if drag(middle) < force else (low, middle)
-    return low
+        print_check(found, Console(width=None if Console().is_terminal else WIDTH))
+    return 0 if found.sound else 1

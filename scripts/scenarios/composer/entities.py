@@ -138,7 +138,7 @@ class ToolEntity(composer.Entity):
 
         Args:
             vehicle: A name of `models.available()`, or an MJCF file.
-            tool: A tool of `models.tools` in place of uuv_puma's pad.
+            tool: A tool of `models.tools.tools.TOOLS` in place of its own.
             part: Its MJCF and the folder of the files that it names, where they are known.
 
         Raises:
@@ -250,7 +250,7 @@ class VehicleEntity(composer.Entity):
 
         Args:
             vehicle: A name of `models.available()`, or an MJCF file with the parts of `models.naming`.
-            tool: A tool of `models.tools` in place of uuv_puma's pad.
+            tool: A tool of `models.tools.tools.TOOLS` in place of its own.
             sensors: Whose readings are observables beside the true state, each with its own rate, delay and noise.
             perturbations: Deviations of the true vehicle from its model, drawn anew in each episode.
             name: of the model.

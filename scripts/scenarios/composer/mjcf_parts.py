@@ -11,6 +11,7 @@ from lxml import etree
 
 from models.exact_mjcf import exact_xml
 from models.naming import ARM_BASE_BODY, HULL_BODY, PAD_BODY, TIP_SITE
+from models.own.complete import COMPUTED
 from sim.interfaces.errors import ConfigurationError, one_line
 
 MOUNT = "mount"  # site of hull or arm at which the next part is attached
@@ -42,6 +43,10 @@ def root_of(xml: str, name: str, folder: str = "") -> mjcf.RootElement:
     document = etree.fromstring(xml.encode())
     for section in document.findall("keyframe"):
         document.remove(section)
+    for custom in document.findall("custom"):
+        for text in custom.findall("text"):
+            if text.get("name", "").startswith(COMPUTED):  # says how a keyframe was found; PyMJCF would lose the text
+                custom.remove(text)
     for size in document.findall("size"):
         size.attrib.pop("nkey", None)
     try:

@@ -31,14 +31,14 @@ from scenarios.composer.free_tasks import GoToWaypoint, HoldStation, ReachPose
 from scenarios.composer.vehicle_task import VehicleTask
 from scenarios.own_vehicle import OwnVehicle
 from scenarios.perturbations.perturbation import Perturbation
+from scenarios.tasks.surface_work import TAP_FORCE, TAPPED
 from sim.evaluation.insertion_metrics import TrueHole
 from sim.interfaces.errors import ConfigurationError, did_you_mean
 from sim.interfaces.protocols import Sensor
 from sim.interfaces.spatial import number, shown, whole_number
 
-FORCE, TAP_FORCE = 60.0, 40.0  # [N] to press and wipe with, and to tap with
+FORCE = 60.0  # [N] to press and wipe with
 WIPED = 0.3  # [m] of the path to wipe
-TAPPED = (0.0, 0.06, 0.12)  # [m] along it
 HOLE, DEPTH, CLEARANCE = "a", 0.06, 2e-3  # of the insertion: hole, [m] to reach, [m] radial
 FASTEST_CURRENT, GUST = 0.2, 0.02  # [m/s] in free water; half of it at work
 Seed = int | np.random.RandomState | None
@@ -60,7 +60,7 @@ class SuiteEntry:
     actions: str  # usual kind
     time_limit: float  # [s] usual
     tags: tuple[str, ...]
-    tool: str | None = None  # in place of uuv_puma's pad
+    tool: str | None = None  # in place of the vehicle's own
 
 
 def _free(kind: type[HoldStation] | type[ReachPose]) -> Callable[[VehicleEntity, Actions, bool], VehicleTask]:

@@ -42,7 +42,8 @@ APART = 0.3  # [m] distance between the two default targets of a drag
 BEAMS = SonarBeams(rows=96, columns=96, elevation=np.radians(90.0), azimuth=np.radians(90.0))
 AXES = 0.06  # [m] length of the unit axes in the log
 PLANE = 0.5  # [m] length of the normal of the plane from the Doppler log, in the log
-OWN_ARM = 0.8  # [m] from the sonar: closer echoes are from the vehicle's own arm
+OWN_ARM = 0.8  # [m] from the sonar: closer echoes are from the vehicle's own arm; less where that folds closer
+_ROOM = 0.1  # [m] beyond the folded arm within which echoes count as its own
 LOOKS = 10  # pings for the surface; from a single ping it is 3 to 8 mm off, mostly noise
 
 
@@ -142,9 +143,10 @@ class PlacedSampling(PlacedTask):
     def sensors(self, model: mujoco.MjModel) -> tuple[list[Sensor], SensorModel | None]:
         """Sonar under the bow, slant ranges of the Doppler log."""
         hull = self.own.hull_box
-        beams = DvlBeams(limits=(OWN_ARM, 50.0), dead=self.scenario.sensing.dead_beams)
+        nearest = own_arm(self.own)
+        beams = DvlBeams(limits=(nearest, 50.0), dead=self.scenario.sensing.dead_beams)
         return [
-            Sonar(model, HULL_BODY, sonar_on_hull(hull), beams=BEAMS, range_limits=(OWN_ARM, 10.0)),
+            Sonar(model, HULL_BODY, sonar_on_hull(hull), beams=BEAMS, range_limits=(nearest, 10.0)),
             DvlRanges.on(model, HULL_BODY, dvl_on_hull(hull), beams),
         ], None
 
@@ -215,6 +217,19 @@ def sonar_on_hull(box: Array) -> Array:
 def dvl_on_hull(hull: Array) -> Array:
     """Position (3,) [m] of the Doppler log in B: under the stern, where the folded arm does not block its beams."""
     return np.array([hull[0, 0] + 0.1, 0.0, hull[0, 2] - 0.02])
+
+
+def own_arm(own: OwnVehicle) -> float:
+    """Distance [m] from the sonar within which echoes are from the folded arm, at most OWN_ARM."""
+    model, vehicle = own.model, own.vehicle
+    data = mujoco.MjData(model)
+    data.qpos[vehicle.qpos] = vehicle.q_home
+    mujoco.mj_kinematics(model, data)
+    hull = data.xpos[vehicle.hull], data.xmat[vehicle.hull].reshape(3, 3)
+    sonar = hull[0] + hull[1] @ sonar_on_hull(own.hull_box)[:3, 3]
+    carried = [g for g in range(model.ngeom) if model.geom_bodyid[g] not in (0, vehicle.hull)]
+    far = np.linalg.norm(data.geom_xpos[carried] - sonar, axis=1) + model.geom_rbound[carried]
+    return min(OWN_ARM, float(far.max(initial=0.0)) + _ROOM)
 
 
 class SeabedRecorder:

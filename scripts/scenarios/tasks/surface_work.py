@@ -32,6 +32,7 @@ from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.protocols import Sensor
 from sim.interfaces.spatial import Array, finite_number, shown
 
+TAP_FORCE, TAPPED = 40.0, (0.0, 0.06, 0.12)  # [N] to tap with, [m] along a path
 _MOST_FORCE = 1e3  # [N] beyond the capability of any vehicle here
 
 

@@ -57,7 +57,7 @@ class Task(ABC):
 
     @property
     def tool(self) -> str | None:
-        """Tool that uuv_puma carries in place of its pad; None: the pad."""
+        """Tool that the task needs, in place of one of another shape; None: the vehicle's own."""
         return None
 
     @abstractmethod

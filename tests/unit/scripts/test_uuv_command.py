@@ -46,7 +46,7 @@ def test_list_names_everything_that_the_registries_do_without_importing_them(uuv
     from models.arms.published_arms import ARMS
     from models.objects.targets import OBJECTS
     from models.site.soil import SOILS
-    from models.tools.sampler import TOOLS
+    from models.tools.tools import TOOLS
     from scenarios.contact_parts import CONTROLLERS, SENSORS
     from scenarios.perturbations.perturbation import registry
     from scenarios.tasks import task
@@ -202,11 +202,12 @@ def test_still_and_clip_of_a_run(uuv, tmp_path: Path):
 
 
 def test_check_says_what_a_vehicle_has_and_lacks(uuv):
-    said = uuv("check", "uuv_puma")
-    assert "+0.0 N (neutral)" in said
-    assert "all parts are there" in said
-    lacking = uuv("check", "bluerov2_heavy_alpha5", code=1)
-    assert "it lacks geom 'pad' (may touch)" in lacking
+    said = uuv("check", "uuv_puma", "--jobs", "hover", "seabed-core")
+    assert "351.3 kg, +0.0 N" in said
+    assert said.count("promised") == 2
+    lacking = uuv("check", "bluerov2_heavy_alpha5", "--jobs", "tap", code=1)
+    assert "refused: parts" in lacking
+    assert "lacks geom 'pad' (may touch)" in lacking
     assert "-129 to 129 N" in lacking
 
 

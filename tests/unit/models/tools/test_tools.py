@@ -5,9 +5,12 @@ import numpy as np
 import pytest
 
 import models
+from models import hydrodynamics
 from models.naming import PAD_BODY, TIP_SITE, TOOL_GEOM
-from models.tools import sampler, touch_rig
+from models.tools import attachment, sampler, touch_rig
 from models.tools.sampler import BOX, CORER, SAMPLER
+from models.tools.tools import TOOLS
+from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import exp_so3
 
 
@@ -93,3 +96,84 @@ def test_a_tool_displaces_its_own_volume_and_ends_at_the_tip(tool) -> None:
     tip = data.geom_xpos[geom] + 0.5 * tool.length * axes[2] if tool is BOX else face
     np.testing.assert_allclose(tip, face, atol=1e-9)
     assert np.all((model.geom_rgba[geom] >= 0.0) & (model.geom_rgba[geom] <= 1.0))
+
+
+@pytest.mark.parametrize("name", TOOLS.names())
+@pytest.mark.parametrize("vehicle", ["uuv_puma_side", "bluerov2_heavy_alpha5"])
+def test_a_tool_by_name_is_put_on_any_arm_and_leaves_the_trim(vehicle: str, name: str) -> None:
+    spec = models.load(vehicle)
+    before, tip = weight_and_moment(spec), tip_of(spec)
+    tool = TOOLS.load(name)
+    attachment.attach(spec, tool)
+    after, moved = weight_and_moment(spec), tip_of(spec)
+    np.testing.assert_allclose(after, before, atol=1e-9)
+    np.testing.assert_allclose(moved[1], tip[1], atol=1e-9)  # the axes stay
+    along = moved[0] - tip[0]
+    np.testing.assert_allclose(along - (along @ tip[1][:, 2]) * tip[1][:, 2], 0.0, atol=1e-9)  # along the tool
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    geom = model.geom(TOOL_GEOM).id
+    R_WG = moved[1].T @ data.geom_xmat[geom].reshape(3, 3)
+    middle = moved[1].T @ (data.geom_xpos[geom] - moved[0])
+    assert middle[2] + support(model, geom, R_WG) == pytest.approx(0.0, abs=1e-9)  # its end is at the tip
+    assert tool.contact.most_force == pytest.approx(
+        model.jnt_stiffness.reshape(model.njnt, -1)[model.joint("pad").id, 0] * -model.joint("pad").range[0]
+    )
+
+
+def weight_and_moment(spec: mujoco.MjSpec) -> np.ndarray:
+    """Weight less lift [kg], and its moment [kg m] about W's origin, at home: by MuJoCo's centres and by hand."""
+    model = spec.copy().compile()
+    data = mujoco.MjData(model)
+    mujoco.mj_resetDataKeyframe(model, data, model.key("home").id)
+    mujoco.mj_forward(model, data)
+    total = float(model.body_mass.sum()) * np.array([1.0, *data.subtree_com[1]])
+    for body, water in hydrodynamics.attached(spec).items():
+        frame = data.body(body)
+        center = frame.xpos + frame.xmat.reshape(3, 3) @ water.center_of_buoyancy
+        total -= hydrodynamics.density_of(spec) * water.volume * np.array([1.0, *center])
+    return total
+
+
+def tip_of(spec: mujoco.MjSpec) -> tuple[np.ndarray, np.ndarray]:
+    """Place (3,) and axes (3, 3) of the tip in W at qpos0."""
+    model = spec.copy().compile()
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    tip = data.site(TIP_SITE)
+    return tip.xpos.copy(), tip.xmat.reshape(3, 3).copy()
+
+
+def support(model: mujoco.MjModel, geom: int, R: np.ndarray) -> float:
+    """How far [m] a geom, turned by R, reaches along z from its middle."""
+    size, kinds = model.geom_size[geom], mujoco.mjtGeom
+    match kinds(int(model.geom_type[geom])):
+        case kinds.mjGEOM_SPHERE:
+            return float(size[0])
+        case kinds.mjGEOM_CAPSULE:
+            return float(size[0] + size[1] * abs(R[2, 2]))
+        case kinds.mjGEOM_CYLINDER:
+            return float(size[1] * abs(R[2, 2]))
+        case _:
+            return float(np.abs(R[2]) @ size)
+
+
+def test_jaws_hold_their_opening_and_close_on_command() -> None:
+    spec = models.load("bluerov2_heavy_alpha5")
+    attachment.attach(spec, TOOLS.load("jaws"))
+    model = spec.compile()
+    model.opt.gravity[:] = 0.0
+    data = mujoco.MjData(model)
+    left, right = (model.joint(name).qposadr[0] for name in ("jaw_left", "jaw_right"))
+    mujoco.mj_step(model, data, nstep=200)
+    assert abs(data.qpos[left]) < 1e-4
+    data.actuator("jaws").ctrl = -20.0  # [N] closes: against the spring of each finger, 2 kN/m
+    mujoco.mj_step(model, data, nstep=1000)
+    assert data.qpos[left] == pytest.approx(-20.0 / 2e3, rel=1e-3)
+    assert data.qpos[right] == pytest.approx(data.qpos[left], abs=1e-5)
+
+
+def test_a_tool_needs_a_tip() -> None:
+    with pytest.raises(ConfigurationError, match="needs a site 'tip'"):
+        attachment.attach(models.load("bluerov2_heavy"), TOOLS.load("pad"))

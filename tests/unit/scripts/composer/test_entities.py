@@ -98,7 +98,9 @@ def states(env: composer.Environment, commands: Array) -> Array:
         ("uuv_puma", None),
         ("uuv_puma", "sampler"),
         ("uuv_puma_side", None),
+        ("uuv_puma_side", "jaws"),  # whose tendon keeps the vehicle in one piece
         ("bluerov2_heavy_alpha5", None),  # its arm ends in a bare tip
+        ("bluerov2_heavy_alpha5", "small_pad"),
         ("bluerov2_heavy", None),  # has no arm
     ],
 )
@@ -204,12 +206,17 @@ def test_two_environments_in_one_process_do_not_mix():
 
 
 def test_a_vehicle_of_a_users_file_with_a_mesh(tmp_path):
-    """Names of files are relative to the model's own folder, also for the parts that are taken apart."""
+    """Names of files are relative to the model's own folder, also for the parts that are taken apart.
+
+    It has no keyframes: that of the folded arm is found.
+    """
     trimesh.creation.box((0.4, 0.3, 0.2)).export(tmp_path / "frame.obj")
     spec = scenes.vehicle_spec("uuv_puma")
     spec.add_mesh(name="frame", file="frame.obj")
     spec.body("hull").add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname="frame", contype=0, conaffinity=0, mass=0)
     spec.modelfiledir = str(tmp_path)
+    for key in list(spec.keys):
+        spec.delete(key)
     file = tmp_path / "mine.xml"
     file.write_text(spec.to_xml())
     task = Drift(uuv.VehicleEntity(str(file)), uuv.Sea(current_W=(0.1, 0.0, 0.0)))

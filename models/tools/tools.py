@@ -1,0 +1,51 @@
+"""Tools by name, for the tip of any arm: `--tool NAME`.
+
+attachment.attach(spec, TOOLS.load("brush"))
+"""
+
+from models.registry import Registry
+from models.tools.heads import Head, Jaws
+from models.tools.sampler import BOX, CORER, SAMPLER, Box, Tube
+
+Tool = Tube | Box | Head | Jaws
+
+
+def pad() -> Tool:
+    """Round pad, a dome of 60 mm, for an arm that bears some 100 N."""
+    return Head(radius=0.06, length=0.06, mass=0.3)
+
+
+def small_pad() -> Tool:
+    """Round pad, a dome of 20 mm, for a small arm."""
+    return Head(radius=0.02, length=0.03, mass=0.05, stiffness=5e3, damping=20.0)
+
+
+def brush() -> Tool:
+    """Round brush: soft along its bristles, with the friction of wire on steel."""
+    return Head(radius=0.05, length=0.08, mass=0.35, stiffness=6e3, damping=60.0, friction=0.5, shape="bristles")
+
+
+def jaws() -> Tool:
+    """Parallel jaws at a fixed opening, what may touch is their rounded end."""
+    return Jaws()
+
+
+def sampler() -> Tool:
+    """Round steel tube with a domed nose, to be put into a hole."""
+    return SAMPLER
+
+
+def corer() -> Tool:
+    """Round steel tube, open below, to be pushed into the seabed."""
+    return CORER
+
+
+def box() -> Tool:
+    """Steel box, open below, to be dragged through the seabed."""
+    return BOX
+
+
+TOOLS: Registry[Tool] = Registry(
+    "tool",
+    {"pad": pad, "small_pad": small_pad, "brush": brush, "jaws": jaws, "sampler": sampler, "corer": corer, "box": box},
+)

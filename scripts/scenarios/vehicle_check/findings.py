@@ -1,0 +1,80 @@
+"""What a check of a vehicle finds: parts, figures, findings with a code, and a verdict for each job."""
+
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from typing import Any, Literal
+
+Level = Literal["note", "doubt", "fault"]  # of a finding: computed or worth knowing; likely wrong; nothing can be run
+PartState = Literal["there", "computed", "missing"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class VehiclePart:
+    """One part of the contract."""
+
+    name: str
+    use: str
+    state: PartState
+    said: str = ""  # how it was computed
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class VehicleFigure:
+    """One figure of the vehicle, in words."""
+
+    name: str
+    said: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Finding:
+    """Something that is wrong, or likely so."""
+
+    code: str
+    level: Level
+    said: str  # with its figure, and the bound that it is held against
+    figure: float | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class JobVerdict:
+    """Whether a job can be promised, and by which figure."""
+
+    job: str
+    promised: bool
+    code: str  # of what decides: parts, water, thrust, force, reach, view, hover, current, ok
+    said: str
+    figure: float | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class VehicleCheck:
+    """All that a check of a vehicle says."""
+
+    vehicle: str
+    parts: tuple[VehiclePart, ...] = ()
+    figures: tuple[VehicleFigure, ...] = ()
+    findings: tuple[Finding, ...] = ()
+    jobs: tuple[JobVerdict, ...] = ()
+
+    @property
+    def sound(self) -> bool:
+        """Every job that was asked for is promised, and nothing is at fault."""
+        return all(job.promised for job in self.jobs) and not any(each.level == "fault" for each in self.findings)
+
+    def found(self, code: str) -> Finding | None:
+        """The first finding with that code."""
+        return next((each for each in self.findings if each.code == code), None)
+
+    def verdict(self, job: str) -> JobVerdict:
+        """Verdict of a job. Raises KeyError for one that was not asked for."""
+        return {each.job: each for each in self.jobs}[job]
+
+    def lines(self) -> Iterator[str]:
+        """One line for each finding: its code and what it says."""
+        for each in self.findings:
+            yield f"{each.code}: {each.said}"
+
+    def as_dict(self) -> dict[str, Any]:
+        """For JSON."""
+        return asdict(self) | {"sound": self.sound}

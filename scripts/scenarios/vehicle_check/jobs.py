@@ -1,0 +1,298 @@
+"""Verdict on each job: whether a vehicle can begin it, by the figure that decides.
+
+A job of the arm is tried in order: parts, a push far beyond what arm or thrusters bear, view, and then its own planner.
+That looks for a place of the hull beside the object at its true pose, in the job's current. Where there is none, force
+at the tip and thrust tell why, if they can. All numbers are those of the job's own options.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any, Literal, Self
+
+import mujoco
+import numpy as np
+
+from controllers.hull.thrust_margin import ThrustMargin
+from controllers.tasks.insertion import HoleInsertion, InsertionJob, axis_path
+from controllers.tasks.seabed_work import SeabedWork
+from controllers.tasks.surface_work import SurfaceWork
+from models.naming import lacks
+from models.vehicle import Vehicle
+from perception.seabed.terrain_path import core_path
+from perception.target_finder import PATH_SPACING
+from perception.toolpath.path_planner import path_on_model
+from scenarios.options import BarrelOptions, InsertionOptions, PileOptions, SeabedOptions
+from scenarios.own_vehicle import OwnVehicle, vehicle_spec, with_tool
+from scenarios.scenario import Scenario
+from scenarios.tasks.insertion import PlacedInsertion
+from scenarios.tasks.seabed_sampling import PlacedSampling, SeabedSamplingTask
+from scenarios.tasks.surface_work import TAP_FORCE, TAPPED, PlacedSurfaceWork, SurfaceWorkTask
+from scenarios.tasks.task import PlacedTask
+from scenarios.vehicle_check.findings import JobVerdict
+from scenarios.vehicle_check.hover import HoverFigures, hover
+from scenarios.vehicle_check.statics import tip_force
+from sim.interfaces.errors import ConfigurationError, ReachError, StrongCurrentError, UuvError
+from sim.interfaces.messages import Target, ToolPath
+from sim.interfaces.spatial import Array, transform_points
+
+DRIFT = 0.1  # [m] at most, of a vehicle that keeps station
+TILT = float(np.radians(10.0))  # [rad] at most
+SATURATED = 0.3  # share of the time at most at which a thruster may be at its limit
+CURRENT = (0.3 * float(np.cos(np.pi / 6)), 0.3 * float(np.sin(np.pi / 6)), 0.0)  # [m/s] of the job hover-current
+VIEW = 0.5  # share of the camera's view that may be on the vehicle itself
+_ALL = 6  # degrees of freedom of a tool; an arm of fewer joints leaves the rest to the hull
+BEYOND = 2.0  # times what arm or thrusters bear in `ready`, from which on no other posture is hoped for
+SMALL_PAD = 50.0  # [N] at the tip in its weakest direction, under which the small pad is proposed
+
+
+def _barrel(path: Literal["longitudinal", "transverse"], **given: Any) -> Scenario:
+    return BarrelOptions(path=path, **given).scenario()
+
+
+def _pile(**given: Any) -> Scenario:
+    return PileOptions(**given).scenario()
+
+
+def _tap(**given: Any) -> Scenario:
+    """The points to tap, on a line along the barrel."""
+    options: dict[str, Any] = {"length": TAPPED[-1], "forces": (TAP_FORCE,)} | given
+    return BarrelOptions(**options).scenario()
+
+
+def _insertion(**given: Any) -> Scenario:
+    return InsertionOptions(**given).scenario()
+
+
+def _core(**given: Any) -> Scenario:
+    return SeabedOptions(**given).scenario()
+
+
+ARM_JOBS: dict[str, Callable[..., Scenario]] = {
+    "barrel-longitudinal": partial(_barrel, "longitudinal"),
+    "barrel-transverse": partial(_barrel, "transverse"),
+    "pile": _pile,
+    "tap": _tap,
+    "insertion": _insertion,
+    "seabed-core": _core,
+}
+_FORCELESS = ("insertion", "seabed-core")  # jobs whose force is no list of set forces
+HOVERING = {"hover": (0.0, 0.0, 0.0), "hover-current": CURRENT}
+JOBS = (*HOVERING, *ARM_JOBS)
+
+
+def hover_verdict(name: str, model: mujoco.MjModel) -> tuple[JobVerdict, HoverFigures | None]:
+    """Verdict on station keeping, by simulation; and its figures."""
+    try:
+        kept = hover(model, HOVERING[name])
+    except UuvError as error:
+        return JobVerdict(job=name, promised=False, code="thrust", said=str(error)), None
+    figures = f"{1e3 * kept.drift:.0f} mm off, {np.degrees(kept.tilt):.1f} deg, {kept.saturated:.0%} saturated"
+    if kept.said:
+        return JobVerdict(job=name, promised=False, code="hover", said=kept.said, figure=kept.drift), kept
+    bounds = ((kept.drift, DRIFT), (kept.tilt, TILT), (kept.saturated, SATURATED))
+    good = all(value <= most for value, most in bounds)
+    said = figures if good else f"{figures}; at most {1e3 * DRIFT:.0f} mm, {np.degrees(TILT):.0f} deg, {SATURATED:.0%}"
+    return JobVerdict(job=name, promised=good, code="ok" if good else "hover", said=said, figure=kept.drift), kept
+
+
+class ArmJobs:
+    """Verdicts on the jobs of one vehicle's arm."""
+
+    def __init__(self, vehicle: str, *, tool: str | None, parts: str | None, forces: Sequence[float] = ()) -> None:
+        """Take a vehicle by its name or file.
+
+        Args:
+            vehicle: As the option --vehicle of the jobs.
+            tool: As --tool.
+            parts: As --parts.
+            forces: [N] set forces in place of the jobs' own.
+        """
+        self._vehicle, self._tool = vehicle, tool
+        self._parts, self._forces = parts, tuple(forces)
+
+    def scenario(self, name: str) -> Scenario:
+        """Scenario of a job for the vehicle."""
+        given: dict[str, Any] = {"vehicle": self._vehicle}
+        if self._forces and name not in _FORCELESS:
+            given["forces"] = self._forces
+        scenario = ARM_JOBS[name](**given)
+        tool = self._tool if scenario.task.tool is None else None  # a job with a tool of its own brings it
+        return replace(scenario, vehicle=replace(scenario.vehicle, parts=self._parts, tool=tool))
+
+    def verdict(self, name: str, blocked: float, given: mujoco.MjSpec | None = None) -> JobVerdict:
+        """Verdict on a job.
+
+        Args:
+            name: Of the job.
+            blocked: Share of the camera's view that is on the vehicle itself.
+            given: Spec of the vehicle in place of the one that its name stands for.
+        """
+        scenario = self.scenario(name)
+        task, setup = scenario.task, scenario.vehicle
+        try:
+            if given is None:
+                spec = vehicle_spec(setup.vehicle, setup.tool, setup.parts, task.tool)
+            else:
+                spec = with_tool(given.copy(), setup.tool, task.tool)
+            model = spec.compile()
+            lacking = lacks(model, task.spares)
+            if lacking:
+                hint = _tool_hint(model) if "geom" in " ".join(lacking) else ""
+                return _refused(name, "parts", f"lacks {', '.join(lacking)}{hint}")
+            own = OwnVehicle.of(spec, task.spares)
+            if (refused := ReadyForce.of(scenario, own).refusal(scenario, BEYOND)) is not None:
+                return _refused(name, *refused)
+            return _view(name, scenario, blocked) or _planned(name, scenario, own)
+        except UuvError as error:
+            return _refused(name, "parts", str(error))
+
+
+def _refused(job: str, code: str, said: str, figure: float | None = None) -> JobVerdict:
+    return JobVerdict(job=job, promised=False, code=code, said=said, figure=figure)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ReadyForce:
+    """What a job's push asks of arm, tool and thrusters in the posture `ready`."""
+
+    force: float  # [N] that the job sets
+    bears: float  # [N] that the drives bear along the tool
+    by: str  # joint that limits it
+    spring: float  # [N] at which the tool's spring is at its end
+    used: float  # share of a thruster
+
+    @classmethod
+    def of(cls, scenario: Scenario, own: OwnVehicle) -> Self:
+        """The figures of a scenario for the vehicle's model of itself."""
+        force, ready = push_of(scenario), np.array(own.vehicle.q_ready)
+        tip = tip_force(own.model, own.vehicle, ready)
+        used = ThrustMargin.of(own.model, drag=0.0).used(ready, np.eye(3), [0.0, 0.0, -force])
+        return cls(force=force, bears=tip.along, by=tip.by, spring=_spring_limit(own), used=used)
+
+    def refusal(self, scenario: Scenario, beyond: float = 1.0) -> tuple[str, str, float] | None:
+        """Code, sentence and figure of what bears the push less than `beyond` times; None: all do."""
+        if self.spring < self.force:
+            said = f"the tool's spring is at its end at {self.spring:.0f} N, the job sets {self.force:.0f} N"
+            return "force", said + _lower(scenario, self.spring), self.spring
+        if beyond * self.bears < self.force:
+            said = f"the tip bears {self.bears:.0f} N in ready ({self.by}), the job sets {self.force:.0f} N"
+            return "force", said + _lower(scenario, self.bears), self.bears
+        if self.used > beyond:
+            said = f"{self.force:.0f} N at the tip in ready ask for {self.used:.0%} of a thruster"
+            return "thrust", said + _lower(scenario, self.force / self.used), self.used
+        return None
+
+
+def _lower(scenario: Scenario, force: float) -> str:
+    """Set force that may do, where the job takes one."""
+    wise = 0.8 * force
+    if not isinstance(scenario.task, SurfaceWorkTask) or wise < 1.0:
+        return ""
+    return f"; --forces {wise:.0f} may do"
+
+
+def push_of(scenario: Scenario) -> float:
+    """Largest set force [N] of a job."""
+    task = scenario.task
+    if isinstance(task, SurfaceWorkTask):
+        return max(task.forces)
+    if isinstance(task, SeabedSamplingTask):
+        return task.push
+    return InsertionJob().force
+
+
+def _spring_limit(own: OwnVehicle) -> float:
+    """Force [N] along the tool at which a spring behind it is at its end; inf without one."""
+    model, limits = own.model, [np.inf]
+    for name in own.passive_joints:
+        j = model.joint(name).id
+        k = float(model.jnt_stiffness.reshape(model.njnt, -1)[j, 0])
+        along = model.joint(name).name == "pad"
+        if along and k > 0.0 and model.jnt_limited[j]:
+            limits.append(k * abs(float(model.jnt_range[j, 0])))
+    return min(limits)
+
+
+def _tool_hint(model: mujoco.MjModel) -> str:
+    try:
+        vehicle = Vehicle.of(model)
+        if vehicle.tip < 0:
+            return ""
+        bears = tip_force(model, vehicle, np.array(vehicle.q_ready)).weakest
+    except UuvError:
+        return ""
+    return f"; try --tool {'small_pad' if bears < SMALL_PAD else 'pad'}"
+
+
+def _view(name: str, scenario: Scenario, blocked: float) -> JobVerdict | None:
+    if scenario.task.spares or blocked <= VIEW:  # a job that needs no camera looks by sonar
+        return None
+    return _refused(name, "view", f"{blocked:.0%} of the camera's view is on the vehicle itself, at most {VIEW:.0%}")
+
+
+def _planned(name: str, scenario: Scenario, own: OwnVehicle) -> JobVerdict:
+    """Verdict by the job's own planner, for the object at its true pose."""
+    placed = scenario.task.place(scenario, own, np.random.default_rng(scenario.seed))
+    current = np.array(scenario.site.current)
+    speed = float(np.linalg.norm(current))
+    try:
+        margin, share = _stand(placed, current)
+    except StrongCurrentError as error:
+        return _refused(name, "current", str(error), speed)
+    except ReachError as error:
+        if (refused := ReadyForce.of(scenario, own).refusal(scenario)) is not None:
+            return _refused(name, *refused)
+        joints = len(own.vehicle.joints)
+        more = f"; the arm has {joints} joints" if joints < _ALL else ""
+        return _refused(name, "reach", f"{_short(str(error))}{more}", float(joints) if more else None)
+    part = "" if share > 0.999 else f", {share:.0%} of the path"
+    return JobVerdict(
+        job=name,
+        promised=True,
+        code="ok",
+        said=f"margin {margin:.2f} (1 is roomy, 0 at a limit) at {push_of(scenario):.0f} N in {speed:.2f} m/s{part}",
+        figure=margin,
+    )
+
+
+def _short(said: str) -> str:
+    """What a planner says of the best place that it found, without the sentence before it."""
+    _, found, best = said.partition("at best ")
+    share, _, why = best.partition("%")
+    return f"at best {share}% of the path is within reach{why}" if found else said
+
+
+def _stand(placed: PlacedTask, current: Array) -> tuple[float, float]:
+    """Margin [-] of the best place of the hull, and the share of the path that is worked from it."""
+    planner = placed.planner()
+    assert isinstance(planner, SurfaceWork | HoleInsertion | SeabedWork)
+    if isinstance(placed, PlacedSurfaceWork):
+        X_WT = placed.truth.X_WT
+        path = path_on_model(X_WT, placed.target.path(placed.truth.path), spacing=PATH_SPACING)
+        found = planner.stand(_target(X_WT, path), path, current)
+    elif isinstance(placed, PlacedInsertion):
+        path = axis_path(placed.X_WT, placed.bore, placed.task.depth)
+        found = planner.stand(_target(placed.X_WT, path), path, current)
+    elif isinstance(placed, PlacedSampling):
+        B = np.array(placed.B_W[0])
+        B[2] = float(placed.ground.height(B[None])[0])
+        path = core_path(B, np.array([0.0, 0.0, -1.0]), placed.start[:3, 0], placed.job.depth)
+        found = planner.stand(replace(_target(np.eye(4), path), ground=_points(placed, B)), path, current)
+    else:
+        raise ConfigurationError(f"no rule for {type(placed).__name__}")
+    return float(found[0].margin), float(found[2])
+
+
+def _points(placed: PlacedSampling, B: Array) -> Array:
+    """Points (V, 3) [m] of the ground around a target."""
+    half = min(2.0, placed.ground.half - 0.3)
+    grid = np.arange(-half, half, 0.03)
+    xy = np.array([(x, y) for x in grid for y in grid]) + B[:2]
+    z = placed.ground.height(xy)
+    return np.column_stack([xy, z])[np.isfinite(z)]
+
+
+def _target(X_WT: Array, path: ToolPath) -> Target:
+    at = float(np.linalg.norm(transform_points(X_WT, np.zeros(3))))
+    return Target(time=0.0, X_WT=X_WT, accepted=True, check_m=0.0, range_m=at, reason="", path=path)

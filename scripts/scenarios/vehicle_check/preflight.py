@@ -1,0 +1,54 @@
+"""The cheap part of a vehicle's check, before a job starts: what refuses it, and what is doubtful."""
+
+from models.own.postures import PostureSearch
+from scenarios.own_vehicle import OwnVehicle
+from scenarios.scenario import Scenario
+from scenarios.tasks.insertion import InsertionTask
+from scenarios.tasks.seabed_sampling import SeabedSamplingTask
+from scenarios.tasks.surface_work import SurfaceWorkTask
+from scenarios.vehicle_check import doubts
+from scenarios.vehicle_check.jobs import BEYOND, VIEW, ReadyForce
+from scenarios.vehicle_check.statics import trim_of, weight_of
+from sim import hydrodynamics
+from sim.interfaces.errors import ConfigurationError
+
+
+def preflight(scenario: Scenario, own: OwnVehicle) -> list[str]:
+    """What is doubtful about a vehicle for a job, one line each.
+
+    Args:
+        scenario: With the job.
+        own: The vehicle's model of itself.
+
+    Returns:
+        The lines; none for a sound vehicle, and for a job without the arm.
+
+    Raises:
+        ConfigurationError: The job cannot be done: the arm, its tool or the thrusters bear far less than it sets, or
+            the camera sees little but the vehicle itself.
+    """
+    task, model, vehicle = scenario.task, own.model, own.vehicle
+    if not isinstance(task, SurfaceWorkTask | InsertionTask | SeabedSamplingTask) or vehicle.tip < 0:
+        return []
+    if isinstance(task, SurfaceWorkTask) and task.contactless is not None:
+        return []
+    ready, more = ReadyForce.of(scenario, own), f"; uuv check {scenario.vehicle.vehicle} tells more"
+    if (refused := ready.refusal(scenario, BEYOND)) is not None:
+        raise ConfigurationError(f"the work was not begun: {refused[1]}{more}")
+    search, lines = PostureSearch(model), []
+    home = vehicle.q_home
+    blocked, body = search.view_hits(home, doubts.HALF_VIEW)
+    if not task.spares and blocked > VIEW:
+        raise ConfigurationError(
+            f"the work was not begun: {blocked:.0%} of the camera's view is on the vehicle itself, most of it on "
+            f"{body}{more}"
+        )
+    if (weak := ready.refusal(scenario)) is not None:
+        lines.append(weak[1])
+    if _wet(own):
+        lines += [each.said for each in doubts.trim_doubts(trim_of(model, vehicle), weight_of(model, vehicle))]
+    return [f"doubtful: {line}" for line in lines]
+
+
+def _wet(own: OwnVehicle) -> bool:
+    return hydrodynamics.is_installed() and hydrodynamics.carries_hydrodynamics(own.model)

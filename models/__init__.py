@@ -9,7 +9,7 @@ import numpy as np
 from models import hydrodynamics
 from models.naming import HULL_BODY
 from models.registry import Registry
-from models.vehicles import bluerov2_heavy, phoenix_smart3s, reach_alpha_5, remus100, uuv_puma
+from models.vehicles import bluerov2_heavy, phoenix_smart3s, reach_alpha_5, remus100, rexrov2, uuv_puma
 from models.water import thrusters
 
 
@@ -39,6 +39,13 @@ _MODELS = {
         build=phoenix_smart3s.build,
         source="SIMURV 4.0 (Antonelli 2013); hull: NPS AUV, Healey and Lienard 1993 (for fresh water, here "
         "ballasted for 1025 kg/m^3)",
+    ),
+    "rexrov2_arm7": _Entry(
+        build=rexrov2.with_arm_7,
+        source="RexROV 2 of UUV Simulator (Manhaes et al. 2016; Berg 2012) with the kinematics of a KUKA LBR iiwa 7",
+    ),
+    "uuv_puma_two_sway": _Entry(
+        build=uuv_puma.build_two_sway, source="uuv_puma with two sway thrusters, at bow and stern"
     ),
     "remus100": _Entry(
         build=remus100.build,

@@ -83,6 +83,20 @@ def build_side() -> mujoco.MjSpec:
     return build(arm="side")
 
 
+def build_two_sway() -> mujoco.MjSpec:
+    """The vehicle with two sway thrusters, 0.6 m before and behind the middle, in place of one."""
+    spec = build()
+    spec.modelname = "uuv_puma_two_sway"
+    bow, name = spec.site("thruster_sway"), "thruster_sway_stern"
+    bow.pos = [0.6, 0.0, 0.0]
+    turn = quat_wxyz_from_rotation(rotation_from_z([0.0, 0.0, 1.0], [0.0, 1.0, 0.0]))  # x to port
+    spec.body(HULL_BODY).add_site(name=name, pos=[-0.6, 0.0, 0.0], quat=turn, group=4, size=[0.01, 0.01, 0.01])
+    actuator = spec.add_actuator(name=name, trntype=mujoco.mjtTrn.mjTRN_SITE, target=name)
+    actuator.gear = [1.0, 0.0, 0.0, 0.0, 0.0, 0.0]
+    thrusters.attach(spec, {name: _THRUSTER})
+    return spec
+
+
 def build(tool: str = "pad", arm: Literal["under", "side"] = "under") -> mujoco.MjSpec:
     """The vehicle with `tool` on the arm, coefficients attached, trimmed in its home pose (arm folded).
 

@@ -41,6 +41,7 @@ import mujoco
 import numpy as np
 from numba.core import event
 
+from models.exact_mjcf import library
 from models.hydrodynamics import (
     INDEFINITE,
     LARGEST,
@@ -94,9 +95,9 @@ def install() -> None:
         raise HydrodynamicsError("another passive callback is installed; MuJoCo has room for one")
     if _callback is None:
         mujoco_layout.verify(passive_callback.MODEL_FIELDS, passive_callback.DATA_FIELDS)
-        library = mujoco_layout.library()
+        native = library()
         for symbol in passive_callback.SYMBOLS:
-            address = ctypes.cast(getattr(library, symbol), ctypes.c_void_p).value
+            address = ctypes.cast(getattr(native, symbol), ctypes.c_void_p).value
             llvmlite.binding.add_symbol(symbol, address)
         with event.install_listener("numba:compile", _Notice()):
             _callback = passive_callback.build()

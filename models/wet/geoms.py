@@ -58,7 +58,7 @@ def geoms_of(model: mujoco.MjModel, body: int, choice: Choice) -> tuple[list[int
     visual = [g for g in mine if not (model.geom_contype[g] or model.geom_conaffinity[g])]
     collision = [g for g in mine if g not in set(visual)]
     if choice == "all" or not mine:
-        return mine, "all geoms"
+        return mine, "geoms"
     if choice == "auto":
         choice = "visual" if any(int(model.geom_type[g]) in _SHAPES for g in visual) else "collision"
     return (visual, "visual geoms") if choice == "visual" else (collision, "collision geoms")
@@ -130,7 +130,8 @@ def primitive(shape: str, size: Array) -> tuple[Array, np.ndarray]:
         turn = 2.0 * np.pi * np.arange(_SIDES) / _SIDES
         wider = np.sqrt(2.0 * np.pi / _SIDES / np.sin(2.0 * np.pi / _SIDES))
         ring = x * wider * np.column_stack([np.cos(turn), np.sin(turn), np.zeros(_SIDES)])
-        return prism(ring - [0.0, 0.0, y], ring + [0.0, 0.0, y])
+        end = np.array([0.0, 0.0, y])
+        return prism(ring - end, ring + end)
     if shape == "capsule":
         half = _RINGS // 2 + 1
         profile = np.vstack([x * arc[:half] - [y, 0.0], x * arc[half - 1 :] + [y, 0.0]])

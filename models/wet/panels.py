@@ -19,6 +19,8 @@ from sim.interfaces.spatial import Array, readonly, real_array, skew
 
 MOST = 8000  # panels of one surface: 1 GB, half a minute
 _EDGE_ORDER = 4.0 / 3.0  # in panel size, of what edges of 90 degrees leave; smooth surfaces converge by order 2
+TRUSTED = 0.15  # largest relative step of an extrapolation
+_FLOOR = 0.05  # of the largest term of its kind: smaller terms are compared with that
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -29,7 +31,7 @@ class PanelSolution:
     panels: int
     asymmetry: float  # largest difference of two opposite terms before symmetrisation, over the largest term
     lifted: float  # largest negative eigenvalue that was set to zero, over the largest eigenvalue
-    changed: float = 0.0  # largest change by extrapolation of a term, over the root of its two diagonal terms
+    changed: float | None = None  # largest step of a term by extrapolation, over the root of its two diagonal terms
 
 
 def added_mass(vertices: ArrayLike, triangles: ArrayLike, density: float = SEA_WATER) -> PanelSolution:
@@ -79,24 +81,22 @@ def added_mass(vertices: ArrayLike, triangles: ArrayLike, density: float = SEA_W
 def extrapolated(coarse: PanelSolution, fine: PanelSolution) -> PanelSolution:
     """Richardson's extrapolation from two surfaces of the same body, by the order that edges leave.
 
-    On a smooth body it changes the sign of the fine surface's error and about keeps its size.
+    On a smooth body it changes the sign of the fine surface's error and about keeps its size. A change of more than
+    `TRUSTED` is no refinement of one flow: then the fine surface's matrix is kept, and `changed` says so.
     """
     ratio = (fine.panels / coarse.panels) ** (0.5 * _EDGE_ORDER)
     step = (fine.added_mass - coarse.added_mass) / (ratio - 1.0)
-    scale = np.sqrt(np.maximum(np.diag(fine.added_mass), 1e-3 * np.repeat(_largest(fine.added_mass), 3)))
-    matrix, lifted = _nearest_positive(fine.added_mass + step)
+    diagonal = np.diag(fine.added_mass)
+    scale = np.sqrt(np.maximum(diagonal, _FLOOR * np.repeat(diagonal.reshape(2, 3).max(axis=1), 3)))
+    changed = float(np.max(np.abs(step) / np.outer(scale, scale)))
+    matrix, lifted = _nearest_positive(fine.added_mass + step if changed <= TRUSTED else fine.added_mass)
     return PanelSolution(
         added_mass=readonly(matrix),
         panels=fine.panels,
         asymmetry=max(coarse.asymmetry, fine.asymmetry),
         lifted=max(fine.lifted, lifted),
-        changed=float(np.max(np.abs(step) / np.outer(scale, scale))),
+        changed=changed,
     )
-
-
-def _largest(matrix: Array) -> Array:
-    """Largest diagonal term (2,) of the translations and of the rotations."""
-    return np.diag(matrix).reshape(2, 3).max(axis=1)
 
 
 def _nearest_positive(matrix: Array) -> tuple[Array, float]:

@@ -112,14 +112,9 @@ def _boundary(line: np.ndarray, step: np.ndarray) -> np.ndarray:
 @njit(cache=True)
 def _crossings(corners: Array, u: Array, v: Array) -> tuple[np.ndarray, Array, np.ndarray, np.ndarray]:
     """All crossings: line, place along the first axis, +1 for an entry and -1 for an exit, triangle."""
-    total = 0
-    for fill in range(2):
-        if fill:
-            line, at = np.empty(total, dtype=np.int64), np.empty(total)
-            step, triangle = np.empty(total, dtype=np.int64), np.empty(total, dtype=np.int64)
-        else:
-            line, at = np.empty(0, dtype=np.int64), np.empty(0)
-            step, triangle = np.empty(0, dtype=np.int64), np.empty(0, dtype=np.int64)
+    line, at = np.empty(0, dtype=np.int64), np.empty(0)
+    step, triangle = np.empty(0, dtype=np.int64), np.empty(0, dtype=np.int64)
+    for fill in range(2):  # counted first
         n = 0
         for t in range(len(corners)):
             p = corners[t]
@@ -142,7 +137,9 @@ def _crossings(corners: Array, u: Array, v: Array) -> tuple[np.ndarray, Array, n
                         step[n] = -1 if positive else 1  # a normal along the line: it leaves
                         triangle[n] = t
                     n += 1
-        total = n
+        if not fill:
+            line, at = np.empty(n, dtype=np.int64), np.empty(n)
+            step, triangle = np.empty(n, dtype=np.int64), np.empty(n, dtype=np.int64)
     return line, at, step, triangle
 
 

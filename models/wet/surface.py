@@ -42,7 +42,7 @@ def union_surface(corners: Array, true_volume: float, panels: int) -> UnionSurfa
     Returns:
         The surface. It is empty where no point of the grid lies inside.
     """
-    R = _box_axes(corners)
+    R = box_axes(corners)
     turned = corners @ R
     low, high = turned.min(axis=(0, 1)), turned.max(axis=(0, 1))
     extent = high - low
@@ -71,8 +71,11 @@ def union_surface(corners: Array, true_volume: float, panels: int) -> UnionSurfa
     return UnionSurface(vertices=vertices @ R.T, triangles=triangles, held=held)
 
 
-def _box_axes(corners: Array) -> Array:
-    """Axes (3, 3) of the grid: the body's own, or the principal ones where their box is clearly smaller."""
+def box_axes(corners: Array) -> Array:
+    """Axes (3, 3), in columns, along which shells (T, 3, 3) are measured.
+
+    They are the body's own, or the principal axes where these have a clearly smaller box.
+    """
     a, b, c = corners.transpose(1, 0, 2)
     weight = np.linalg.norm(np.cross(b - a, c - a), axis=1)
     middles = corners.mean(axis=1)
@@ -110,7 +113,7 @@ def level_surface(field: Array, grid: list[Array], level: float) -> tuple[Array,
     Returns:
         Vertices (V, 3) [m] and triangles (T, 3), counter-clockwise from outside.
     """
-    slopes = np.stack(np.gradient(field, *grid), axis=-1)
+    slopes = np.stack([np.gradient(field, grid[k], axis=k) for k in range(3)], axis=-1)
 
     def crossing(k: int, index: np.ndarray) -> tuple[Array, Array]:
         end = index + np.eye(3, dtype=np.int64)[k]

@@ -165,7 +165,7 @@ def _found_meshes(robot: UrdfRobot, path: Path) -> list[str]:
             if not name:
                 raise ConfigurationError(f"{said}: it has no filename")
             if Path(name).suffix.lower() not in MESHES:
-                if part.tag == "collision":
+                if part.tag == "collision" or link.find("collision") is None:
                     raise ConfigurationError(f"{said} {shown(name)}: MuJoCo reads {', '.join(MESHES)}; convert it")
                 link.remove(part)
                 left_out.append(name)
@@ -196,6 +196,8 @@ def _compiling(spec: mujoco.MjSpec, said: str) -> mujoco.MjSpec:
     try:
         spec.compile()
     except (ValueError, mujoco.FatalError) as error:
+        if "inertia of moving bodies" in str(error):
+            raise ConfigurationError(f"{said}: each link that moves needs an <inertial>: {_line(error)}") from error
         if "mesh" not in str(error):
             raise ConfigurationError(f"{said}: MuJoCo cannot compile it: {_line(error)}") from error
         for mesh in spec.meshes:

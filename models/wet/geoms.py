@@ -97,7 +97,7 @@ def shells_in_body(model: mujoco.MjModel, body: int, geoms: list[int]) -> Iterat
         if extent > LARGEST:
             raise ConfigurationError(
                 f"{name}: {extent:.4g} m across, more than {LARGEST:.0f} m: is its mesh in millimetres? "
-                'Scale it by 0.001 (scale="0.001 0.001 0.001" in the file)'
+                'Write scale="0.001 0.001 0.001" into the file, or for a mesh file --scale 0.001'
             )
         yield GeomShells(
             name=name,
@@ -105,7 +105,7 @@ def shells_in_body(model: mujoco.MjModel, body: int, geoms: list[int]) -> Iterat
             size=np.array(model.geom_size[g]),
             R=R,
             p=p,
-            shells=Shells(corners=corners, said=shells.said, spread=shells.spread),
+            shells=Shells(corners=corners, said=shells.said, doubt=shells.doubt),
         )
 
 

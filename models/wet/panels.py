@@ -63,8 +63,7 @@ def added_mass(vertices: ArrayLike, triangles: ArrayLike, density: float = SEA_W
     local = np.ascontiguousarray((corners - middle) / size)
     centers = local.mean(axis=1)
     flux = np.hstack([normals, np.cross(centers, normals)])  # (N, 6) of the unit motions through each panel
-    double_layer, single_layer = _influence(local, centers, normals)
-    potential = np.linalg.solve(0.5 * np.eye(len(local)) - double_layer, -single_layer @ flux)
+    potential = np.linalg.solve(*_system(local, centers, normals, flux))
     matrix = -potential.T @ (flux * (area / size**2)[:, None])
     largest = float(np.abs(matrix).max())
     asymmetry = float(np.abs(matrix - matrix.T).max()) / largest
@@ -108,13 +107,14 @@ def _nearest_positive(matrix: Array) -> tuple[Array, float]:
 
 
 @njit(cache=True, error_model="numpy")
-def _influence(corners: Array, centers: Array, normals: Array) -> tuple[Array, Array]:
-    """Potentials (N, N) at the centroids of unit dipoles and unit sources on the panels, over 4 pi.
+def _system(corners: Array, centers: Array, normals: Array, flux: Array) -> tuple[Array, Array]:
+    """Green's identity at the centroids: (N, N) matrix of the potentials, and (N, 6) right-hand sides.
 
     Args:
         corners: (N, 3, 3) of the triangles, counter-clockwise from outside.
         centers: (N, 3) their centroids.
         normals: (N, 3) their unit normals.
+        flux: (N, 6) speed along the normals of the six unit motions.
     """
     n = len(corners)
     edges = np.empty((n, 3, 3))  # outward in the plane of the triangle, unit
@@ -127,7 +127,7 @@ def _influence(corners: Array, centers: Array, normals: Array) -> tuple[Array, A
             edges[j, k, 0] = t[1] * m[2] - t[2] * m[1]
             edges[j, k, 1] = t[2] * m[0] - t[0] * m[2]
             edges[j, k, 2] = t[0] * m[1] - t[1] * m[0]
-    double, single = np.empty((n, n)), np.empty((n, n))
+    matrix, right = np.empty((n, n)), np.zeros((n, 6))
     scale = 0.25 / np.pi
     r, d = np.empty((3, 3)), np.empty(3)
     for i in range(n):
@@ -153,6 +153,8 @@ def _influence(corners: Array, centers: Array, normals: Array) -> tuple[Array, A
                 away = r[k, 0] * edges[j, k, 0] + r[k, 1] * edges[j, k, 1] + r[k, 2] * edges[j, k, 2]
                 if abs(away) > 1e-14:  # else the logarithm may be infinite, its product is zero
                     total += away * np.log((around + lengths[j, k]) / (around - lengths[j, k]))
-            double[i, j] = scale * angle
-            single[i, j] = scale * (total - height * angle)
-    return double, single
+            matrix[i, j] = 0.5 if i == j else -scale * angle
+            source = scale * (total - height * angle)
+            for mode in range(6):
+                right[i, mode] -= source * flux[j, mode]
+    return matrix, right

@@ -4,6 +4,7 @@ An open surface is replaced by the surface on which its winding number [Jacobson
 smoothly. Where that encloses next to nothing, as for a bent sheet, its convex hull is taken.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -29,7 +30,7 @@ class Shells:
 
     corners: Array  # (T, 3, 3) [m]
     said: str  # what they are, and how they were closed
-    spread: float = 0.0  # uncertainty of the volume by closing, over the volume
+    doubt: float = 0.0  # [m^3] uncertainty of the volume by closing
 
 
 def shells_of(vertices: Array, triangles: np.ndarray) -> Shells:
@@ -58,17 +59,49 @@ def shells_of(vertices: Array, triangles: np.ndarray) -> Shells:
         inward += enclosed < 0.0
         closed.append(shell[:, ::-1] if enclosed < 0.0 else shell)
     parts = [points[shell] for shell in closed]
-    said = [f"{len(closed)} closed shell{'s' * (len(closed) > 1)}"] if closed else []
+    said = [_count(len(closed), "closed shell")] if closed else []
     if inward:
-        said.append(f"{inward} of them turned outward")
-    spread = 0.0
-    if open_faces:
-        shell, how, spread = _closed(points, np.vstack(open_faces))
-        if len(shell):
-            parts.append(shell)
-        said.append(how)
+        said.append(f"{inward} turned outward")
+    doubt = 0.0
+    for sort, found, doubts in _closed_all(points, open_faces):
+        parts += found
+        doubt += doubts
+        said.append(sort)
     corners = np.vstack(parts) if parts else np.zeros((0, 3, 3))
-    return Shells(corners=corners, said=", ".join(said) or "no inside", spread=spread)
+    return Shells(corners=corners, said=", ".join(said) or "no inside", doubt=doubt)
+
+
+def _count(number: int, what: str) -> str:
+    return f"{number} {what}{'s' * (number != 1)}"
+
+
+def _closed_all(points: Array, shells: list[np.ndarray]) -> Iterator[tuple[str, list[Array], float]]:
+    """Open shells closed together where they enclose something, else one by one: what was done, corners, doubt."""
+    if not shells:
+        return
+    whole, doubt = _by_winding(points, np.vstack(shells))
+    if whole is not None:
+        yield f"{_count(len(shells), 'open surface')} closed by the winding number", [whole], doubt
+        return
+    wound, hulls, flat, doubts = [], [], 0, [0.0, 0.0]
+    for shell in shells:
+        one, doubt = _by_winding(points, shell) if len(shells) > 1 else (None, 0.0)
+        if one is not None:
+            wound.append(one)
+            doubts[0] += doubt
+            continue
+        hull, enclosed = convex_hull(points[shell])
+        if enclosed > 0.0:
+            hulls.append(hull)
+            doubts[1] += enclosed
+        else:
+            flat += 1
+    if wound:
+        yield f"{_count(len(wound), 'open surface')} closed by the winding number", wound, doubts[0]
+    if hulls:
+        yield f"{_count(len(hulls), 'open surface')} without an inside, as convex hulls", hulls, doubts[1]
+    if flat:
+        yield f"{_count(flat, 'flat surface')} left out", [], 0.0
 
 
 def _oriented(faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -102,9 +135,23 @@ def _outward(points: Array, faces: np.ndarray) -> np.ndarray:
     return faces[:, ::-1] if volume(points - middle, faces) < 0.0 else faces
 
 
-def _closed(points: Array, faces: np.ndarray) -> tuple[Array, str, float]:
-    """Corners of a closed surface in place of an open one, what was done, and the spread of the volume."""
+def convex_hull(corners: Array) -> tuple[Array, float]:
+    """Corners (T, 3, 3) [m] and volume [m^3] of the convex hull of triangles (N, 3, 3); none and 0 if they are flat."""
+    try:
+        hull = ConvexHull(corners.reshape(-1, 3))
+    except QhullError:
+        return np.zeros((0, 3, 3)), 0.0
+    a, b, c = hull.points[hull.simplices].transpose(1, 0, 2)
+    inward = np.einsum("ij,ij->i", np.cross(b - a, c - a), hull.equations[:, :3]) < 0.0
+    return hull.points[np.where(inward[:, None], hull.simplices[:, ::-1], hull.simplices)], float(hull.volume)
+
+
+def _by_winding(points: Array, faces: np.ndarray) -> tuple[Array | None, float]:
+    """Corners of a closed surface in place of an open one, and its uncertainty [m^3]; None: it encloses nothing."""
     corners = points[faces]
+    _, hull_volume = convex_hull(corners)
+    if not hull_volume > 0.0:
+        return None, 0.0
     low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
     size = float((high - low).max())
     some_points, some, merge = points, faces, size / 200.0
@@ -118,22 +165,11 @@ def _closed(points: Array, faces: np.ndarray) -> tuple[Array, str, float]:
     for axis in range(3):  # nothing is inside on the border
         for end in (0, -1):
             np.moveaxis(field, axis, 0)[end] = np.minimum(np.moveaxis(field, axis, 0)[end], 0.0)
-    edges = len(faces)
-    name = f"an open surface of {edges} triangles"
     vertices, triangles = level_surface(field, grid, _HALF)
-    enclosed = volume(vertices, triangles) if len(triangles) else 0.0
-    try:
-        hull = ConvexHull(corners.reshape(-1, 3))
-    except QhullError:
-        return np.zeros((0, 3, 3)), f"{name}, flat, left out", 0.0
-    if enclosed < _LITTLE * hull.volume:
-        a, b, c = hull.points[hull.simplices].transpose(1, 0, 2)
-        inward = np.einsum("ij,ij->i", np.cross(b - a, c - a), hull.equations[:, :3]) < 0.0
-        solid = np.where(inward[:, None], hull.simplices[:, ::-1], hull.simplices)
-        return hull.points[solid], f"{name} without an inside, as its convex hull", 1.0
+    if not len(triangles) or volume(vertices, triangles) < _LITTLE * hull_volume:
+        return None, 0.0
     more, less = ((field > _HALF + sign * _SPREAD).sum() for sign in (-1.0, 1.0))
-    spread = 0.5 * float(more - less) / float(max((field > _HALF).sum(), 1))
-    return vertices[triangles], f"{name}, closed by its winding number", spread
+    return vertices[triangles], 0.5 * float(more - less) * cell**3
 
 
 @njit(cache=True, error_model="numpy")

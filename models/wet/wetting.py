@@ -12,7 +12,6 @@ from typing import Final
 
 import mujoco
 import numpy as np
-from scipy.spatial import ConvexHull
 
 from models import hydrodynamics
 from models.hydrodynamics import SEA_WATER, BodyHydrodynamics, StripDrag, moved_added_mass
@@ -21,14 +20,16 @@ from models.wet.drag import ASIDE, SLENDER, Silhouettes, silhouettes, spin_integ
 from models.wet.geoms import CHOICES, Choice, GeomShells, exact_volume, geoms_of, moving_bodies, shells_in_body
 from models.wet.panels import PanelSolution
 from models.wet.scan import scanned
+from models.wet.shells import convex_hull
 from models.wet.surface import UnionSurface, box_axes, union_surface
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array, finite_number, shown
 
 PANELS: Final = 1600  # of each body
 FEWEST_PANELS: Final = 200
+MOST_PANELS: Final = 6400  # a surface may get a quarter more than was wanted
 _COARSER = 4.0  # panels of the fine surface over those of the coarse one
-_FINEST = 3200  # to which the number is doubled where two surfaces do not agree
+_FINER = 4  # times the wanted number to which it is doubled where two surfaces do not agree
 _LINES = 240  # across the longer side of a body, for its volume
 _HELD = (0.85, 1.15)  # volume of a surface before its offset over the true one, within which it counts as the body
 _SOLID = 0.7  # volume over that of the convex hull, below which a body is an open frame
@@ -87,9 +88,9 @@ def wet(
     if geoms not in CHOICES:
         raise ConfigurationError(f"geoms: allowed {', '.join(CHOICES)}, got {shown(geoms)}")
     density = finite_number(density, "density [kg/m^3]", above=0.0, most=1e5)
-    if isinstance(panels, bool) or not isinstance(panels, int) or not FEWEST_PANELS <= panels <= panel_method.MOST:
+    if isinstance(panels, bool) or not isinstance(panels, int) or not FEWEST_PANELS <= panels <= MOST_PANELS:
         raise ConfigurationError(
-            f"panels: expected a whole number from {FEWEST_PANELS} to {panel_method.MOST}, got {shown(panels)}"
+            f"panels: expected a whole number from {FEWEST_PANELS} to {MOST_PANELS}, got {shown(panels)}"
         )
     for k, body in enumerate(spec.bodies[1:], start=1):
         body.name = body.name or f"body_{k}"
@@ -112,7 +113,7 @@ def wet(
         solid = [part for part in parts if len(part.shells.corners)]
         if not solid:
             raise ConfigurationError(f"{parts[0].name}: encloses no volume ({parts[0].shells.said})")
-        bodies[name], rows = _body(name, solid, f"{len(chosen)} {which}", density, panels)
+        bodies[name], rows = _body(name, solid, _counted(len(chosen), which), density, panels)
         origins += rows
         dry += [f"{part.name}: {part.shells.said}" for part in parts if not len(part.shells.corners)]
     if not bodies:
@@ -160,28 +161,24 @@ def _body(
     if plain:
         volume, center, spread, wander = exact_volume(parts[0]), parts[0].p, 0.0, 0.0
         said = f"closed form of a {parts[0].kind}, {which}"
-    weight = sum(float(np.ptp(part.shells.corners.reshape(-1, 3), axis=0).prod()) for part in parts)
-    closing = sum(
-        part.shells.spread * float(np.ptp(part.shells.corners.reshape(-1, 3), axis=0).prod()) for part in parts
-    )
-    spread = max(spread, closing / weight)
     extent = float(np.ptp(corners.reshape(-1, 3), axis=0).max())
+    closing = sum(part.shells.doubt for part in parts) / volume
+    spread = max(spread, closing)
     surface, solution = _panelled(corners, volume, density, panels)
-    matrix, from_where, doubt = _added_mass(parts, corners, density, surface, solution, panels)
-    hull = ConvexHull(corners.reshape(-1, 3))
-    sort = "plain" if plain else "solid" if volume > _SOLID * hull.volume else "frame"
+    matrix, from_where, doubt = _added_mass(parts, corners, density, surface, solution, panels, closing)
+    sort = "plain" if plain else "solid" if volume > _SOLID * convex_hull(corners)[1] else "frame"
     strip, quadratic, drag_said, drag_value = _drag(corners, center, surface, density)
     water = BodyHydrodynamics(
         volume=volume, center_of_buoyancy=center, added_mass=matrix, quadratic_damping=quadratic, strips=strip
     )
     factor = f"factor {_FACTORS[sort]:g}"
     rows = (
-        ("volume", f"{1e3 * volume:.4g} l", said, f"{100 * max(spread, 1e-4):.2g} %" if spread else "exact"),
+        ("volume", f"{1e3 * volume:.4g} l", said, _percent(max(spread, 1e-4)) if spread else "exact"),
         (
             "centre of buoyancy",
             f"{_row(1e3 * center)} mm",
             said,
-            f"{1e3 * max(wander, closing / weight * 0.5 * extent):.2g} mm" if spread else "exact",
+            f"{1e3 * max(wander, 0.25 * min(closing, 1.0) * extent):.2g} mm" if spread else "exact",
         ),
         ("added mass", _row(np.diag(matrix)) + " kg, kg m^2", from_where, doubt),
         ("drag", drag_value, drag_said, factor),
@@ -213,6 +210,7 @@ def _panelled(corners: Array, volume: float, density: float, panels: int) -> tup
             return surface, None
         return surface, panel_method.added_mass(surface.vertices, surface.triangles, density)
 
+    finest = min(_FINER * panels, MOST_PANELS)
     _, coarse = solved(round(panels / _COARSER))
     while True:
         surface, fine = solved(panels)
@@ -221,7 +219,7 @@ def _panelled(corners: Array, volume: float, density: float, panels: int) -> tup
             best = panel_method.extrapolated(coarse, fine)
             if best.changed is not None and best.changed <= panel_method.TRUSTED:
                 return surface, best
-        if 2 * panels > _FINEST:
+        if 2 * panels > finest:
             return surface, best
         coarse, panels = fine, 2 * panels
 
@@ -233,8 +231,12 @@ def _added_mass(
     surface: UnionSurface,
     solution: PanelSolution | None,
     panels: int,
+    closing: float,
 ) -> tuple[Array, str, str]:
-    """Added mass (6, 6) at the body's origin, its origin in words, its uncertainty in words."""
+    """Added mass (6, 6) at the body's origin, its origin in words, its uncertainty in words.
+
+    The relative uncertainty `closing` of the volume counts for the added mass as well.
+    """
     part = parts[0]
     if len(parts) == 1 and part.kind in ("sphere", "ellipsoid"):
         axes = np.full(3, part.size[0]) if part.kind == "sphere" else part.size
@@ -246,12 +248,9 @@ def _added_mass(
             return solution.added_mass, f"{said}; no coarser surface to compare with", "unknown"
         if solution.changed <= panel_method.TRUSTED:
             said += ", extrapolated"
-        return solution.added_mass, said, f"{100 * max(_LEAST, solution.changed):.2g} %"
-    hull = ConvexHull(corners.reshape(-1, 3))
-    a, b, c = hull.points[hull.simplices].transpose(1, 0, 2)
-    inward = np.einsum("ij,ij->i", np.cross(b - a, c - a), hull.equations[:, :3]) < 0.0
-    solid = hull.points[np.where(inward[:, None], hull.simplices[:, ::-1], hull.simplices)]
-    whole = union_surface(solid, hull.volume, panels)
+        return solution.added_mass, said, _percent(max(_LEAST, solution.changed, closing))
+    solid, hull_volume = convex_hull(corners)
+    whole = union_surface(solid, hull_volume, panels)
     found = panel_method.added_mass(whole.vertices, whole.triangles, density)
     said = f"{found.panels} panels on the convex hull: the body is too thin, {surface.held:.0%} of it held"
     return found.added_mass, said, f"factor {_HULL_FACTOR:g}"
@@ -321,6 +320,14 @@ def _compiled(spec: mujoco.MjSpec) -> mujoco.MjModel:
         return spec.copy().compile()
     except (ValueError, mujoco.FatalError) as error:
         raise ConfigurationError(f"MuJoCo cannot compile the model: {' '.join(str(error).split())}") from error
+
+
+def _counted(number: int, which: str) -> str:
+    return f"{number} {which}" if number > 1 else f"one {which.removesuffix('s')}"
+
+
+def _percent(share: float) -> str:
+    return f"{100.0 * share:.2g} %" if share < 0.995 else f"{100.0 * share:.0f} %"
 
 
 def _row(values: Array) -> str:

@@ -11,6 +11,7 @@ from rich.table import Table
 from tyro.conf import Positional
 
 from models.hydrodynamics import SEA_WATER
+from models.sidecar import tree_of
 from models.wet.files import MESHES, make_neutral, read_model, write_model
 from models.wet.geoms import Choice
 from models.wet.wetting import PANELS, Wetted, wet
@@ -74,7 +75,7 @@ def wet_model(options: WetOptions, console: Console) -> int:
         make_neutral(spec)
     written = write_model(wetted, out, with_sidecar=options.sidecar)
     if options.json:
-        told = {"files": [str(path) for path in written], "notes": [*notes, *wetted.dry]}
+        told = {"files": [str(path) for path in written], "notes": [*notes, *wetted.dry], "water": tree_of(spec)}
         print(json.dumps({**told, "origins": [asdict(origin) for origin in wetted.origins]}, indent=2))
         return 0
     console.print(table(wetted, options.model.name))

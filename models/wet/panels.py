@@ -21,6 +21,7 @@ MOST = 8000  # panels of one surface: 1 GB, half a minute
 _EDGE_ORDER = 4.0 / 3.0  # in panel size, of what edges of 90 degrees leave; smooth surfaces converge by order 2
 TRUSTED = 0.15  # largest relative step of an extrapolation
 _FLOOR = 0.05  # of the largest term of its kind: smaller terms are compared with that
+_TURNING = 0.01  # of the largest translation and the squared size: what a rotation is worth at least
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -29,6 +30,7 @@ class PanelSolution:
 
     added_mass: Array  # (6, 6) [kg, kg m, kg m^2] at the origin of the vertices, symmetric, positive semidefinite
     panels: int
+    size: float  # [m] longest extent of the surface
     asymmetry: float  # largest difference of two opposite terms before symmetrisation, over the largest term
     lifted: float  # largest negative eigenvalue that was set to zero, over the largest eigenvalue
     changed: float | None = None  # largest step of a term by extrapolation, over the root of its two diagonal terms
@@ -73,7 +75,7 @@ def added_mass(vertices: ArrayLike, triangles: ArrayLike, density: float = SEA_W
     scale = size ** np.array([1.5, 1.5, 1.5, 2.5, 2.5, 2.5])
     moved = density * (shift.T @ positive @ shift) * np.outer(scale, scale)
     return PanelSolution(
-        added_mass=readonly(0.5 * (moved + moved.T)), panels=len(local), asymmetry=asymmetry, lifted=lifted
+        added_mass=readonly(0.5 * (moved + moved.T)), panels=len(local), size=size, asymmetry=asymmetry, lifted=lifted
     )
 
 
@@ -86,12 +88,15 @@ def extrapolated(coarse: PanelSolution, fine: PanelSolution) -> PanelSolution:
     ratio = (fine.panels / coarse.panels) ** (0.5 * _EDGE_ORDER)
     step = (fine.added_mass - coarse.added_mass) / (ratio - 1.0)
     diagonal = np.diag(fine.added_mass)
-    scale = np.sqrt(np.maximum(diagonal, _FLOOR * np.repeat(diagonal.reshape(2, 3).max(axis=1), 3)))
+    most = diagonal.reshape(2, 3).max(axis=1)
+    most[1] = max(most[1], _TURNING * most[0] * fine.size**2)
+    scale = np.sqrt(np.maximum(diagonal, _FLOOR * np.repeat(most, 3)))
     changed = float(np.max(np.abs(step) / np.outer(scale, scale)))
     matrix, lifted = _nearest_positive(fine.added_mass + step if changed <= TRUSTED else fine.added_mass)
     return PanelSolution(
         added_mass=readonly(matrix),
         panels=fine.panels,
+        size=fine.size,
         asymmetry=max(coarse.asymmetry, fine.asymmetry),
         lifted=max(fine.lifted, lifted),
         changed=changed,

@@ -14,8 +14,8 @@ from models.meshes.closed_shells import vertex_normals, volume
 from models.wet.scan import Scan, along_lines
 from sim.interfaces.spatial import Array
 
-_THIN = 5.0  # root of the number of triangles over the number of cells across the shortest side
-_FEWEST_CELLS = 4  # across the shortest side
+_THIN = 4.0  # root of the number of triangles over the number of cells across the shortest side
+_FEWEST_CELLS = 6  # across the shortest side
 _MOST_CELLS = 220  # along a side
 _SOFT = 0.02  # weight of the mean of the crossings beside their planes
 _ROUNDS = 6  # of adapting the cell to the wanted number of triangles

@@ -19,6 +19,7 @@ _FEWEST_CELLS = 6  # across the shortest side
 _MOST_CELLS = 220  # along a side
 _SOFT = 0.02  # weight of the mean of the crossings beside their planes
 _ROUNDS = 6  # of adapting the cell to the wanted number of triangles
+_ALIKE = 1.0 + 1e-6  # ratio of two diagonals that count as equal, whatever the rounding
 _PAD = 0.37  # of a cell, between the union and the first points of the grid
 
 
@@ -202,7 +203,8 @@ def _hermite(scan: Scan, grid: list[Array], index: np.ndarray, normals: Array) -
 def _halved(vertices: Array, quads: np.ndarray) -> np.ndarray:
     """Triangles of quads, each cut along its shorter diagonal; those without three corners are left out."""
     a, b, c, d = quads.T
-    short = np.linalg.norm(vertices[a] - vertices[c], axis=1) <= np.linalg.norm(vertices[b] - vertices[d], axis=1)
+    one_way, other_way = (np.linalg.norm(vertices[p] - vertices[q], axis=1) for p, q in ((a, c), (b, d)))
+    short = one_way <= other_way * _ALIKE
     one = np.where(short[:, None], np.column_stack([a, b, c]), np.column_stack([a, b, d]))
     two = np.where(short[:, None], np.column_stack([a, c, d]), np.column_stack([b, c, d]))
     return np.vstack([one, two])

@@ -20,6 +20,7 @@ from sim.interfaces.spatial import finite_number, shown
 
 MESHES = (".stl", ".obj", ".msh")  # endings of the mesh files that MuJoCo reads
 _ROBOT = b"<robot"
+_HEAD = 20_000  # [bytes] within which a URDF under another name has its root element
 _DIRECTIVES = {"discardvisual": "false", "strippath": "false", "fusestatic": "false"}
 
 
@@ -40,16 +41,20 @@ def read_model(
         ConfigurationError: a file that cannot be read, that MuJoCo does not accept, or whose meshes are missing.
     """
     path = existing_file(file, "model")
-    if path.suffix.lower() in MESHES:
+    is_mesh, is_urdf = path.suffix.lower() in MESHES, path.suffix.lower() == ".urdf"
+    if not is_mesh and not is_urdf:
+        is_urdf = _ROBOT in bytes_of(path, "model")[:_HEAD]
+    if free and not is_urdf:
+        said = "a mesh floats" if is_mesh else "write <freejoint/> into the root body"
+        raise ConfigurationError(f"free: for a URDF only; {shown(path.name)}: {said}")
+    if is_mesh:
         return _of_mesh(path, 1.0 if scale is None else finite_number(scale, "scale", least=1e-9, most=1e9)), []
     if scale is not None:
         raise ConfigurationError(
             f"scale: for a mesh file only; {shown(path.name)} states the scale of its meshes itself"
         )
-    if _ROBOT in bytes_of(path, "model")[:20_000] or path.suffix.lower() == ".urdf":
+    if is_urdf:
         return _of_urdf(path, free)
-    if free:
-        raise ConfigurationError(f"free: for a URDF only; in {shown(path.name)} write <freejoint/> into the root body")
     spec, _ = read_mjcf(path, "model")
     return spec, []
 

@@ -13,7 +13,6 @@ from numba import njit
 from sim.interfaces.spatial import Array
 
 _FEWEST = 64  # lines along the shorter side
-_JITTER = (0.3819660113, 0.2763932023)  # of a step: lines through corners and edges of boxes are avoided
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -27,6 +26,7 @@ class Scan:
     u: Array  # (U,) [m] of the lines, on the axis after `axis`
     v: Array  # (V,) [m] of the lines, on the axis after that
     cell: float  # [m^2] for which each line stands
+    disjoint: bool  # no line is within two shells at once
 
     @property
     def volume(self) -> float:
@@ -72,10 +72,7 @@ def scanned(corners: Array, lines: int, axis: int) -> Scan:
     step = max(high[a] - low[a], high[b] - low[b]) / lines
     count = [max(_FEWEST, int(np.ceil((high[k] - low[k]) / step))) for k in (a, b)]
     steps = [(high[k] - low[k]) / n for k, n in zip((a, b), count, strict=True)]
-    u, v = (
-        low[k] + (np.arange(n) + 0.5 + 0.1 * (shift - 0.5)) * d
-        for k, n, d, shift in zip((a, b), count, steps, _JITTER, strict=True)
-    )
+    u, v = (low[k] + (np.arange(n) + 0.5) * d for k, n, d in zip((a, b), count, steps, strict=True))
     return along_lines(corners, axis, u, v, steps[0] * steps[1])
 
 
@@ -87,7 +84,9 @@ def along_lines(corners: Array, axis: int, u: Array, v: Array, cell: float = 0.0
     first = np.lexsort((at, line))
     line, at, step, triangle = line[first], at[first], step[first], triangle[first]
     keep = _boundary(line, step)
-    return Scan(axis=axis, line=line[keep], at=at[keep], triangle=triangle[keep], u=u, v=v, cell=cell)
+    return Scan(
+        axis=axis, line=line[keep], at=at[keep], triangle=triangle[keep], u=u, v=v, cell=cell, disjoint=bool(keep.all())
+    )
 
 
 @njit(cache=True)

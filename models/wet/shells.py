@@ -21,7 +21,7 @@ _WELD = 1e-6  # of the mesh's size
 _CELLS = 36  # along the longest side, of the winding number
 _FEW = 2500  # triangles for which it is summed; more are clustered
 _LITTLE = 0.05  # of the hull's volume: less is no inside
-_HALF, _SPREAD = 0.5, 0.1  # level of the winding number; the volume's uncertainty is from levels so far apart
+_HALF, _SPREAD = 0.5, 0.2  # level of the winding number; levels so far off it tell the uncertainty of the volume
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -26,13 +26,14 @@ from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array, finite_number, shown
 
 PANELS: Final = 1600  # of each body
-FEWEST_PANELS: Final = 200
+FEWEST_PANELS: Final = 400
 MOST_PANELS: Final = 6400  # a surface may get a quarter more than was wanted
 _COARSER = 4.0  # panels of the fine surface over those of the coarse one
 _FINER = 4  # times the wanted number to which it is doubled where two surfaces do not agree
 _LINES = 240  # across the longer side of a body, for its volume
 _HELD = (0.85, 1.15)  # volume of a surface before its offset over the true one, within which it counts as the body
 _SOLID = 0.7  # volume over that of the convex hull, below which a body is an open frame
+_CLOSED_FORMS = ("sphere", "ellipsoid")  # of the added mass
 _FACTORS = {"plain": 1.3, "solid": 1.5, "frame": 2.0}  # by which drag may be wrong either way
 _LEAST = 0.01  # relative uncertainty of panels where the extrapolation changes next to nothing
 _HULL_FACTOR = 2.0  # by which added mass may be wrong where a convex hull stands for a thin body
@@ -156,7 +157,8 @@ def _body(
     corners = np.vstack([part.shells.corners for part in parts])
     volume, center, spread, wander = _volume(corners)
     how = "; ".join(dict.fromkeys(part.shells.said for part in parts if part.kind == "mesh"))
-    said = f"lines through the union, {which}" + (f" ({how})" if how else "")
+    method = "lines through the union" if spread else "tetrahedra of its triangles"
+    said = f"{method}, {which}" + (f" ({how})" if how else "")
     plain = len(parts) == 1 and parts[0].kind != "mesh"
     if plain:
         volume, center, spread, wander = exact_volume(parts[0]), parts[0].p, 0.0, 0.0
@@ -164,7 +166,10 @@ def _body(
     extent = float(np.ptp(corners.reshape(-1, 3), axis=0).max())
     closing = sum(part.shells.doubt for part in parts) / volume
     spread = max(spread, closing)
-    surface, solution = _panelled(corners, volume, density, panels)
+    if plain and parts[0].kind in _CLOSED_FORMS:
+        surface, solution = union_surface(corners, volume, panels), None
+    else:
+        surface, solution = _panelled(corners, volume, density, panels)
     matrix, from_where, doubt = _added_mass(parts, corners, density, surface, solution, panels, closing)
     sort = "plain" if plain else "solid" if volume > _SOLID * convex_hull(corners)[1] else "frame"
     strip, quadratic, drag_said, drag_value = _drag(corners, center, surface, density)
@@ -191,12 +196,20 @@ def _body(
 
 
 def _volume(corners: Array) -> tuple[float, Array, float, float]:
-    """Volume [m^3] and centre (3,) [m] of a union; how much these differ by the direction of the lines [-], [m]."""
+    """Volume [m^3] and centre (3,) [m] of a union; how much these differ by the direction of the lines [-], [m].
+
+    Where the shells do not overlap, they are exact: by the tetrahedra between the origin and the triangles.
+    """
     scans = [scanned(corners, _LINES, axis) for axis in range(3)]
     volumes = np.array([scan.volume for scan in scans])
     if not volumes.min() > 0.0:
         raise ConfigurationError("the geoms enclose no volume")
     centers = np.array([scan.moment / volume for scan, volume in zip(scans, volumes, strict=True)])
+    if all(scan.disjoint for scan in scans):
+        a, b, c = corners.transpose(1, 0, 2)
+        tetrahedra = np.einsum("ij,ij->i", a, np.cross(b, c)) / 6.0
+        whole = float(tetrahedra.sum())
+        return whole, 0.25 * tetrahedra @ (a + b + c) / whole, 0.0, 0.0
     mean = float(volumes.mean())
     return mean, centers.mean(axis=0), float(np.ptp(volumes)) / mean, float(np.ptp(centers, axis=0).max())
 
@@ -238,7 +251,7 @@ def _added_mass(
     The relative uncertainty `closing` of the volume counts for the added mass as well.
     """
     part = parts[0]
-    if len(parts) == 1 and part.kind in ("sphere", "ellipsoid"):
+    if len(parts) == 1 and part.kind in _CLOSED_FORMS:
         axes = np.full(3, part.size[0]) if part.kind == "sphere" else part.size
         local = hydrodynamics.ellipsoid(axes, water_density=density).added_mass
         return moved_added_mass(local, part.R, part.p), f"closed form of a {part.kind}", "exact"

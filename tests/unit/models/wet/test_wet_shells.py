@@ -39,12 +39,12 @@ def test_triangles_turned_at_random_are_turned_outward(rng):
 def test_a_hole_is_bridged_and_doubted():
     vertices, triangles = primitive("capsule", CAPSULE)
     middles = vertices[triangles].mean(axis=1)
-    hole = ~((middles[:, 0] > 0.05) & (np.abs(middles[:, 2]) < 0.05))  # a window in its side
+    hole = ~((middles[:, 0] > 0.07) & (np.abs(middles[:, 2]) < 0.05))  # a slot along its side
     found = shells_of(vertices, triangles[hole])
     assert found.said == "1 open surface closed by the winding number"
     error = abs(volume(found.corners) - VOLUME)
-    assert error < 0.05 * VOLUME  # measured 1.7 %
-    assert 0.2 * error < found.doubt < 0.1 * VOLUME
+    assert error < 0.04 * VOLUME  # measured 2.7 %
+    assert error < found.doubt < 0.1 * VOLUME
     surface = union_surface(found.corners, volume(found.corners), 800)
     assert open_edges(surface.triangles) == 0
 

@@ -56,6 +56,7 @@ def read_model(
     if is_urdf:
         return _of_urdf(path, free)
     spec, _ = read_mjcf(path, "model")
+    sidecar.attach_beside(spec, path)  # thrusters, and water that is to be replaced
     return spec, []
 
 

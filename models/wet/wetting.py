@@ -108,7 +108,8 @@ def wet(
         name = model.body(i).name
         chosen, which = geoms_of(model, i, geoms)
         if not chosen:
-            dry.append(f"{name}: no {'geom' if geoms in ('auto', 'all') else f'{geoms} geom'}")
+            kept = "; it keeps the water that it has" if hydrodynamics.carries(spec.body(name).userdata) else ""
+            dry.append(f"{name}: no {'geom' if geoms in ('auto', 'all') else f'{geoms} geom'}{kept}")
             continue
         parts = list(shells_in_body(model, i, chosen))
         solid = [part for part in parts if len(part.shells.corners)]

@@ -16,7 +16,7 @@ _FEWEST = 64  # lines along the shorter side
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Scan:
+class LineScan:
     """Crossings of the union's surface by parallel lines, ordered by line, then along it: entry, exit, entry, ..."""
 
     axis: int  # along which the lines run
@@ -59,8 +59,8 @@ class Scan:
         return self.cell * len(np.unique(self.line))
 
 
-def scanned(corners: Array, lines: int, axis: int) -> Scan:
-    """Scan triangles along an axis.
+def scanned(corners: Array, lines: int, axis: int) -> LineScan:
+    """LineScan triangles along an axis.
 
     Args:
         corners: (T, 3, 3) [m] of closed shells, each counter-clockwise from outside.
@@ -76,15 +76,15 @@ def scanned(corners: Array, lines: int, axis: int) -> Scan:
     return along_lines(corners, axis, u, v, steps[0] * steps[1])
 
 
-def along_lines(corners: Array, axis: int, u: Array, v: Array, cell: float = 0.0) -> Scan:
-    """Scan triangles (T, 3, 3) along `axis` on the lines through all `u` and `v`, increasing, on the next two axes."""
+def along_lines(corners: Array, axis: int, u: Array, v: Array, cell: float = 0.0) -> LineScan:
+    """LineScan triangles (T, 3, 3) along `axis` on the lines through all `u` and `v`, increasing, on the next two axes."""
     order = [(axis + k) % 3 for k in range(3)]
     turned = np.ascontiguousarray(corners[:, :, order])
     line, at, step, triangle = _crossings(turned, u, v)
     first = np.lexsort((at, line))
     line, at, step, triangle = line[first], at[first], step[first], triangle[first]
     keep = _boundary(line, step)
-    return Scan(
+    return LineScan(
         axis=axis, line=line[keep], at=at[keep], triangle=triangle[keep], u=u, v=v, cell=cell, disjoint=bool(keep.all())
     )
 

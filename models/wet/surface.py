@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from models.meshes.closed_shells import vertex_normals, volume
-from models.wet.scan import Scan, along_lines
+from models.wet.scan import LineScan, along_lines
 from sim.interfaces.spatial import Array
 
 _THIN = 4.0  # root of the number of triangles over the number of cells across the shortest side
@@ -173,7 +173,7 @@ def _joined(
     return vertices, _halved(vertices, place[np.vstack(quads)])
 
 
-def _inside(scan: Scan, grid: list[Array]) -> np.ndarray:
+def _inside(scan: LineScan, grid: list[Array]) -> np.ndarray:
     """Which points of the grid lie in the union, by lines along the first axis."""
     flips = np.zeros((len(grid[0]) + 1, len(grid[1]) * len(grid[2])), dtype=np.int64)
     np.add.at(flips, (np.searchsorted(grid[0], scan.at), scan.line), 1)
@@ -181,7 +181,7 @@ def _inside(scan: Scan, grid: list[Array]) -> np.ndarray:
     return odd.reshape(len(grid[0]), len(grid[1]), len(grid[2]))
 
 
-def _hermite(scan: Scan, grid: list[Array], index: np.ndarray, normals: Array) -> tuple[Array, Array]:
+def _hermite(scan: LineScan, grid: list[Array], index: np.ndarray, normals: Array) -> tuple[Array, Array]:
     """Crossing points and normals (n, 3) of edges that begin at grid points `index` (n, 3) along the scan's axis."""
     k, p, q = scan.axis, (scan.axis + 1) % 3, (scan.axis + 2) % 3
     line = index[:, p] * len(grid[q]) + index[:, q]

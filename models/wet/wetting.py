@@ -26,7 +26,7 @@ from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array, finite_number, shown
 
 PANELS: Final = 1600  # of each body
-FEWEST_PANELS: Final = 400
+FEWEST_PANELS: Final = 400  # a quarter of them must still show the body
 MOST_PANELS: Final = 6400  # a surface may get a quarter more than was wanted
 _COARSER = 4.0  # panels of the fine surface over those of the coarse one
 _FINER = 4  # times the wanted number to which it is doubled where two surfaces do not agree

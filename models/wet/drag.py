@@ -12,11 +12,12 @@ import numpy as np
 
 from models.hydrodynamics import StripDrag
 from models.wet.scan import scanned
-from sim.interfaces.spatial import Array
+from sim.interfaces.spatial import Array, exp_so3
 
 SLENDER = 3.0  # length over width from which a body is a strip
 ASIDE = 0.25  # of its longest extent: a body whose middle is farther from its origin is a strip
 _LINES = 240  # across the longer side of the silhouettes
+_ASKEW = 0.4  # [rad] of the lines' grid about the flow: no edge of a usual body is parallel to it
 _SPHERE, _CYLINDER, _FLAT = 0.5, 2.0 / 3.0, 1.0  # bluntness
 # Length along the flow over width: drag coefficient. Beyond 8, skin friction of 0.005 on the surface is added.
 _ROUND = ((0.75, 1.0, 2.0, 4.0, 8.0, 100.0), (0.5, 0.47, 0.27, 0.25, 0.2, 2.0))  # ellipsoid of revolution
@@ -57,7 +58,7 @@ def silhouettes(corners: Array) -> Silhouettes:
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
     area, blunt = np.zeros(3), np.zeros(3)
     for k in range(3):
-        scan = scanned(corners, _LINES, k)
+        scan = scanned(corners @ exp_so3(_ASKEW * np.eye(3)[k]), _LINES, k)
         area[k] = scan.area
         met = normals[scan.triangle[scan.outer], k] ** 2
         blunt[k] = met.mean() if len(met) else 1.0

@@ -60,7 +60,7 @@ class LineScan:
 
 
 def scanned(corners: Array, lines: int, axis: int) -> LineScan:
-    """LineScan triangles along an axis.
+    """Scan triangles along an axis.
 
     Args:
         corners: (T, 3, 3) [m] of closed shells, each counter-clockwise from outside.
@@ -77,7 +77,7 @@ def scanned(corners: Array, lines: int, axis: int) -> LineScan:
 
 
 def along_lines(corners: Array, axis: int, u: Array, v: Array, cell: float = 0.0) -> LineScan:
-    """LineScan triangles (T, 3, 3) along `axis` on the lines through all `u` and `v`, increasing, on the next two axes."""
+    """Scan triangles (T, 3, 3) along `axis` on the lines through all `u` and `v`, increasing, on the next two axes."""
     order = [(axis + k) % 3 for k in range(3)]
     turned = np.ascontiguousarray(corners[:, :, order])
     line, at, step, triangle = _crossings(turned, u, v)

@@ -23,7 +23,7 @@ from models.wet.scan import scanned
 from models.wet.shells import convex_hull
 from models.wet.surface import UnionSurface, box_axes, union_surface
 from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.spatial import Array, finite_number, shown
+from sim.interfaces.spatial import Array, exp_so3, finite_number, shown
 
 PANELS: Final = 1600  # of each body
 FEWEST_PANELS: Final = 400  # a quarter of them must still show the body
@@ -31,6 +31,7 @@ MOST_PANELS: Final = 6400  # a surface may get a quarter more than was wanted
 _COARSER = 4.0  # panels of the fine surface over those of the coarse one
 _FINER = 4  # times the wanted number to which it is doubled where two surfaces do not agree
 _LINES = 240  # across the longer side of a body, for its volume
+_ASKEW = exp_so3([0.4, -0.7, 0.3])  # axes of the lines: no face of a usual body is parallel to them
 _HELD = (0.85, 1.15)  # volume of a surface before its offset over the true one, within which it counts as the body
 _SOLID = 0.7  # volume over that of the convex hull, below which a body is an open frame
 _CLOSED_FORMS = ("sphere", "ellipsoid")  # of the added mass
@@ -201,11 +202,11 @@ def _volume(corners: Array) -> tuple[float, Array, float, float]:
 
     Where the shells do not overlap, they are exact: by the tetrahedra between the origin and the triangles.
     """
-    scans = [scanned(corners, _LINES, axis) for axis in range(3)]
+    scans = [scanned(corners @ _ASKEW, _LINES, axis) for axis in range(3)]
     volumes = np.array([scan.volume for scan in scans])
     if not volumes.min() > 0.0:
         raise ConfigurationError("the geoms enclose no volume")
-    centers = np.array([scan.moment / volume for scan, volume in zip(scans, volumes, strict=True)])
+    centers = np.array([_ASKEW @ scan.moment / volume for scan, volume in zip(scans, volumes, strict=True)])
     if all(scan.disjoint for scan in scans):
         a, b, c = corners.transpose(1, 0, 2)
         tetrahedra = np.einsum("ij,ij->i", a, np.cross(b, c)) / 6.0

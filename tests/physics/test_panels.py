@@ -120,7 +120,7 @@ def test_overlapping_shells_count_once(within):
     pieces = np.vstack([pieces, box((0.2, 0.1, 0.1), (0.1, 0.05, 0.0))])  # within the others
     volume, center, solution, _ = water_of_shells(pieces, density=RHO, panels=800)
     one, middle, expected, _ = water_of_shells(whole, density=RHO, panels=800)
-    within("volume", volume / one - 1.0, 1e-9)
+    within("volume", volume / one - 1.0, 1e-7)  # lines askew
     within("volume of a box", one / 0.036 - 1.0, 1e-9)
     within("centre", center - middle, 1e-9)
     scale = np.sqrt(np.outer(*[expected.added_mass.diagonal()] * 2))
@@ -161,7 +161,7 @@ def test_box_has_the_areas_of_the_closed_form(within):
     corners = box(size)
     expected = water.box(size, drag_coefficient=1.0, water_density=2.0).quadratic_damping
     seen = silhouettes(corners)
-    within("area", seen.area / expected[:3] - 1.0, 1e-9)
+    within("area", seen.area / expected[:3] - 1.0, 3e-4)  # 240 lines askew
     within("bluntness", seen.bluntness - 1.0, 1e-12)
     fine, triangles = corners.reshape(-1, 3), np.arange(36).reshape(-1, 3)
     for _ in range(4):
@@ -172,12 +172,12 @@ def test_box_has_the_areas_of_the_closed_form(within):
 @pytest.mark.check("drag: bluntness", "1/2 of a sphere, 2/3 of a cylinder across")
 def test_bluntness_of_round_shapes(within):
     vertices, triangles = unit_sphere(4)
-    within("sphere", silhouettes(vertices[triangles]).bluntness - 0.5, 1e-3)
+    within("sphere", silhouettes(vertices[triangles]).bluntness - 0.5, 1e-4)
     within("no spin of a sphere", spin_integral(vertices, triangles), 1e-3)
     vertices, triangles = primitive("cylinder", np.array([0.1, 0.5, 0.0]))
     seen = silhouettes(vertices[triangles])
-    within("cylinder", seen.bluntness - [2.0 / 3.0, 2.0 / 3.0, 1.0], 3e-3)
-    within("coefficient across, L/d 5", seen.coefficients[0] - 0.74, 0.005)
+    within("cylinder", seen.bluntness - [2.0 / 3.0, 2.0 / 3.0, 1.0], 1e-3)
+    within("coefficient across, L/d 5", seen.coefficients[0] - 0.74, 0.001)
     within("coefficient along", seen.coefficients[2] - 0.92, 0.005)  # between 0.87 at 4 widths and 0.99 at 8
 
 

@@ -11,14 +11,18 @@ from dataclasses import dataclass
 import numpy as np
 
 from models.meshes.closed_shells import vertex_normals, volume
-from models.wet.scan import LineScan, along_lines
-from sim.interfaces.spatial import Array
+from models.wet.scan import LineScan, along_lines, scanned
+from sim.interfaces.spatial import Array, exp_so3
 
 _THIN = 4.0  # root of the number of triangles over the number of cells across the shortest side
 _FEWEST_CELLS = 6  # across the shortest side
 _MOST_CELLS = 220  # along a side
 _SOFT = 0.02  # weight of the mean of the crossings beside their planes
 _ROUNDS = 6  # of adapting the cell to the wanted number of triangles
+_LINES = 120  # across the longer side, for projected areas and plates
+_ASKEW = 0.4  # [rad] of their grid about the axis
+_PLATE = 0.01  # of all lines that meet a union: as many meet a plate
+_FACING = 0.95  # cosine between an axis and the normal of a plate across it
 _ALIKE = 1.0 + 1e-6  # ratio of two diagonals that count as equal, whatever the rounding
 _PAD = 0.37  # of a cell, between the union and the first points of the grid
 
@@ -30,6 +34,7 @@ class UnionSurface:
     vertices: Array  # (V, 3) [m]
     triangles: np.ndarray  # (T, 3), counter-clockwise from outside
     held: float  # volume before the offset, over that of the union
+    missed: float  # largest relative difference of its projected areas along three axes from those of the union
 
 
 def union_surface(corners: Array, true_volume: float, panels: int) -> UnionSurface:
@@ -61,7 +66,7 @@ def union_surface(corners: Array, true_volume: float, panels: int) -> UnionSurfa
     assert best is not None
     _, vertices, triangles = best
     if not len(triangles):
-        return UnionSurface(vertices=vertices, triangles=triangles, held=0.0)
+        return UnionSurface(vertices=vertices, triangles=triangles, held=0.0, missed=1.0)
     held = volume(vertices, triangles) / true_volume
     for _ in range(3):  # an offset changes the area
         a, b, c = vertices[triangles].transpose(1, 0, 2)
@@ -69,7 +74,15 @@ def union_surface(corners: Array, true_volume: float, panels: int) -> UnionSurfa
         lacking = (true_volume - volume(vertices, triangles)) / area
         limit = 0.2 * cell
         vertices = vertices + np.clip(lacking, -limit, limit) * vertex_normals(vertices, triangles)
-    return UnionSurface(vertices=vertices @ R.T, triangles=triangles, held=held)
+    missed = max(
+        abs(projected_area(vertices[triangles], axis) / projected_area(turned, axis) - 1.0) for axis in range(3)
+    )
+    return UnionSurface(vertices=vertices @ R.T, triangles=triangles, held=held, missed=missed)
+
+
+def projected_area(corners: Array, axis: int) -> float:
+    """Projected area [m^2] of the union of shells (T, 3, 3) along an axis, by a grid of lines askew about it."""
+    return scanned(corners @ exp_so3(_ASKEW * np.eye(3)[axis]), _LINES, axis).area
 
 
 def box_axes(corners: Array) -> Array:
@@ -91,16 +104,57 @@ def box_axes(corners: Array) -> Array:
 def _contour(corners: Array, low: Array, extent: Array, cell: float, fewest: int) -> tuple[Array, np.ndarray]:
     """Dual contour of the union on a grid of cells of about `cell` [m], at least `fewest` along a side."""
     counts = np.clip(np.ceil(extent / cell), fewest, _MOST_CELLS).astype(int)
-    grid = []
-    for k in range(3):
-        step = extent[k] / (counts[k] - 1 + 2.0 * _PAD)
-        grid.append(low[k] + (np.arange(counts[k] + 3) - 2.0 + _PAD + 0.013 * (k + 1)) * step)
     a, b, c = corners.transpose(1, 0, 2)
     normals = np.cross(b - a, c - a)
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
+    grid = []
+    for k in range(3):
+        step = extent[k] / (counts[k] - 1 + 2.0 * _PAD)
+        places = low[k] + (np.arange(counts[k] + 3) - 2.0 + _PAD + 0.013 * (k + 1)) * step
+        grid.append(_through_plates(places, step, scanned(corners, _LINES, k), np.abs(normals[:, k])))
     scans = [along_lines(corners, k, grid[(k + 1) % 3], grid[(k + 2) % 3]) for k in range(3)]
     inside = _inside(scans[0], grid)
     return _joined(inside, grid, lambda k, index: _hermite(scans[k], grid, index, normals))
+
+
+def _through_plates(places: Array, step: float, scan: LineScan, facing: Array) -> Array:
+    """Move planes of a grid into plates across its axis that would lie between two of them.
+
+    Args:
+        places: [m] of the planes.
+        step: [m] between them.
+        scan: lines along the axis.
+        facing: (T,) cosine between the axis and the normal of each triangle.
+
+    Returns:
+        The places, in order; one more for each plate that has no plane of its own to move.
+    """
+    start, end = scan.at[::2], scan.at[1::2]
+    flat = facing[scan.triangle] > _FACING  # the rims of round parts are thin as well
+    thin = (end - start < step) & flat[::2] & flat[1::2]
+    if not thin.any():
+        return places
+    order = np.argsort(0.5 * (start + end)[thin])
+    start, end = start[thin][order], end[thin][order]
+    middle = 0.5 * (start + end)
+    first = np.flatnonzero(np.diff(middle, prepend=-np.inf) > 0.1 * step)
+    lines = len(np.unique(scan.line))
+    taken = np.zeros(len(places), dtype=bool)
+    for i, j in zip(first, [*first[1:], len(middle)], strict=True):
+        if j - i < _PLATE * lines:
+            continue
+        low, high, at = (float(np.median(values[i:j])) for values in (start, end, middle))
+        inside = np.flatnonzero((places > low) & (places < high))
+        if len(inside):
+            taken[inside] = True
+            continue
+        near = int(np.argmin(np.where(taken, np.inf, np.abs(places - at))))
+        if taken[near] or abs(places[near] - at) > 0.6 * step:
+            k = int(np.searchsorted(places, at))
+            places, taken = np.insert(places, k, at), np.insert(taken, k, True)
+        else:
+            places[near], taken[near] = at, True
+    return np.sort(places)
 
 
 def level_surface(field: Array, grid: list[Array], level: float) -> tuple[Array, np.ndarray]:

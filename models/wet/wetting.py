@@ -33,6 +33,7 @@ _FINER = 4  # times the wanted number to which it is doubled where two surfaces 
 _LINES = 240  # across the longer side of a body, for its volume
 _ASKEW = exp_so3([0.4, -0.7, 0.3])  # axes of the lines: no face of a usual body is parallel to them
 _HELD = (0.85, 1.15)  # volume of a surface before its offset over the true one, within which it counts as the body
+_MISSED = 0.1  # relative difference of projected areas from which a finer surface is tried
 _SOLID = 0.7  # volume over that of the convex hull, below which a body is an open frame
 _CLOSED_FORMS = ("sphere", "ellipsoid")  # of the added mass
 _FACTORS = {"plain": 1.3, "solid": 1.5, "frame": 2.0}  # by which drag may be wrong either way
@@ -232,7 +233,7 @@ def _panelled(corners: Array, volume: float, density: float, panels: int) -> tup
         best = fine
         if fine is not None and coarse is not None and fine.panels > coarse.panels:
             best = panel_method.extrapolated(coarse, fine)
-            if best.changed is not None and best.changed <= panel_method.TRUSTED:
+            if best.changed is not None and best.changed <= panel_method.TRUSTED and surface.missed < _MISSED:
                 return surface, best
         if 2 * panels > finest:
             return surface, best
@@ -259,11 +260,17 @@ def _added_mass(
         return moved_added_mass(local, part.R, part.p), f"closed form of a {part.kind}", "exact"
     if solution is not None:
         said = f"{solution.panels} panels, volume {100 * (surface.held - 1.0):+.1f} % before its offset"
+        if surface.missed > _MISSED:
+            said += f", projected areas within {100 * surface.missed:.0f} %"
         if solution.changed is None:
             return solution.added_mass, f"{said}; no coarser surface to compare with", "unknown"
         if solution.changed <= panel_method.TRUSTED:
             said += ", extrapolated"
-        return solution.added_mass, said, _percent(max(_LEAST, solution.changed, closing))
+        return (
+            solution.added_mass,
+            said,
+            _percent(max(_LEAST, solution.changed, closing, surface.missed if surface.missed > _MISSED else 0.0)),
+        )
     solid, hull_volume = convex_hull(corners)
     whole = union_surface(solid, hull_volume, panels)
     found = panel_method.added_mass(whole.vertices, whole.triangles, density)

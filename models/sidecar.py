@@ -34,6 +34,7 @@ from models import hydrodynamics
 from models.exact_mjcf import exact_xml
 from models.hydrodynamics import BodyHydrodynamics, StripDrag
 from models.water import thrusters
+from models.water.forms import CrossTerms, FadingDamping, Form, LiftDrag, MunkFactor, PlanarStrip
 from models.water.thrusters import Thruster
 from models.yaml_files import document_of
 from sim.interfaces.errors import ConfigurationError, did_you_mean
@@ -57,6 +58,15 @@ _THRUSTER_MAKERS: Final[dict[str, Callable[..., Thruster]]] = {
     "of_table": Thruster.of_table,
     "of_polynomial": Thruster.of_polynomial,
 }
+_FORM_MAKERS: Final[dict[str, Callable[..., Form]]] = {
+    "munk_factor": MunkFactor,
+    "fading_damping": FadingDamping,
+    "lift_drag": LiftDrag,
+    "wing": LiftDrag.of_wing,
+    "cross_terms": CrossTerms,
+    "planar_strip": PlanarStrip,
+}
+_FORM_NAMES: Final = {maker: name for name, maker in _FORM_MAKERS.items()}
 _BODY_FIELDS: Final = tuple(field.name for field in fields(BodyHydrodynamics))
 _UPPER: Final = np.triu_indices(6)
 
@@ -198,6 +208,10 @@ def body_of(entry: Any, what: str, water_density: float | None = None) -> BodyHy
             given[name] = tuple(
                 _call(StripDrag, each, f"{what}: strip {k}") for k, each in enumerate(_list(value, f"{what}: strips"))
             )
+        elif name == "forms":
+            given[name] = tuple(
+                _form(each, f"{what}: form {k}") for k, each in enumerate(_list(value, f"{what}: forms"))
+            )
         else:
             given[name] = _plain(value, f"{what}: {name}")
     try:
@@ -211,6 +225,16 @@ def body_of(entry: Any, what: str, water_density: float | None = None) -> BodyHy
         return replace(_call(SHAPES[shapes[0]], of_shape, f"{what}: {shapes[0]}"), **given)
     except ConfigurationError as error:
         raise _of(what, error) from error
+
+
+def _form(entry: Any, what: str) -> Form:
+    """Form of an entry with one name: that of its kind, with the fields below it."""
+    entry = _mapping(entry, what)
+    _known(entry, _FORM_MAKERS, what, "form")
+    if len(entry) != 1:
+        raise ConfigurationError(f"{what}: expected one of {', '.join(_FORM_MAKERS)}, got {shown(list(entry))}")
+    ((name, given),) = entry.items()
+    return _call(_FORM_MAKERS[name], given, f"{what}: {name}", LiftDrag)
 
 
 def thruster_of(entry: Any, what: str) -> Thruster:
@@ -362,15 +386,14 @@ def _known(given: Iterable[Any], allowed: Iterable[str], what: str, kind: str) -
             raise ConfigurationError(f"{what}: unknown {kind} {shown(name)}{near}")
 
 
-def _call(maker: Callable[..., Any], entry: Any, what: str) -> Any:
-    """What `maker` makes of the arguments in `entry`."""
+def _call(maker: Callable[..., Any], entry: Any, what: str, figures: type = Thruster) -> Any:
+    """What `maker` makes of the arguments in `entry`; its `**figures` are fields of the class `figures`."""
     entry = _mapping(entry, what)
     wanted = dict(inspect.signature(maker).parameters)
-    if any(each.kind is inspect.Parameter.VAR_KEYWORD for each in wanted.values()):  # figures of the thruster
-        wanted = {name: each for name, each in wanted.items() if each.kind is not inspect.Parameter.VAR_KEYWORD} | dict(
-            inspect.signature(Thruster).parameters
-        )
-        wanted |= {name: each.replace(default=None) for name, each in wanted.items() if name in ("forward", "reverse")}
+    if any(each.kind is each.VAR_KEYWORD for each in wanted.values()):
+        wanted = {name: each for name, each in wanted.items() if each.kind is not each.VAR_KEYWORD}
+        others = inspect.signature(figures).parameters
+        wanted |= {name: each.replace(default=None) for name, each in others.items() if name not in wanted}
     _known(entry, wanted, what, "field")
     if missing := [name for name, each in wanted.items() if each.default is each.empty and name not in entry]:
         raise ConfigurationError(f"{what}: {', '.join(missing)} is missing")
@@ -462,6 +485,8 @@ def _same(value: Any, default: Any) -> bool:
 
 
 def _tree(value: Any) -> Any:
+    if isinstance(value, Form):
+        return {_FORM_NAMES[type(value)]: _written(value)}
     if is_dataclass(value) and not isinstance(value, type):
         return _written(value)
     if isinstance(value, np.ndarray):

@@ -13,6 +13,7 @@ from models import hydrodynamics, sidecar
 from models.hydrodynamics import BodyHydrodynamics, StripDrag
 from models.site.scenes import vehicle_spec
 from models.water import thrusters
+from models.water.forms import CrossTerms, FadingDamping, LiftDrag, MunkFactor, PlanarStrip
 from models.water.thrusters import Thruster
 from sim.interfaces.errors import ConfigurationError
 
@@ -132,6 +133,15 @@ def random_vehicle(rng: np.random.Generator) -> mujoco.MjSpec:
         linear_damping=skewed,
         quadratic_damping=rng.uniform(size=6),
         strips=strips,
+        forms=(
+            MunkFactor(factor=rng.uniform(size=3)),
+            FadingDamping(linear=rng.uniform(size=6), rate=1.0 / 3.0),
+            LiftDrag.of_wing(area=0.1 / 3.0, span=0.3, drag_0=0.1, stall=0.3, sweep=-2, point=rng.normal(size=3)),
+            LiftDrag(area=0.1, lift_slope=2.0, forward=np.array([1.0, 2.0, 0.0]), upward=np.array([-2.0, 1.0, 0.0])),
+            CrossTerms.of_gz({"xUabsV": -1.0 / 3.0, "nUV": 0.1}),
+            CrossTerms(terms=np.array([[0.0, 1.0, 2.0, 1.0, 1.0 / 7.0]])),
+            PlanarStrip(start=rng.normal(size=3), end=np.zeros(3), direction=rng.normal(size=3), drag=2.0 / 3.0),
+        ),
     )
     link = hydrodynamics.cylinder(float(rng.uniform(0.01, 0.1)), rng.normal(size=3), rng.normal(size=3))
     hydrodynamics.attach(spec, {"hull": hull, "arm/link": link}, float(rng.uniform(990, 1030)))
@@ -185,6 +195,13 @@ def test_stock_vehicles_survive_both_files(name: str, tmp_path: Path) -> None:
         ("bodies: {hull: {cylinder: {radius: 1, start: [0, 0, 0]}}}", "cylinder: end is missing"),
         ("bodies: {hull: {cylinder: {radus: 1}}}", r"cylinder: unknown field 'radus' \(did you mean radius\?\)"),
         ("bodies: {hull: {volume: 1, strips: [{start: [0, 0, 0]}]}}", "strip 0: end, normal is missing"),
+        ("bodies: {hull: {volume: 1, forms: [{munk: {}}]}}", "form 0: unknown form 'munk'; there are munk_factor"),
+        (
+            "bodies: {hull: {volume: 1, forms: [{lift_drag: {aera: 1}}]}}",
+            r"unknown field 'aera' \(did you mean area\?\)",
+        ),
+        ("bodies: {hull: {volume: 1, forms: [{wing: {area: 1, span: 1}}]}}", "wing: drag_0 is missing"),
+        ("bodies: {hull: {volume: 1, forms: [{munk_factor: {factor: [0, 2, 0]}}]}}", "must be in 0 to 1"),
         ("bodies: [hull]", "bodies: expected names with their numbers"),
         ("body: {}", r"unknown section 'body' \(did you mean bodies\?\)"),
         ("water_density: wet", "water_density: expected a number"),

@@ -2,6 +2,7 @@
 
 import sys
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -17,8 +18,11 @@ import trimesh
 from dm_control import composer, mjcf
 from dm_control.composer.observation import observable
 
+from models import hydrodynamics as hydrodynamic_rows
+from models import sidecar
 from models.objects import targets
 from models.site import scenes
+from models.water.forms import LiftDrag, MunkFactor
 from scenarios.composer.actions import ThrustersAndTorques
 from scenarios.composer.entities import put
 from scenarios.composer.mjcf_parts import parts_of
@@ -219,6 +223,32 @@ def test_a_vehicle_of_a_users_file_with_a_mesh(tmp_path):
             plant.step(task.actions.command(plant.truth))
             plant.observe()
     np.testing.assert_array_equal(plant.data.qpos, by_dm_control[-1][: plant.model.nq])
+
+
+def test_a_vehicle_with_forms_in_a_sidecar_is_the_plant(tmp_path):
+    """Records behind the rows of bodies pass through PyMJCF, which joins the parts and a dry sea."""
+    spec = scenes.vehicle_spec("uuv_puma")
+    wet = hydrodynamic_rows.attached(spec)
+    forms = (MunkFactor(factor=np.array([1.0, 0.3, 0.2])), LiftDrag.of_wing(area=0.2, span=0.5, drag_0=0.1))
+    hydrodynamic_rows.attach(spec, {name: replace(wet[name], forms=forms) for name in ("hull", "link3")})
+    file = tmp_path / "mine.xml"
+    file.write_text(sidecar.xml_without_water(spec))
+    sidecar.write_sidecar(spec, sidecar.beside(file))
+    task = Drift(uuv.VehicleEntity(str(file)), uuv.Sea(current_W=(0.3, 0.2, 0.0)))
+    commands = actions(5, 12)
+    by_dm_control = states(environment(task), commands)
+    found = []
+    for vehicle in (str(file), "uuv_puma"):
+        plant = Plant(hydrodynamics.compile(vehicle_spec(vehicle)), current=task.sea.flow(0.002))
+        plant.observe()
+        for action in commands:
+            for _ in range(10):
+                task.actions.take(action, 0.02)
+                plant.step(task.actions.command(plant.truth))
+                plant.observe()
+        found.append(np.array(plant.data.qpos))
+    np.testing.assert_array_equal(found[0], by_dm_control[-1][: len(found[0])])
+    assert np.max(np.abs(found[0] - found[1])) > 1e-6  # the forms act
 
 
 def test_named_access_and_parts():

@@ -2,7 +2,7 @@
 
     ./uvw run scripts/benchmarks/geometry.py                                # shapes and BlueROV2.
     ./uvw run --with capytaine scripts/benchmarks/geometry.py               # with Capytaine on the same surfaces.
-    ./uvw run --with example-robot-data scripts/benchmarks/geometry.py      # with a UR5, a Panda and a vehicle.
+    ./uvw run --with example-robot-data scripts/benchmarks/geometry.py      # with a UR5 and a Panda.
 
 Errors of the added mass are the largest over the diagonal terms of each shape. Seconds are those of one surface, from
 the mesh to the matrix.
@@ -37,11 +37,7 @@ from sim.runs.saving import write_whole
 COUNTS = (400, 800, 1600, 3200)  # panels
 AXES = ("surge", "sway", "heave", "roll", "pitch", "yaw")
 PACKAGE = "example-robot-data"
-ROBOTS = (  # file of the package, whether it floats
-    ("ur_description/urdf/ur5_robot.urdf", False),
-    ("panda_description/urdf/panda.urdf", False),
-    ("bluevolta_description/urdf/bluevolta.urdf", True),
-)
+ROBOTS = ("ur_description/urdf/ur5_robot.urdf", "panda_description/urdf/panda.urdf")  # of the package
 # A cube's added mass over its displaced mass is its polarisability at permittivity zero, less one.
 CUBE = 0.6383  # [Sihvola 2004]
 CYLINDERS = ((1.2, 0.62), (2.5, 0.78), (5.0, 0.90))  # length over diameter, factor across [DNV 2010, table D-2]
@@ -227,12 +223,12 @@ def robots(numbers: dict[str, Any]) -> list[Table]:
     except importlib.metadata.PackageNotFoundError:
         return []
     tables = []
-    for wanted, free in ROBOTS:
+    for wanted in ROBOTS:
         place = next((Path(str(file.locate())) for file in files if str(file).endswith(wanted)), None)
         if place is None:
             continue
         begun = time.perf_counter()
-        spec, _ = read_model(place, free=free)
+        spec, _ = read_model(place)
         wetted = wet(spec)
         seconds = time.perf_counter() - begun
         theirs = _trimesh_volumes(spec)
@@ -258,7 +254,7 @@ def _rows(wetted: Wetted, theirs: dict[str, tuple[float, str]]) -> list[list[str
             [
                 name,
                 f"{1e3 * water.volume:.4g}",
-                f"{1e3 * volume:.4g}",
+                "-" if np.isnan(volume) else f"{1e3 * volume:.4g}",
                 closed,
                 " ".join(f"{x:.3g}" for x in water.added_mass.diagonal()[:3]),
                 "strip" if water.segments else "areas",

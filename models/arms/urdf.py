@@ -226,12 +226,8 @@ def model_from_urdf(urdf: str | os.PathLike[str] | bytes, base_link: str, tip_li
     """
     robot = parse(urdf)
     robot.path(base_link, tip_link)
-    mimics = []
+    mimics = take_mimics(robot)
     for _, joint in robot.carriers.values():
-        mimic = joint.find("mimic")
-        if mimic is not None:
-            mimics.append((joint.get("name", ""), mimic))
-            joint.remove(mimic)
         if joint.get("type") in _UNSOLVED:
             joint.set("type", "fixed")  # beside the chain, where MuJoCo would refuse it
     for link in robot.xml.findall("link"):
@@ -247,21 +243,41 @@ def model_from_urdf(urdf: str | os.PathLike[str] | bytes, base_link: str, tip_li
         spec = mujoco.MjSpec.from_string(ElementTree.tostring(robot.xml, encoding="unicode"))
         carrier = spec.worldbody if tip_link == robot.root else spec.body(tip_link)
         carrier.add_site(name=CHAIN_TIP)
-        for follower, mimic in mimics:
-            multiplier = _figure(mimic.get("multiplier", "1"), f"joint {follower!r}: mimic's multiplier")
-            offset = _figure(mimic.get("offset", "0"), f"joint {follower!r}: mimic's offset")
-            spec.add_equality(
-                type=mujoco.mjtEq.mjEQ_JOINT,
-                objtype=mujoco.mjtObj.mjOBJ_JOINT,
-                name1=follower,
-                name2=mimic.get("joint", ""),
-                data=[offset, multiplier, *(0.0,) * 10],
-            )
+        couple(spec, mimics)
         return spec.compile(), robot.root
     except ConfigurationError:
         raise
     except (ValueError, TypeError, AttributeError, RecursionError, mujoco.FatalError) as error:
         raise ConfigurationError(f"{robot.name}: MuJoCo does not accept it: {error}") from error
+
+
+def take_mimics(robot: UrdfRobot) -> list[tuple[str, Element]]:
+    """Remove the `mimic` elements, which MuJoCo does not know, from a robot's XML: joint and element of each."""
+    mimics = []
+    for _, joint in robot.carriers.values():
+        mimic = joint.find("mimic")
+        if mimic is not None:
+            mimics.append((joint.get("name", ""), mimic))
+            joint.remove(mimic)
+    return mimics
+
+
+def couple(spec: mujoco.MjSpec, mimics: Sequence[tuple[str, Element]]) -> None:
+    """Couple the joints of `mimic` elements by equalities.
+
+    Raises:
+        ConfigurationError: a multiplier or an offset that is no number.
+    """
+    for follower, mimic in mimics:
+        multiplier = _figure(mimic.get("multiplier", "1"), f"joint {follower!r}: mimic's multiplier")
+        offset = _figure(mimic.get("offset", "0"), f"joint {follower!r}: mimic's offset")
+        spec.add_equality(
+            type=mujoco.mjtEq.mjEQ_JOINT,
+            objtype=mujoco.mjtObj.mjOBJ_JOINT,
+            name1=follower,
+            name2=mimic.get("joint", ""),
+            data=[offset, multiplier, *(0.0,) * 10],
+        )
 
 
 def rotation_from_rpy(angles: Sequence[float] | Array) -> Array:

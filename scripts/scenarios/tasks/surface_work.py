@@ -15,6 +15,7 @@ from controllers.tasks import surface_work
 from controllers.tasks.arrival import ArrivalLimits
 from controllers.tasks.contact_phases import ApproachLimits
 from controllers.tasks.hull_phases import EscapeLimits
+from controllers.tasks.task import TaskPlanner
 from models.objects.targets import TargetModel
 from models.site import scenes
 from models.site.sliding_contact import let_tool_slide
@@ -157,25 +158,29 @@ class PlacedSurfaceWork(PlacedTask):
             )
         return FoundObjectFollower(self.target, sensor=sensor)
 
-    def planner(self) -> surface_work.SurfaceWork:
-        """Planner of the work."""
-        own, task = self.own.at_work(), self.task
+    def job(self) -> surface_work.SurfaceTaskConfig:
+        """Forces and limits of the work, for the arm's size."""
+        size, task = self.own.at_work().size, self.task
         usual = task.approach == ApproachLimits()
+        return surface_work.SurfaceTaskConfig(
+            forces=task.forces,
+            speed=task.speed,
+            least_share=task.least,
+            force_rate=size**2 * task.force_rate,  # a lighter hull is pushed away sooner
+            force_control="force-control" not in self.scenario.control.without,
+            contactless=task.contactless,
+            approach=ApproachLimits.of_size(size) if usual else task.approach,
+            arrival=ArrivalLimits.of_size(size),
+            escape=EscapeLimits.of_size(size),
+            promise=task.promise,
+        )
+
+    def planner(self) -> TaskPlanner:
+        """Planner of the work."""
         return surface_work.SurfaceWork(
-            own,
+            self.own.at_work(),
             self.target,
-            surface_work.SurfaceTaskConfig(
-                forces=task.forces,
-                speed=task.speed,
-                least_share=task.least,
-                force_rate=own.size**2 * task.force_rate,  # a lighter hull is pushed away sooner
-                force_control="force-control" not in self.scenario.control.without,
-                contactless=task.contactless,
-                approach=ApproachLimits.of_size(own.size) if usual else task.approach,
-                arrival=ArrivalLimits.of_size(own.size),
-                escape=EscapeLimits.of_size(own.size),
-                promise=task.promise,
-            ),
+            self.job(),
             X_WB_scan=self.X_WB,
             floor=scenes.seabed_height(self.target, self.truth.X_WT),  # the charted depth there
             holding=ThrustMargin.of(self.own.model),

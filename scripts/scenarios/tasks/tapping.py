@@ -1,0 +1,63 @@
+"""Tapping: points of an object are touched one after another with a set force, for some time each."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from controllers.hull.thrust_margin import ThrustMargin
+from controllers.planning.hull_placement import PathStanding, StandingLimits
+from controllers.tasks.arrival import WorkSite, around
+from controllers.tasks.tap import tap
+from controllers.tasks.task import TaskPlanner
+from models.site import scenes
+from scenarios.own_vehicle import OwnVehicle
+from scenarios.scenario import Scenario
+from scenarios.tasks.surface_work import TAP_FORCE, TAPPED, PlacedSurfaceWork, SurfaceWorkTask
+
+
+@dataclass(frozen=True, kw_only=True)
+class TappingTask(SurfaceWorkTask):
+    """Touch points on a line along a path of an object with the first of the set forces."""
+
+    points: ClassVar[tuple[float, ...]] = TAPPED  # [m] along the path
+    hold: ClassVar[float] = 2.0  # [s] at each point
+    forces: tuple[float, ...] = (TAP_FORCE,)
+
+    def place(self, scenario: Scenario, own: OwnVehicle, rng: np.random.Generator) -> "PlacedTapping":
+        """The work on the site's object, as `SurfaceWorkTask.place`."""
+        placed = super().place(scenario, own, rng)
+        return PlacedTapping(
+            scenario=scenario,
+            own=own,
+            task=self,
+            target=placed.target,
+            approach_W=placed.approach_W,
+            orientation_W=placed.orientation_W,
+            truth=placed.truth,
+        )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PlacedTapping(PlacedSurfaceWork):
+    """Tapping at its site."""
+
+    @property
+    def title(self) -> str:
+        """Title of log and report."""
+        return f"Tapping the {self.target.name}, {self.truth.path} path, seed {self.scenario.seed}"
+
+    def planner(self) -> TaskPlanner:
+        """Planner of the work."""
+        own, job = self.own.at_work(), self.job()
+        stand = PathStanding(
+            vehicle=own.vehicle,
+            chain=own.chain,
+            model=self.target,
+            hull_box=own.hull_box,
+            limits=StandingLimits(force=max(job.forces), standoff=job.approach.standoff),
+            floor=scenes.seabed_height(self.target, self.truth.X_WT),
+            holding=ThrustMargin.of(self.own.model),
+        )
+        site = WorkSite(own=own, X_WB_scan=self.X_WB, stand=stand, around=around(own, self.target))
+        return tap(site, job, TappingTask.points, own.tip, TappingTask.hold)

@@ -45,7 +45,7 @@ ENDING: Final = ".water.yaml"  # takes the place of the MJCF's own ending
 _WATER, _THRUSTER = "water/", "thruster/"  # begin the names of custom elements
 _DENSITY: Final = "water_density"
 _SECTIONS: Final = (_DENSITY, "bodies", "thrusters")
-_MOST = 64  # numbers in a row, and entries in a list
+_MOST = 500  # numbers in a row, and entries in a list
 
 SHAPES: Final[dict[str, Callable[..., BodyHydrodynamics]]] = {
     "sphere": hydrodynamics.sphere,
@@ -116,7 +116,16 @@ def read_sidecar(file: str | Path) -> dict[str, Any]:
         ConfigurationError: the file cannot be read, is no YAML, or has another section.
     """
     what = f"water file {shown(str(file))}"
-    tree = _mapping(document_of(text_of(file, "water file"), what), what)
+    return checked_tree(document_of(text_of(file, "water file"), what), what)
+
+
+def checked_tree(document: Any, what: str) -> dict[str, Any]:
+    """`document` as a tree with known sections; `what` begins error messages.
+
+    Raises:
+        ConfigurationError: it is no mapping, or has another section.
+    """
+    tree = _mapping(document, what)
     _known(tree, _SECTIONS, what, "section")
     for section in _SECTIONS[1:]:
         if section in tree:

@@ -4,7 +4,7 @@ import numpy as np
 
 from models.hydrodynamics import BodyHydrodynamics
 from models.water.forms import CrossTerms
-from sim.interfaces.spatial import Array
+from sim.interfaces.spatial import Array, skew
 
 _SPEEDS = (0.3, 1.0, 3.0)  # [m/s, rad/s] of the sampled motions
 _SAMPLES = 2000  # motions at each speed
@@ -27,15 +27,14 @@ def damping_wrench(body: BodyHydrodynamics, nu: Array) -> Array:
     for strip in body.segments:
         along = strip.end - strip.start
         length = float(np.linalg.norm(along))
-        nodes, weights = np.polynomial.legendre.leggauss(strip.stations)
-        for node, weight in zip(nodes.tolist(), weights.tolist(), strict=True):
-            p = strip.start + 0.5 * (1.0 + node) * along
-            u = v + np.cross(w, p)
-            slip: Array = (u @ along)[:, None] / length
+        for node, weight in zip(*np.polynomial.legendre.leggauss(strip.stations), strict=True):
+            p = strip.start + 0.5 * (1.0 + float(node)) * along
+            u = v - w @ skew(p).T
+            slip = (u @ along)[:, None] / length
             across = u - slip * along / length
             force = -strip.normal * np.linalg.norm(across, axis=1)[:, None] * across
             force -= strip.tangential * np.abs(slip) * slip * along / length
-            total += 0.5 * weight * length * np.hstack([force, np.cross(p, force)])
+            total += 0.5 * float(weight) * length * np.hstack([force, force @ skew(p).T])
     for form in body.terms:
         total += form.wrench(v, w, body.added_mass)
     return total

@@ -112,7 +112,7 @@ def plain(form: Form, nu: Array, A: Array) -> Array:
         return total
     assert isinstance(form, PlanarStrip)
     along = form.end - form.start
-    u0, u1 = ((v + np.cross(w, p)) @ form.direction for p in (form.start, form.end))
+    u0, u1 = (float((v + np.cross(w, p)) @ form.direction) for p in (form.start, form.end))
     b = u1 - u0
     if abs(b) < 1e-6:
         zeroth, first = abs(u0) * u0, 0.5 * abs(u0) * u0
@@ -319,7 +319,7 @@ def test_a_rod_spins_down_by_its_planar_strip(within):
     strip = PlanarStrip(start=-0.5 * X, end=0.5 * X, direction=Y, drag=40.0)
     model = on_rails(BodyHydrodynamics(volume=0.0, forms=strip), '<joint type="hinge" axis="0 0 1"/>')
     data = mujoco.MjData(model)
-    data.qvel = 2.0
+    data.qvel[0] = 2.0
     mujoco.mj_step(model, data, 5000)
     within(
         "spin after 2 s, relative", data.qvel[0] * (1.0 + 40.0 / 32.0 * 2.0 * 2.0) / 2.0 - 1.0, 2e-3
@@ -441,7 +441,7 @@ def test_the_slope_that_a_time_step_is_judged_by_bounds_every_form(rng):
                 nu *= speed / np.max(np.abs(nu), axis=1)[:, None]
             way = rng.normal(size=(60, 6))
             step = 1e-6
-            ahead, behind = (form.wrench(*np.hsplit(nu + sign * step * way, 2), A) for sign in (1.0, -1.0))
+            ahead, behind = (form.wrench(at[:, :3], at[:, 3:], A) for at in (nu + step * way, nu - step * way))
             damping = -np.sum(way * (ahead - behind), axis=1) / (2.0 * step)
             if isinstance(form, MunkFactor):
                 continue  # it has no power

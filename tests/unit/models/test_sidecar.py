@@ -1,7 +1,9 @@
 """Water without Python: sidecar and custom elements equal the Python API to the last bit, both ways; their refusals."""
 
 import re
+import warnings
 from pathlib import Path
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -297,3 +299,62 @@ def test_a_bomb_of_aliases_is_refused(tmp_path: Path) -> None:
     sidecar.beside(file).write_text("\n".join([*lines, "bodies: {hull: {volume: *a8}}"]))
     with pytest.raises(ConfigurationError, match="unknown section"):
         vehicle_spec(file)
+
+
+BAD = (
+    None,
+    True,
+    "x",
+    "1e-3",
+    float("nan"),
+    float("inf"),
+    -1.0,
+    0,
+    10**400,
+    1e300,
+    [],
+    {},
+    [[]],
+    [1, "a"],
+    [[1, 2], [3]],
+    {"a": 1},
+    [None],
+    {1: 2},
+    "\x00",
+    [1.0] * 600,
+)
+
+
+def spoilt(tree: Any, rng: np.random.Generator) -> Any:
+    """`tree` with one place, at any depth, replaced by something bad, renamed, or taken away."""
+    if not isinstance(tree, dict | list) or not tree or rng.uniform() < 0.15:
+        return BAD[int(rng.integers(len(BAD)))]
+    keys = list(tree) if isinstance(tree, dict) else list(range(len(tree)))
+    key: Any = keys[int(rng.integers(len(keys)))]
+    copied: Any = tree.copy()
+    if isinstance(tree, dict) and rng.uniform() < 0.1:
+        copied[f"{key}x"] = copied.pop(key)
+    elif rng.uniform() < 0.1:
+        del copied[key]
+    else:
+        copied[key] = spoilt(tree[key], rng)
+    return copied
+
+
+def test_whatever_is_spoilt_is_refused_or_read(rng: np.random.Generator) -> None:
+    """No other error, and no number that is not finite."""
+    wanted, refused = random_vehicle(rng), 0
+    tree = sidecar.tree_of(wanted)
+    for _ in range(150):
+        spec = mujoco.MjSpec.from_string(BARE.format(custom=""))
+        bad = spoilt(tree, rng)
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")
+                sidecar.attach_tree(spec, sidecar.checked_tree(bad, "file"), "file")
+        except ConfigurationError:
+            refused += 1
+            continue
+        rows = [np.array(body.userdata) for body in spec.bodies] + [np.array(each.userdata) for each in spec.actuators]
+        assert all(np.all(np.isfinite(row)) for row in rows)
+    assert 75 < refused < 150

@@ -116,11 +116,7 @@ def _add_arm(spec: mujoco.MjSpec, hull: mujoco.MjsBody) -> None:
         name, joint = f"link{i + 1}", f"joint{i + 1}"
         body = body.add_body(name=name, pos=X[:3, 3], quat=quat_wxyz_from_rotation(X[:3, :3]))
         body.add_joint(
-            name=joint,
-            axis=[0.0, 0.0, 1.0],
-            range=arm.limits[i],
-            damping=[_FRICTION, 0.0, 0.0],
-            armature=_ROTOR,
+            name=joint, axis=[0.0, 0.0, 1.0], range=arm.limits[i], damping=[_FRICTION, 0.0, 0.0], armature=_ROTOR
         )
         motor = spec.add_actuator(name=joint, trntype=mujoco.mjtTrn.mjTRN_JOINT, target=joint)
         motor.ctrlrange = [-_TORQUES[i], _TORQUES[i]]

@@ -217,10 +217,11 @@ def scan_pose(X_BC: Array, approach_W: Array, scan_range: float) -> Array:
 def registry() -> Registry[Task]:
     """All tasks, those of other packages included."""
     from scenarios.arm_identification.friction_run import GearIdentificationTask
-    from scenarios.tasks import insertion, inspection, seabed_sampling, surface_work
+    from scenarios.tasks import insertion, inspection, seabed_sampling, surface_work, tapping
 
     kinds: dict[str, type[Task]] = {
         "SurfaceWork": surface_work.SurfaceWorkTask,
+        "Tapping": tapping.TappingTask,
         "Insertion": insertion.InsertionTask,
         "Inspection": inspection.InspectionTask,
         "SeabedSampling": seabed_sampling.SeabedSamplingTask,

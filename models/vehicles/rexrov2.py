@@ -6,10 +6,10 @@ thruster_manager.yaml). The added mass is printed with 10.775 where its mirror p
 Added mass and damping are taken to be in axes forward, starboard, down, positions in forward, port, up. The propellers'
 time constant is an estimate.
 
-The vehicle of that package carries an Oberon, whose numbers were not found. The arm here has the kinematics, joint limits
-and torques of the KUKA LBR iiwa 7 R800 (`models.arms.published_arms`, KUKA's technical data) and a pad. Its links are
-cylinders, their masses estimates that add up to the 24 kg of that arm. No such arm is sold for use under water: it stands
-for those of seven joints. The camera looks down past the bow.
+The vehicle of that package carries an Oberon, whose numbers were not found. The arm here has the kinematics, joint
+limits and torques of the KUKA LBR iiwa 7 R800 (`models.arms.published_arms`, KUKA's technical data) and a pad. Its
+links are cylinders, their masses estimates that add up to the 24 kg of that arm. No such arm is sold for use under
+water: it stands for those of seven joints. The camera looks down past the bow.
 """
 
 import math

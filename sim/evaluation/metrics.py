@@ -53,10 +53,10 @@ class Bounds:
     force_error_rms: float = 3.0  # [N]
     force_error_max: float = 9.0  # [N]
     lost: float = 0.0  # [s]
-    path_deviation: float = 0.003  # [m]
+    path_deviation: float = 0.003  # [m]; infinite: there is no path
     position_error: float = 0.005  # [m] of the identification
     position_error_share: float = 0.005  # of the range
-    tilt: float = float(np.radians(3.0))  # [rad] tool and hull
+    tilt: float = float(np.radians(3.0))  # [rad] tool and hull; infinite: it is not judged
     gap_error: float = 0.008  # [m] of work without contact: sum of the bounds of identification and path
 
 
@@ -261,22 +261,27 @@ def assess(
         Requirement("chance to keep the path", uncertainty.chance_kept, None, "%", 100.0),
         *of_tool,
         Requirement("path deviation, RMS", tool.path_deviation_rms_m, None, "mm", mm),
-        Requirement("path deviation, peak", tool.path_deviation_max_m, bounds.path_deviation, "mm", mm),
+        Requirement("path deviation, peak", tool.path_deviation_max_m, _judged(bounds.path_deviation), "mm", mm),
         Requirement("path worked", tool.worked_share, None, "%", 100.0),
         Requirement("tip to ideal path, peak", tool.object_deviation_max_m, on_object, "mm", mm),
-        Requirement("tool tilt, peak", tool.tilt_max_rad, bounds.tilt, "deg", degrees),
+        Requirement("tool tilt, peak", tool.tilt_max_rad, _judged(bounds.tilt), "deg", degrees),
         *(
             (Requirement("tool twist, peak", tool.twist_max_rad, bounds.tilt, "deg", degrees),)
             if truth.model.path(truth.path).keeps_b
             else ()
         ),
         Requirement("hull excursion, peak", hull.excursion_max_m, None, "mm", mm),
-        Requirement("hull tilt, peak", hull.tilt_max_rad, bounds.tilt, "deg", degrees),
+        Requirement("hull tilt, peak", hull.tilt_max_rad, _judged(bounds.tilt), "deg", degrees),
     )
     others = () if identification.accepted else ("the object was not identified",)
     return Assessment.of(
         recording, metrics, checks, seed=seed, wall_s=wall_s, identification_s=identification_s, others=others
     )
+
+
+def _judged(bound: float) -> float | None:
+    """The bound, or None for one that is not judged."""
+    return bound if np.isfinite(bound) else None
 
 
 def contact_figures(recording: Recording) -> ContactMetrics:

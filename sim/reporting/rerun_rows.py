@@ -28,7 +28,8 @@ class SeriesRows:
 
     def __init__(self, vehicle: Vehicle, bounds: Bounds | None = None) -> None:
         """Take the vehicle, and bounds to draw."""
-        self._bound = None if bounds is None else 1e3 * bounds.path_deviation  # [mm]
+        judged = bounds is not None and np.isfinite(bounds.path_deviation)
+        self._bound = 1e3 * bounds.path_deviation if bounds is not None and judged else None  # [mm]
         n, m = len(vehicle.joint_names), len(vehicle.thruster_names)
         self._widths = (1, 3, 3, 3, 3, 3, m, n, n, 3, 3, 3, 3)
         self._rows: list[Array] = []

@@ -116,11 +116,12 @@ def panels(recorded: RecordedSeries, bounds: Bounds | None = None) -> Iterator[P
             line = Line("true − set", recorded["contact_normal"].time[work], wrong, BLUE)
             yield Panel("force error [N]", [line], _both(bounds and bounds.force_error_max))
     if (error := path_error(recorded)) is not None:
+        judged = bounds is not None and np.isfinite(bounds.path_deviation)
         parts = (("along", error.along), ("across", error.lateral), ("along the tool axis", error.normal))
         yield Panel(
             "tip from its path [mm]",
             [Line(name, error.time, 1e3 * value, _COLOURS[i]) for i, (name, value) in enumerate(parts)],
-            _both(bounds and 1e3 * bounds.path_deviation),
+            _both(1e3 * bounds.path_deviation if bounds is not None and judged else None),
         )
     if (motion := hull_motion(recorded)) is not None:
         time, displacement, turn = motion

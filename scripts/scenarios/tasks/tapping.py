@@ -1,6 +1,6 @@
 """Tapping: points of an object are touched one after another with a set force, for some time each."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
@@ -14,6 +14,7 @@ from models.site import scenes
 from scenarios.own_vehicle import OwnVehicle
 from scenarios.scenario import Scenario
 from scenarios.tasks.surface_work import TAP_FORCE, TAPPED, PlacedSurfaceWork, SurfaceWorkTask
+from sim.evaluation.metrics import Bounds
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,6 +47,11 @@ class PlacedTapping(PlacedSurfaceWork):
     def title(self) -> str:
         """Title of log and report."""
         return f"Tapping the {self.target.name}, {self.truth.path} path, seed {self.scenario.seed}"
+
+    @property
+    def bounds(self) -> Bounds:
+        """Those of the force: there is no path."""
+        return replace(super().bounds, path_deviation=float("inf"), tilt=float("inf"))
 
     def planner(self) -> TaskPlanner:
         """Planner of the work."""

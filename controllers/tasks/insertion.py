@@ -15,6 +15,7 @@ from functools import partial
 
 import numpy as np
 
+from controllers.planning.arm_size import FULL
 from controllers.planning.hull_placement import PathStanding, StandingLimits
 from controllers.planning.placement import PlacementSearch
 from controllers.planning.work_vehicle import WorkVehicle
@@ -257,8 +258,13 @@ class HoleInsertion(TaskPlanner):
             search: hull placements that are tried.
 
         Raises:
-            ConfigurationError: if the hole is not deeper than the job's depth.
+            ConfigurationError: if the hole is not deeper than the job's depth, or the arm has fewer than six joints.
         """
+        if own.chain.n < FULL:
+            raise ConfigurationError(
+                f"insertion: a hole asks for the tool's axis, which an arm of {own.chain.n} joints cannot hold against "
+                f"the hull's drift; at least {FULL} are needed"
+            )
         if not job.depth < hole.depth:
             raise ConfigurationError(f"insertion depth: must be below the hole's {hole.depth} m, got {job.depth}")
         self._hole, self._depth = hole, job.depth

@@ -14,6 +14,7 @@ import mujoco
 import numpy as np
 
 from controllers.hull.thrust_margin import ThrustMargin
+from controllers.planning.arm_size import FULL
 from controllers.tasks.insertion import HoleInsertion, InsertionJob, axis_path
 from controllers.tasks.seabed_work import SeabedWork
 from controllers.tasks.surface_work import SurfaceWork
@@ -26,7 +27,7 @@ from scenarios.options import BarrelOptions, InsertionOptions, PileOptions, Seab
 from scenarios.own_vehicle import OwnVehicle, vehicle_spec, with_tool
 from scenarios.scenario import Scenario
 from scenarios.tasks.insertion import PlacedInsertion
-from scenarios.tasks.seabed_sampling import PlacedSampling, SeabedSamplingTask
+from scenarios.tasks.seabed_sampling import PlacedSampling, SeabedSamplingTask, sonar_on_hull
 from scenarios.tasks.surface_work import TAP_FORCE, TAPPED, PlacedSurfaceWork, SurfaceWorkTask
 from scenarios.tasks.task import PlacedTask
 from scenarios.vehicle_check.findings import JobVerdict
@@ -34,15 +35,16 @@ from scenarios.vehicle_check.hover import HoverFigures, hover
 from scenarios.vehicle_check.statics import tip_force
 from sim.interfaces.errors import ConfigurationError, ReachError, StrongCurrentError, UuvError
 from sim.interfaces.messages import Target, ToolPath
-from sim.interfaces.spatial import Array, transform_points
+from sim.interfaces.spatial import Array, quat_wxyz_from_rotation, transform_points
 
 DRIFT = 0.1  # [m] at most, of a vehicle that keeps station
 TILT = float(np.radians(10.0))  # [rad] at most
 SATURATED = 0.3  # share of the time at most at which a thruster may be at its limit
 CURRENT = (0.3 * float(np.cos(np.pi / 6)), 0.3 * float(np.sin(np.pi / 6)), 0.0)  # [m/s] of the job hover-current
 VIEW = 0.5  # share of the camera's view that may be on the vehicle itself
-_ALL = 6  # degrees of freedom of a tool; an arm of fewer joints leaves the rest to the hull
 BEYOND = 2.0  # times what arm or thrusters bear in `ready`, from which on no other posture is hoped for
+SHORT_MARGIN = 0.5  # least margin of an arm of fewer than six joints
+HIDDEN = 0.1  # share of the ground about a target that may be hidden from the sonar
 SMALL_PAD = 50.0  # [N] at the tip in its weakest direction, under which the small pad is proposed
 
 
@@ -244,8 +246,17 @@ def _planned(name: str, scenario: Scenario, own: OwnVehicle) -> JobVerdict:
         if (refused := ReadyForce.of(scenario, own).refusal(scenario)) is not None:
             return _refused(name, *refused)
         joints = len(own.vehicle.joints)
-        more = f"; the arm has {joints} joints" if joints < _ALL else ""
+        more = f"; the arm has {joints} joints" if joints < FULL else ""
         return _refused(name, "reach", f"{_short(str(error))}{more}", float(joints) if more else None)
+    if isinstance(placed, PlacedSampling) and (hidden := _hidden(placed, own)) > HIDDEN:
+        said = f"the vehicle hides {hidden:.0%} of the ground about the target from its sonar, at most {HIDDEN:.0%}"
+        return _refused(name, "view", said, hidden)
+    if len(own.vehicle.joints) < FULL and margin < SHORT_MARGIN:
+        said = (
+            f"margin {margin:.2f}; an arm of {len(own.vehicle.joints)} joints needs {SHORT_MARGIN:g}: it meets the "
+            "hull's drift with its posture alone"
+        )
+        return _refused(name, "margin", said, margin)
     part = "" if share > 0.999 else f", {share:.0%} of the path"
     return JobVerdict(
         job=name,
@@ -254,6 +265,27 @@ def _planned(name: str, scenario: Scenario, own: OwnVehicle) -> JobVerdict:
         said=f"margin {margin:.2f} (1 is roomy, 0 at a limit) at {push_of(scenario):.0f} N in {speed:.2f} m/s{part}",
         figure=margin,
     )
+
+
+def _hidden(placed: PlacedSampling, own: OwnVehicle) -> float:
+    """Share of the ground about the first target that the vehicle's own shape hides from its sonar at the start."""
+    model, vehicle = own.model, own.vehicle
+    data = mujoco.MjData(model)
+    data.qpos[vehicle.hull_qpos : vehicle.hull_qpos + 3] = placed.start[:3, 3]
+    data.qpos[vehicle.hull_qpos + 3 : vehicle.hull_qpos + 7] = quat_wxyz_from_rotation(placed.start[:3, :3])
+    data.qpos[vehicle.qpos] = vehicle.q_home
+    mujoco.mj_kinematics(model, data)
+    p_W = (placed.start @ sonar_on_hull(own.hull_box))[:3, 3]
+    B = np.array(placed.B_W[0])
+    B[2] = float(placed.ground.height(B[None])[0])
+    angles = np.linspace(0.0, 2.0 * np.pi, 8, endpoint=False)
+    about = [B, *(B + r * np.array([np.cos(a), np.sin(a), 0.0]) for r in (0.1, 0.2) for a in angles)]
+    met, nothing = np.zeros(1, dtype=np.int32), -1.0
+    hits = [
+        mujoco.mj_ray(model, data, p_W, point - p_W, None, 1, vehicle.hull, met) != nothing and met[0] >= 0
+        for point in about
+    ]
+    return float(np.mean(hits))
 
 
 def _short(said: str) -> str:

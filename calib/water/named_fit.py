@@ -16,6 +16,7 @@ from sim.interfaces.spatial import Array, finite_number
 
 STEP = 0.03  # prior standard deviations, of the differences
 LONGEST_STEP = 1.5  # prior standard deviations that a parameter moves in one round
+SMALLEST_FACTOR = 0.3  # by which a straight step reduces a value
 ENOUGH = 2e-3  # share of the cost by which a round must lower it
 _TRIES = 6  # damping factors tried in a round
 
@@ -41,6 +42,12 @@ class NamedParameter:
         if self.factor:
             return self.nominal * float(np.exp(self.sigma * deviations))
         return self.nominal + self.sigma * deviations
+
+    def moved(self, deviations: float, step: float) -> float:
+        """Deviations after a step of the value in proportion to its slope: of a factor not of its logarithm."""
+        if not self.factor:
+            return deviations + step
+        return deviations + float(np.log1p(max(self.sigma * step, SMALLEST_FACTOR - 1.0))) / self.sigma
 
 
 class Mapping(Protocol):
@@ -143,6 +150,8 @@ def fit_blocks(
     start: Array | None = None,
     own: Sequence[Array] | None = None,
     rounds: int = 8,
+    enough: float = ENOUGH,
+    straight: bool = False,
 ) -> NamedFit:
     """Fit parameters by Gauss-Newton with Levenberg's damping.
 
@@ -152,6 +161,8 @@ def fit_blocks(
         start: (n,) deviations to begin with; None: the nominal values.
         own: Numbers of each block to begin with; None: zeros.
         rounds: Most rounds.
+        enough: Share of the cost by which a round must lower it.
+        straight: Step in the values of factors, not in their logarithms: residuals of forces are linear in those.
 
     Returns:
         The fit.
@@ -172,14 +183,18 @@ def fit_blocks(
         before = cost
         for _ in range(_TRIES):
             step = -np.linalg.solve(reduced.H + damping * np.diag(np.diag(reduced.H)), reduced.gradient)
-            step = np.clip(step, -LONGEST_STEP, LONGEST_STEP)
-            there, beside = x + step, [each + moved for each, moved in zip(y, reduced.own(step), strict=True)]
+            if straight:
+                there = np.array([p.moved(float(a), float(b)) for p, a, b in zip(parameters, x, step, strict=True)])
+            else:
+                step = np.clip(step, -LONGEST_STEP, LONGEST_STEP)
+                there = x + step
+            beside = [each + moved for each, moved in zip(y, reduced.own(step), strict=True)]
             reached = _cost(blocks.residuals(there, beside), there, beside)
             if reached < cost:
                 x, y, cost, damping = there, beside, reached, max(damping / 5.0, 1e-4)
                 break
             damping *= 10.0
-        if before - cost < ENOUGH * before:
+        if before - cost < enough * before:
             break
     covariance = np.array(np.linalg.inv(reduced.H), np.float64)
     return NamedFit(

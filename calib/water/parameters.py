@@ -85,7 +85,10 @@ class VehicleWater:
         gains = tuple(gains)
         found = [
             _factor(
-                added_mass_name(i), "kg" if i < 3 else "kg m^2", float(max(water.added_mass[i, i], 0.02 * inertia[i])), ADDED_MASS
+                added_mass_name(i),
+                "kg" if i < 3 else "kg m^2",
+                float(max(water.added_mass[i, i], 0.02 * inertia[i])),
+                ADDED_MASS,
             )
             for i in range(6)
         ]

@@ -176,7 +176,9 @@ def fit_blocks(
     cost = _cost(blocks.residuals(x, y), x, y)
     if not np.isfinite(cost):
         raise ConfigurationError("the residuals are not finite at the start of the fit")
-    damping, reduced, done = 1e-2, Reduced.of([], x, y), 0
+    # Relative to the diagonal, damping holds what only a sum tells; a straight fit begins with hardly any.
+    damping, least = (1e-6, 1e-9) if straight else (1e-2, 1e-4)
+    reduced, done = Reduced.of([], x, y), 0
     while done < rounds:
         done += 1
         reduced = Reduced.of(blocks.slopes(x, y), x, y)
@@ -191,9 +193,9 @@ def fit_blocks(
             beside = [each + moved for each, moved in zip(y, reduced.own(step), strict=True)]
             reached = _cost(blocks.residuals(there, beside), there, beside)
             if reached < cost:
-                x, y, cost, damping = there, beside, reached, max(damping / 5.0, 1e-4)
+                x, y, cost, damping = there, beside, reached, max(damping / 5.0, least)
                 break
-            damping *= 10.0
+            damping *= 100.0 if straight else 10.0
         if before - cost < enough * before:
             break
     covariance = np.array(np.linalg.inv(reduced.H), np.float64)

@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 
 from calib.water.logs import ATTITUDE, DEPTH, FORCE, POSITION, RATE, VELOCITY, WaterLog
 from calib.water.estimator import WaterFit, estimate
-from calib.water.named_fit import STEP, NamedParameter, Slopes, fit_blocks, values_of
+from calib.water.named_fit import NamedParameter, Slopes, fit_blocks, values_of
 from scenarios.water_identification.vehicle_replay import ReplayVehicle, Script
 from sim.interfaces.errors import ConfigurationError, UuvError
 from sim.interfaces.spatial import GRAVITY, Array
@@ -29,6 +29,7 @@ NOISE: Mapping[str, float] = {  # standard deviation of a sample, each axis
     VELOCITY: 0.01,  # [m/s]
     DEPTH: 0.01,  # [m]
 }
+STEP = 1e-4  # prior standard deviations, of the differences: small, for what only a sum tells is their small sum
 OWN = 15  # numbers of a window: position, attitude, velocity, rate of its start, and its current; (3,) each
 SHORT = 0.5  # [s] windows of the first, rough fit
 _SMOOTHED = 0.3  # [s] before and after the start of a window, from which its first guess is taken
@@ -47,11 +48,12 @@ class FitSettings:
     mount: float = 0.01  # [rad] of the attitude sensor's axes on the hull, in roll and pitch
     rate_bias: float = 0.002  # [rad/s] of the gyro
     force_bias: float = 0.05  # [m/s^2] of the accelerometer
+    every: int = 1  # windows of which one is used
     workers: int = 1  # threads
 
     def short(self) -> "FitSettings":
         """The same with windows so short that residuals are nearly straight in the parameters."""
-        return replace(self, window=SHORT)
+        return replace(self, window=SHORT, every=2)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -75,7 +77,7 @@ class LogReplay:
             ConfigurationError: No part of it is long enough for a window.
         """
         self.log, self.settings, self._dt = log, settings, own.timestep
-        self.windows = _windows(log, settings.window)
+        self.windows = _windows(log, settings.window)[:: settings.every]
         begin = np.array([a for a, _ in self.windows])
         steps = np.array([max(1, int((b - a) / self._dt)) for a, b in self.windows], dtype=np.int64)
         self.first = np.concatenate([[0], np.cumsum(steps + 1)[:-1]]).astype(np.int64)
@@ -398,7 +400,7 @@ def identify(
         ConfigurationError: As `WaterResiduals`.
     """
     rough = WaterResiduals(vehicle, logs, settings.short())
-    first = fit_blocks(rough, rough.parameters, rounds=6, enough=0.02, straight=True)
+    first = fit_blocks(rough, rough.parameters, rounds=6, enough=0.3, straight=True)
     residuals = WaterResiduals(vehicle, logs, settings)
     return estimate(residuals, residuals.parameters, start=first.deviations), residuals
 

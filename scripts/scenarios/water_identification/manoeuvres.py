@@ -188,7 +188,7 @@ def simulated(
     if gust > 0.0 and rng is not None:
         gusts = Current((0.0, 0.0, 0.0), gust=gust, time_constant=_GUSTS_TURN, timestep=dt, rng=rng)
         flow = flow + np.array([gusts.step()[0].copy() for _ in grid])
-    state, lag = np.zeros(13), own.lag_state()
+    state, lag = np.zeros(13), None
     state[3] = 1.0
     seen, given, rates = np.zeros((len(time), 13)), np.zeros((len(time), len(own.names))), np.zeros((len(time), 3))
     first, steps = np.zeros(1, dtype=np.int64), np.array([substeps])
@@ -198,7 +198,8 @@ def simulated(
         if k == len(time) - 1:
             break
         at = slice(k * substeps, (k + 1) * substeps + 1)
-        speed, lag = own.followed(given[k], lag, dt, substeps + 1)
+        # The propellers begin in their first command, as in a replay, which knows none before.
+        speed, lag = own.followed(given[k], lag or (given[k], given[k]), dt, substeps + 1)
         script = Script(
             first=first,
             steps=steps,

@@ -141,14 +141,13 @@ class ReplayVehicle:
         made._bind()
         return made
 
-    def lag_state(self) -> tuple[Array, Array]:
-        """Propellers at rest: commands after the slew limit (m,), speeds (m,)."""
-        return np.zeros(len(self.names)), np.zeros(len(self.names))
-
     def followed(
         self, command: Array, state: tuple[Array, Array], dt: float, count: int
     ) -> tuple[Array, tuple[Array, Array]]:
-        """Propeller speeds (count, PARTS, m) in steps of a held command, and the state after all but the last."""
+        """Propeller speeds (count, PARTS, m) in steps of a held command, and the state after all but the last.
+
+        The state is the commands (m,) after the slew limit, and the speeds (m,).
+        """
         passed, speed = state
         decay = np.where(self.lag > 0.0, np.exp(-dt / np.where(self.lag > 0.0, self.lag, 1.0)), 0.0)
         most = np.where(self.slew > 0.0, self.slew * dt, np.inf)

@@ -30,7 +30,7 @@ _USUAL_SPEED = 1.0  # [m/s, rad/s] for whose drag the step is chosen
 _ROTOR = 1e10  # [kg m^2] of the driven joints
 _WILD = 30.0  # [m/s, rad/s] beyond which a window is given up
 _FINE = 0.01  # [s] grid on which the propellers' lag is followed
-PARTS = 4  # of a step, for whose middles thrusts are averaged
+PARTS = 8  # of a step, for whose middles thrusts are averaged
 STATE = 13  # numbers of the hull: p_WB, quat_WB_wxyz, v_WB_W, w_WB_B
 
 

@@ -1,0 +1,76 @@
+"""Study: do the intervals of the identified water cover the truth, on simulated logs of vehicles drawn from the prior?"""
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+
+from calib.water.named_fit import values_of
+from calib.water.parameters import GROUPS, group_of
+from models.site.scenes import vehicle_spec
+from scenarios.water_identification.log_residuals import FitSettings, identify
+from scenarios.water_identification.manoeuvres import simulated, survey
+from scenarios.water_identification.vehicle_replay import ReplayVehicle
+from sim.interfaces.spatial import Array
+
+VEHICLES = ("uuv_puma", "bluerov2_heavy_benzon2022", "bluerov2_heavy_alpha5")
+SECONDS = 40.0  # [s] of a log
+GUST = 0.005  # [m/s] of the water, each axis: a calm basin
+LEVEL = 1.96  # standard deviations of the 95 % interval
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Draw:
+    """One simulated log and its fit."""
+
+    vehicle: str
+    seed: int
+    names: tuple[str, ...]
+    errors: Array  # (n,) estimate less truth, in the standard deviations that the fit states
+    told: Array  # (n,) share of the prior variance that the log took away
+    seconds: float  # of processor time for the fit
+
+
+def draw(vehicle: str, seed: int, seconds: float = SECONDS, gust: float = GUST) -> Draw:
+    """Draw a vehicle from the prior, fly it through a survey in gusts, and identify it from its noisy log."""
+    own = _replay(vehicle)
+    rng = np.random.default_rng(seed)
+    parameters = own.water.parameters
+    truth = rng.standard_normal(len(parameters))
+    believed = values_of(parameters, np.zeros(len(parameters)))
+    flown = survey(own, believed, seconds, rng)
+    log = simulated(own, values_of(parameters, truth), flown, rng=rng, gust=gust)
+    began = time.process_time()
+    fit, _ = identify(own, [log], FitSettings(gust=gust))
+    spent = time.process_time() - began
+    n = len(parameters)
+    return Draw(
+        vehicle=vehicle,
+        seed=seed,
+        names=tuple(each.name for each in parameters),
+        errors=(fit.named.deviations[:n] - truth) / fit.sigmas[:n],
+        told=fit.named.told[:n],
+        seconds=spent,
+    )
+
+
+def coverage(draws: Sequence[Draw]) -> dict[str, tuple[float, float, float]]:
+    """Share of intervals that cover, root mean square of the errors, and share told, by group of parameters and "all"."""
+    group = np.array([group_of(name) for name in draws[0].names])
+    errors, told = np.array([each.errors for each in draws]), np.array([each.told for each in draws])
+    masks = {name: group == name for name in GROUPS if np.any(group == name)} | {"all": np.ones(len(group), dtype=bool)}
+    return {
+        name: (
+            float(np.mean(np.abs(errors[:, mask]) < LEVEL)),
+            float(np.sqrt(np.mean(errors[:, mask] ** 2))),
+            float(np.mean(told[:, mask])),
+        )
+        for name, mask in masks.items()
+    }
+
+
+@cache
+def _replay(vehicle: str) -> ReplayVehicle:
+    return ReplayVehicle(vehicle_spec(vehicle))

@@ -15,13 +15,13 @@ from typing import Any, Literal
 
 import mujoco
 import numpy as np
-import yaml
 
 from models.arms import dh_geometry, urdf
 from models.arms.kinematics import ROW
 from models.arms.serial_arm import SerialArm
 from models.mjcf_files import read_mjcf
 from models.naming import ARM_BASE_BODY, TIP_SITE
+from models.yaml_files import document_of
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.files import bytes_of
 from sim.interfaces.spatial import (
@@ -129,12 +129,7 @@ def _from_csv(file: Path, text: str, digest: str, base: str | None, tip: str | N
 
 
 def _from_yaml(file: Path, text: str, digest: str, base: str | None, tip: str | None) -> ArmSource:
-    try:
-        document = yaml.safe_load(text)
-    except RecursionError as error:
-        raise ConfigurationError(f"arm {file}: no YAML of an arm: brackets within brackets, too deep") from error
-    except Exception as error:  # its constructors of dates and numbers raise ValueError and others
-        raise ConfigurationError(f"arm {file}: no YAML ({' '.join(str(error).split())[:120]})") from error
+    document = document_of(text, f"arm {file}")
     if isinstance(document, Mapping) and "kinematics" in document:
         return _of_ur(file, document["kinematics"], digest, base, tip)
     if isinstance(document, Mapping):

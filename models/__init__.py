@@ -9,7 +9,7 @@ import numpy as np
 from models import hydrodynamics
 from models.naming import HULL_BODY
 from models.registry import Registry
-from models.vehicles import bluerov2_heavy, phoenix_smart3s, reach_alpha_5, uuv_puma
+from models.vehicles import bluerov2_heavy, phoenix_smart3s, reach_alpha_5, remus100, uuv_puma
 from models.water import thrusters
 
 
@@ -39,6 +39,10 @@ _MODELS = {
         build=phoenix_smart3s.build,
         source="SIMURV 4.0 (Antonelli 2013); hull: NPS AUV, Healey and Lienard 1993 (for fresh water, here "
         "ballasted for 1025 kg/m^3)",
+    ),
+    "remus100": _Entry(
+        build=remus100.build,
+        source="PythonVehicleSimulator (Fossen), remus100.py; propeller as a thruster, fins by remus100.fin_wrench",
     ),
     "reach_alpha_5": _Entry(
         build=reach_alpha_5.build, source="Kolano et al., arXiv 2209.13577; friction: floating-KinDyn"

@@ -16,17 +16,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import elliprd
 
+from models.water.bounds import LONGEST, SEA_WATER, bounded, lengths, not_negative, positive, segment
+from models.water.forms import KINDS, Form, MunkFactor
 from sim.interfaces.errors import ConfigurationError, PhysicsWarning
-from sim.interfaces.spatial import Array, checked, readonly, rotation_from_z, skew
+from sim.interfaces.spatial import Array, checked, readonly, rotation_from_z, shown, skew
 
-SEA_WATER: Final = 1025.0  # [kg/m^3] default density of the water
 ORIGIN: Final = readonly([0.0, 0.0, 0.0])
 MAX_STRIPS: Final = 2  # segments with strip drag per body
 MAX_STATIONS: Final = 8  # Gauss-Legendre stations per segment
-LARGEST: Final = 1e15  # [SI] bound of any coefficient: beyond every real body
-LONGEST: Final = 1e5  # [m] largest extent of a shape
-SHORTEST: Final = 1e-6  # [m] smallest extent of a shape
-THINNEST: Final = 1e-6  # smallest ratio of a shape's shortest to its longest extent
 UNEVEN: Final = 1e-3  # share of the largest number by which an added mass may be asymmetric, as rounding
 CEILING: Final = 10.0  # [m] above the sea surface z = 0; a wet body above it causes a warning
 
@@ -36,6 +33,8 @@ _UPPER: Final = np.triu_indices(6)
 # Index of each number in a row of `body_user`. The world body has a row of its own. Both begin with a stamp that
 # changes with the layout, so that a table of another layout or project is rejected. The stamp has six digits and is
 # below 1: MuJoCo writes MJCF with six digits and, from 4.0 on, rounds off numbers that are small beside the others.
+# Behind a body's row stand the records of its forms, each with its kind, its length and that many numbers. A kind of 0,
+# with which shorter rows are filled, ends them.
 LAYOUT: Final = SimpleNamespace(
     stamp_value=0.620263,
     stamp=0,
@@ -83,12 +82,10 @@ class StripDrag:
     stations: int = 4  # 1..MAX_STATIONS
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "start", _bounded(self.start, (3,), "strip start", LONGEST))
-        object.__setattr__(self, "end", _bounded(self.end, (3,), "strip end", LONGEST))
-        object.__setattr__(self, "normal", _not_negative(self.normal, "strip normal drag [kg/m^2]"))
-        object.__setattr__(self, "tangential", _not_negative(self.tangential, "strip tangential drag [kg/m^2]"))
-        if not float(np.linalg.norm(self.end - self.start)) > 1e-9:
-            raise ConfigurationError(f"strip: start {self.start.tolist()} and end {self.end.tolist()} coincide")
+        for name, place in zip(("start", "end"), segment(self.start, self.end, "strip"), strict=True):
+            object.__setattr__(self, name, place)
+        object.__setattr__(self, "normal", not_negative(self.normal, "strip normal drag [kg/m^2]"))
+        object.__setattr__(self, "tangential", not_negative(self.tangential, "strip tangential drag [kg/m^2]"))
         if not (isinstance(self.stations, int | np.integer) and 1 <= self.stations <= MAX_STATIONS):
             raise ConfigurationError(f"strip stations: expected 1 to {MAX_STATIONS}, got {self.stations!r}")
 
@@ -112,24 +109,32 @@ class BodyHydrodynamics:
     linear_damping: Array = field(default_factory=lambda: np.zeros(6))  # (6,) or (6, 6) [N s/m, N m s]; kept as (6, 6)
     quadratic_damping: Array = field(default_factory=lambda: np.zeros(6))  # (6,) [N s^2/m^2, N m s^2]
     strips: StripDrag | tuple[StripDrag, ...] | None = ()  # at most MAX_STRIPS; kept as a tuple
+    forms: Form | tuple[Form, ...] = ()  # further terms (`models.water.forms`); kept as a tuple
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "volume", _not_negative(self.volume, "volume [m^3]"))
-        center = _bounded(self.center_of_buoyancy, (3,), "center_of_buoyancy [m]", LONGEST)
+        object.__setattr__(self, "volume", not_negative(self.volume, "volume [m^3]"))
+        center = bounded(self.center_of_buoyancy, (3,), "center_of_buoyancy [m]", LONGEST)
         object.__setattr__(self, "center_of_buoyancy", center)
         object.__setattr__(self, "added_mass", _added_mass(self.added_mass))
         object.__setattr__(self, "linear_damping", _linear_damping(self.linear_damping))
-        quadratic = _bounded(self.quadratic_damping, (6,), "quadratic_damping")
+        quadratic = bounded(self.quadratic_damping, (6,), "quadratic_damping")
         if np.any(quadratic < 0.0):
             raise ConfigurationError(f"quadratic_damping: must not be negative, got {quadratic.tolist()}")
         object.__setattr__(self, "quadratic_damping", quadratic)
         object.__setattr__(self, "strips", _strips(self.strips))
+        object.__setattr__(self, "forms", _forms(self.forms))
 
     @property
     def segments(self) -> tuple[StripDrag, ...]:
         """The strips as the tuple that they are stored as."""
         assert isinstance(self.strips, tuple)
         return self.strips
+
+    @property
+    def terms(self) -> tuple[Form, ...]:
+        """The forms as the tuple that they are stored as."""
+        assert isinstance(self.forms, tuple)
+        return self.forms
 
 
 def attach(spec: mujoco.MjSpec, bodies: Mapping[str, BodyHydrodynamics], water_density: float | None = None) -> None:
@@ -166,7 +171,7 @@ def attach(spec: mujoco.MjSpec, bodies: Mapping[str, BodyHydrodynamics], water_d
             raise ConfigurationError(f"body {body.name}: its user data is taken by something else")
 
     if spec.nuser_body >= 0:  # if negative, MuJoCo takes the longest row, and attached specs do not conflict
-        spec.nuser_body = max(spec.nuser_body, LAYOUT.size)
+        spec.nuser_body = max(spec.nuser_body, LAYOUT.size, *(len(pack(body)) for body in bodies.values()))
     world = _row_of(spec.worldbody)
     world[LAYOUT.density] = density
     world[LAYOUT.ceiling] = world[LAYOUT.ceiling] or CEILING
@@ -271,7 +276,7 @@ def carries(row: ArrayLike) -> bool:
 
 
 def pack(body: BodyHydrodynamics) -> Array:
-    """Encode `body` as a row (LAYOUT.size,) of user data."""
+    """Encode `body` as a row (LAYOUT.size,) of user data; a body with forms has a longer one (see `LAYOUT`)."""
     row = np.zeros(LAYOUT.size)
     row[LAYOUT.stamp] = LAYOUT.stamp_value
     row[LAYOUT.volume] = body.volume
@@ -288,7 +293,8 @@ def pack(body: BodyHydrodynamics) -> Array:
             strip.tangential,
             strip.stations,
         ]
-    return row
+    records = [(form.kind, len(numbers), *numbers) for form in body.terms for numbers in [form.numbers()]]
+    return np.concatenate([row, *records])
 
 
 def unpack(row: ArrayLike) -> BodyHydrodynamics:
@@ -325,7 +331,21 @@ def unpack(row: ArrayLike) -> BodyHydrodynamics:
         linear_damping=linear_damping,
         quadratic_damping=row[LAYOUT.quadratic_damping :][:6],
         strips=tuple(strips),
+        forms=_unpacked_forms(row[LAYOUT.size :]),
     )
+
+
+def without_forms(row: ArrayLike, whose: str) -> BodyHydrodynamics:
+    """Decode a row for a model that knows no forms; a PhysicsWarning that begins with `whose` names those left out.
+
+    Raises:
+        ConfigurationError: as `unpack` does.
+    """
+    body = unpack(row)
+    if body.terms:
+        names = ", ".join(sorted({type(form).__name__ for form in body.terms}))
+        warnings.warn(f"{whose} leaves out forms of the water that the plant has: {names}", PhysicsWarning, 3)
+    return replace(body, forms=())
 
 
 def trim(
@@ -412,9 +432,9 @@ def sphere(
     Returns:
         Coefficients at the body origin.
     """
-    radius, center = float(_lengths([radius], (1,), "radius [m]")[0]), _bounded(center, (3,), "center [m]", LONGEST)
-    water_density = _positive(water_density, "water_density [kg/m^3]")
-    drag_coefficient = _not_negative(drag_coefficient, "drag_coefficient")
+    radius, center = float(lengths([radius], (1,), "radius [m]")[0]), bounded(center, (3,), "center [m]", LONGEST)
+    water_density = positive(water_density, "water_density [kg/m^3]")
+    drag_coefficient = not_negative(drag_coefficient, "drag_coefficient")
     volume = 4.0 / 3.0 * np.pi * radius**3
     local = np.diag([0.5 * water_density * volume] * 3 + [0.0] * 3)
     drag = 0.5 * water_density * drag_coefficient * np.pi * radius**2
@@ -447,10 +467,10 @@ def ellipsoid(
     Returns:
         Coefficients at the body origin.
     """
-    a, b, c = axes = _lengths(semi_axes, (3,), "semi_axes [m]")
-    center = _bounded(center, (3,), "center [m]", LONGEST)
-    water_density = _positive(water_density, "water_density [kg/m^3]")
-    drag_coefficient = _not_negative(drag_coefficient, "drag_coefficient")
+    a, b, c = axes = lengths(semi_axes, (3,), "semi_axes [m]")
+    center = bounded(center, (3,), "center [m]", LONGEST)
+    water_density = positive(water_density, "water_density [kg/m^3]")
+    drag_coefficient = not_negative(drag_coefficient, "drag_coefficient")
     volume = 4.0 / 3.0 * np.pi * a * b * c
     area = np.pi * np.array([b * c, a * c, a * b])
     return BodyHydrodynamics(
@@ -480,9 +500,9 @@ def box(
     Returns:
         Coefficients at the body origin.
     """
-    edges, center = _lengths(size, (3,), "size [m]"), _bounded(center, (3,), "center [m]", LONGEST)
-    water_density = _positive(water_density, "water_density [kg/m^3]")
-    drag_coefficient = _not_negative(drag_coefficient, "drag_coefficient")
+    edges, center = lengths(size, (3,), "size [m]"), bounded(center, (3,), "center [m]", LONGEST)
+    water_density = positive(water_density, "water_density [kg/m^3]")
+    drag_coefficient = not_negative(drag_coefficient, "drag_coefficient")
     volume = float(np.prod(edges))
     area = volume / edges
     side = np.sqrt(area)  # [m] side of the square of equal frontal area
@@ -531,13 +551,13 @@ def cylinder(
     Raises:
         ConfigurationError: a radius that is not positive, or ends that coincide.
     """
-    radius = float(_lengths([radius], (1,), "radius [m]")[0])
-    water_density = _positive(water_density, "water_density [kg/m^3]")
-    normal_coefficient = _not_negative(normal_coefficient, "normal_coefficient")
-    friction_coefficient = _not_negative(friction_coefficient, "friction_coefficient")
+    radius = float(lengths([radius], (1,), "radius [m]")[0])
+    water_density = positive(water_density, "water_density [kg/m^3]")
+    normal_coefficient = not_negative(normal_coefficient, "normal_coefficient")
+    friction_coefficient = not_negative(friction_coefficient, "friction_coefficient")
     strip = StripDrag(
-        start=_bounded(start, (3,), "start [m]", LONGEST),
-        end=_bounded(end, (3,), "end [m]", LONGEST),
+        start=bounded(start, (3,), "start [m]", LONGEST),
+        end=bounded(end, (3,), "end [m]", LONGEST),
         normal=0.5 * water_density * normal_coefficient * 2.0 * radius,
         tangential=0.5 * water_density * friction_coefficient * 2.0 * np.pi * radius,
         stations=stations,
@@ -610,46 +630,14 @@ def _common_density(rows: dict[str, float]) -> float:
 
 
 def _row_of(body: mujoco.MjsBody) -> Array:
-    row = np.zeros(LAYOUT.size)
+    row = np.zeros(max(LAYOUT.size, len(body.userdata)))
     row[: len(body.userdata)] = body.userdata
     row[LAYOUT.stamp] = LAYOUT.stamp_value
     return row
 
 
-def _bounded(values: ArrayLike, shape: tuple[int, ...], name: str, largest: float = LARGEST) -> Array:
-    array = checked(values, shape, name)
-    if np.any(np.abs(array) > largest):
-        raise ConfigurationError(f"{name}: must not exceed {largest:g}, got {array.tolist()}")
-    return array
-
-
-def _lengths(values: ArrayLike, shape: tuple[int, ...], name: str) -> Array:
-    array = _bounded(values, shape, name, LONGEST)
-    if np.any(array <= 0.0):
-        raise ConfigurationError(f"{name}: must be positive, got {array.tolist()}")
-    if array.min() < max(SHORTEST, THINNEST * array.max()):
-        raise ConfigurationError(
-            f"{name}: must be at least {SHORTEST:g} and {THINNEST:g} of the longest, got {array.tolist()}"
-        )
-    return array
-
-
-def _not_negative(value: float, name: str) -> float:
-    number = float(_bounded([value], (1,), name)[0])
-    if number < 0.0:
-        raise ConfigurationError(f"{name}: must not be negative, got {number}")
-    return number
-
-
-def _positive(value: float, name: str) -> float:
-    number = _not_negative(value, name)
-    if number == 0.0:
-        raise ConfigurationError(f"{name}: must be positive, got {number}")
-    return number
-
-
 def _added_mass(values: ArrayLike) -> Array:
-    matrix = _bounded(values, (6, 6), "added_mass")
+    matrix = bounded(values, (6, 6), "added_mass")
     largest = float(np.max(np.abs(matrix)))
     uneven = np.abs(matrix - matrix.T)
     i, j = np.unravel_index(np.argmax(uneven), (6, 6))
@@ -668,7 +656,7 @@ def _linear_damping(values: ArrayLike) -> Array:
         raise ConfigurationError(f"linear_damping: expected shape (6,) or (6, 6), got {values!r}") from error
     if shape not in ((6,), (6, 6)):
         raise ConfigurationError(f"linear_damping: expected shape (6,) or (6, 6), got {shape}")
-    matrix = _bounded(values, shape, "linear_damping")
+    matrix = bounded(values, shape, "linear_damping")
     if shape == (6,):
         if np.any(matrix < 0.0):
             raise ConfigurationError(f"linear_damping: must not be negative, got {matrix.tolist()}")
@@ -698,3 +686,25 @@ def _strips(values: StripDrag | tuple[StripDrag, ...] | None) -> tuple[StripDrag
     if len(strips) > MAX_STRIPS or not all(isinstance(strip, StripDrag) for strip in strips):
         raise ConfigurationError(f"strips: expected at most {MAX_STRIPS} StripDrag, got {strips!r}")
     return strips
+
+
+def _forms(values: Form | tuple[Form, ...]) -> tuple[Form, ...]:
+    forms = tuple(values) if isinstance(values, tuple | list) else (values,)
+    if not all(type(form) in KINDS.values() for form in forms):
+        names = ", ".join(kind.__name__ for kind in KINDS.values())
+        raise ConfigurationError(f"forms: expected any of {names}, got {shown(values)}")
+    if sum(isinstance(form, MunkFactor) for form in forms) > 1:
+        raise ConfigurationError("forms: at most one MunkFactor for a body")
+    return forms
+
+
+def _unpacked_forms(tail: Array) -> tuple[Form, ...]:
+    forms, at = [], 0
+    while at + 1 < len(tail) and tail[at]:
+        kind, count = tail[at], tail[at + 1]
+        end = at + 2 + int(count)
+        if kind not in KINDS or not (count >= 0 and count == int(count)) or end > len(tail):
+            raise ConfigurationError(f"forms: no record of a known form: kind {kind:g} with {count:g} numbers")
+        forms.append(KINDS[kind].of(tail[at + 2 : end]))
+        at = end
+    return tuple(forms)

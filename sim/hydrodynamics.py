@@ -41,9 +41,9 @@ import mujoco
 import numpy as np
 from numba.core import event
 
+from models.exact_mjcf import library
 from models.hydrodynamics import (
     INDEFINITE,
-    LARGEST,
     LAYOUT,
     TOO_FAST,
     TOO_HIGH,
@@ -55,9 +55,10 @@ from models.hydrodynamics import (
     water_density,
     world_row,
 )
+from models.water.bounds import LARGEST
 from sim.interfaces.errors import ConfigurationError, HydrodynamicsError, PhysicsWarning
 from sim.interfaces.spatial import Array, skew
-from sim.water import mujoco_layout, passive_callback
+from sim.water import energy, mujoco_layout, passive_callback
 
 DRAG_SPEED = 2.0  # [m/s, rad/s] speed at which the drag rate is compared with the time step
 
@@ -71,8 +72,8 @@ _DRY_WEIGHTS = (
 DENSITIES = 30.0, 20_000.0  # [kg/m^3] plausible densities of a body; outside them mass or volume is likely wrong
 
 # Angular over linear coefficient is a length squared (quadratic drag: cubed), near the dry body's radius of gyration.
-# Per coefficient: power of that length, and largest plausible ratio to it. The vehicles here reach 2 and 30.
-_LEVERS = {"added_mass": (2, 10.0), "linear_damping": (2, 10.0), "quadratic_damping": (3, 100.0)}
+# Per coefficient: power of that length, and largest plausible ratio to it. The vehicles here reach 2, 27 and 30.
+_LEVERS = {"added_mass": (2, 10.0), "linear_damping": (2, 40.0), "quadratic_damping": (3, 100.0)}
 
 _callback: Any = None  # numba CFunc; kept for the life of the process, since MuJoCo holds its bare address
 _place: Any = None  # weakref.finalize of the pointer, which only MuJoCo holds: it fires when the callback is replaced
@@ -94,9 +95,9 @@ def install() -> None:
         raise HydrodynamicsError("another passive callback is installed; MuJoCo has room for one")
     if _callback is None:
         mujoco_layout.verify(passive_callback.MODEL_FIELDS, passive_callback.DATA_FIELDS)
-        library = mujoco_layout.library()
+        native = library()
         for symbol in passive_callback.SYMBOLS:
-            address = ctypes.cast(getattr(library, symbol), ctypes.c_void_p).value
+            address = ctypes.cast(getattr(native, symbol), ctypes.c_void_p).value
             llvmlite.binding.add_symbol(symbol, address)
         with event.install_listener("numba:compile", _Notice()):
             _callback = passive_callback.build()
@@ -220,6 +221,7 @@ def doubts(model: mujoco.MjModel) -> list[str]:
     - Movable bodies with mass and shape but no coefficients, in one tree with bodies that have them.
     - A body whose mass over volume is outside DENSITIES.
     - Coefficients whose linear and angular parts look swapped. A body of about 1 m cannot show this.
+    - Cross terms that feed energy in, beside the other damping of their body, at a motion that sampling found.
     - Force and torque sensors, which do not measure the water.
     """
     wet = _bodies(model)
@@ -252,6 +254,12 @@ def doubts(model: mujoco.MjModel) -> list[str]:
                     f"{names[i]}: angular over linear {name} is {lever:.3g} m^{power}, though the body's radius of "
                     f"gyration is {gyration:.3g} m; six-vectors are (linear; angular)"
                 )
+        if fed := energy.largest_power(body):
+            power, twist = fed[0], ", ".join(f"{x:.2g}" for x in fed[1])
+            found.append(
+                f"{names[i]}: its cross terms feed in {power:.3g} W at the twist ({twist}) m/s, rad/s through the "
+                "water, more than its other damping takes: a motion may grow without bound"
+            )
     kinds = int(mujoco.mjtSensor.mjSENS_FORCE), int(mujoco.mjtSensor.mjSENS_TORQUE)
     holding = {j for i in wet for j in _above(model, i)}
     blind = [
@@ -401,6 +409,8 @@ def drag_slope(model: mujoco.MjModel, data: mujoco.MjData, speed: float) -> Arra
                 p = strip.start + 0.5 * (1.0 + node) * (strip.end - strip.start)
                 to_point = np.hstack([np.eye(3), -skew(p)])
                 slope += 0.5 * weight * length * to_point.T @ local @ to_point
+        for form in body.terms:
+            slope += form.slope(speed)
         J_B = _jacobian(model, data, i)
         total += J_B.T @ slope @ J_B
     return total

@@ -600,7 +600,7 @@ def _read_tree(
             com @ com * np.eye(3) - np.outer(com, com)
         )
         if hydrodynamics.carries(model.body_user[body]):
-            water = hydrodynamics.unpack(model.body_user[body])
+            water = hydrodynamics.without_forms(model.body_user[body], "the controller's model of the arm")
             tree.added[row] = water_scale * water.added_mass
             tree.linear[row] = water_scale * water.linear_damping
             tree.quadratic[row] = water_scale * water.quadratic_damping

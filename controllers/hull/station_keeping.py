@@ -77,7 +77,7 @@ class StationKeeping:
         self._damping = 2.0 * damping * frequency  # [1/s]
         gravity = -float(model.opt.gravity[2])
         mass, density = float(model.body_mass[vehicle.hull]), hydrodynamics.water_density(model)
-        water = hydrodynamics.unpack(model.body_user[vehicle.hull])
+        water = hydrodynamics.without_forms(model.body_user[vehicle.hull], "station keeping's model of the hull")
         self._observer = DisturbanceObserver(
             own,
             (1.0 + water_error) * water.linear_damping.diagonal(),

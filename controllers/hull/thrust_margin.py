@@ -62,6 +62,7 @@ class ThrustMargin:
         self._linear = np.zeros((6, 6)) if water is None else np.array(water.linear_damping)
         self._quadratic = np.zeros(6) if water is None else np.array(water.quadratic_damping)
         self._added = np.zeros((6, 6)) if water is None else np.array(water.added_mass)
+        self._forms = () if water is None else water.terms
         self._current_W = np.zeros(3)
 
     @classmethod
@@ -101,6 +102,8 @@ class ThrustMargin:
         past_B = np.concatenate([-(R_WB.T @ self._current_W), np.zeros(3)])  # of the hull through the water
         drag_B = -(self._linear @ past_B + self._quadratic * np.abs(past_B) * past_B)
         drag_B[3:] -= np.cross(past_B[:3], (self._added @ past_B)[:3])  # Munk moment
+        for form in self._forms:
+            drag_B += form.wrench(past_B[None, :3], past_B[None, 3:], self._added)[0]
         thrust = self._thrust @ -(arm_B + self._static + drag_B)
         taken = self._loss * (past_B[:3] @ self._advance)  # by the inflow, at full speed ahead
         most = np.where(thrust > 0.0, self._forward - taken, self._reverse + taken)

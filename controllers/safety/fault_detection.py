@@ -114,7 +114,8 @@ class FaultDetection:
             encoder_time=limits.encoder_time,
             learning_time=limits.learning_time,
         )
-        table, water = vehicle.thruster_table, hydrodynamics.unpack(model.body_user[vehicle.hull])
+        table = vehicle.thruster_table
+        water = hydrodynamics.without_forms(model.body_user[vehicle.hull], "fault detection's model of the hull")
         self._hull = hull = _HullModel(
             inertia=hull_inertia(model, vehicle.hull, 1.0),
             added=np.array(water.added_mass),

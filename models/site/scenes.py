@@ -5,7 +5,7 @@ from pathlib import Path
 import mujoco
 
 import models
-from models import hydrodynamics
+from models import hydrodynamics, sidecar
 from models.mjcf_files import read_mjcf
 from models.naming import TOOL_GEOM
 from models.objects.targets import TargetModel
@@ -16,8 +16,17 @@ from sim.interfaces.spatial import Array, shown, transform_points
 SEABED_DEPTH = 0.75  # [m] of the flat seabed below the object's origin
 
 
-def vehicle_spec(vehicle: str | Path) -> mujoco.MjSpec:
-    """Vehicle by its name in `models.available()`, or from an MJCF file with coefficients in its user data.
+def vehicle_spec(vehicle: str | Path, water: str | Path | None = None) -> mujoco.MjSpec:
+    """Vehicle by its name in `models.available()`, or from an MJCF file.
+
+    The file's coefficients are in its user data, in custom elements, or in a sidecar (`models.sidecar`).
+
+    Args:
+        vehicle: name, or MJCF file.
+        water: sidecar of the MJCF file; by default `NAME.water.yaml` beside it, if there is one.
+
+    Returns:
+        Spec with its water.
 
     Raises:
         ConfigurationError: neither a name nor a file, or a file that cannot be read or compiled.
@@ -26,12 +35,15 @@ def vehicle_spec(vehicle: str | Path) -> mujoco.MjSpec:
         raise ConfigurationError(f"vehicle: expected a name or an MJCF file, got {shown(vehicle)}")
     vehicle = str(vehicle)
     if ":" in vehicle or vehicle in models.available():
+        if water is not None:
+            raise ConfigurationError(f"vehicle {shown(vehicle)}: has its own water, so a water file is refused")
         return models.load(vehicle)
     if not Path(vehicle).suffix:
         raise ConfigurationError(
             f"unknown vehicle {shown(vehicle)}; there are {', '.join(models.available())}, or an MJCF file"
         )
     spec, _ = read_mjcf(vehicle, "vehicle")
+    sidecar.attach_beside(spec, vehicle, water)
     if hydrodynamics.attached(spec):
         hydrodynamics.attach(spec, {})  # MJCF keeps user data of bodies but not of the world
     return spec

@@ -23,10 +23,13 @@ from models import hydrodynamics as water
 from models.hydrodynamics import LAYOUT
 from sim import hydrodynamics
 from sim.interfaces.errors import ConfigurationError, HydrodynamicsError
+from sim.interfaces.kernels import keyed_by_imports
 from sim.interfaces.spatial import Array
+from sim.water.form_kernel import form_wrench
 
 _STALE = 1e-9  # relative mismatch of velocities above which `data` mixes two instants
 _GRAVITY_OFF = int(mujoco.mjtDisableBit.mjDSBL_GRAVITY)
+_ROW, _MASS_AT = int(LAYOUT.size), int(LAYOUT.added_mass)
 _NOTHING = np.zeros(3)  # no gravity [m/s^2], or no torque [N m]
 
 
@@ -147,6 +150,8 @@ class _Water(NamedTuple):
     matrices: Array  # (k, 2, 6, 6) added mass, linear damping
     vectors: Array  # (k, 10) quadratic damping (6), centre of buoyancy (3), displaced mass
     stations: Array  # (s, 9) row of the body, place, axis, normal and tangential drag
+    rows: np.ndarray  # (k,) addresses of the user data of bodies with forms, else 0
+    width: int  # numbers in a row of user data
     surge: Array  # (3,) [m/s^2] acceleration of the current
     shear: Array  # (3,) [1/s]
     wind: Array  # (3,) [m/s] current
@@ -167,12 +172,15 @@ def _water_of(model: mujoco.MjModel, wet: list[int]) -> _Water:
                 share = 0.5 * weight * length
                 place = strip.start + 0.5 * (1.0 + node) * along
                 stations.append([k, *place, *(along / length), share * strip.normal, share * strip.tangential])
-    flow = model.body_user[0]
+    flow, first = model.body_user[0], model.body_user.ctypes.data
+    rows = [first + 8 * model.nuser_body * i if body.terms else 0 for i, body in zip(wet, bodies, strict=True)]
     return _Water(
         bodies=np.array(wet, dtype=np.int64),
         matrices=matrices,
         vectors=vectors,
         stations=np.array(stations).reshape(-1, 9),
+        rows=np.array(rows, dtype=np.int64),
+        width=int(model.nuser_body),
         surge=flow[LAYOUT.current_acceleration :][:3],
         shear=flow[LAYOUT.current_shear :][:3],
         wind=model.opt.wind,
@@ -276,6 +284,7 @@ def _mismatch(first, end, parent, dofadr, dofnum, cdof, cvel, qvel):
 
 
 @njit(cache=True)
+@keyed_by_imports
 def _add_water(of_water, motion, com, gravity, total):
     """Add the water's wrench on every wet body to `total`, about `com`, world axes (force; torque).
 
@@ -286,7 +295,7 @@ def _add_water(of_water, motion, com, gravity, total):
         gravity: (3,) [m/s^2]
         total: (6,), added to.
     """
-    bodies, matrices, vectors, stations, surge, shear, wind = of_water
+    bodies, matrices, vectors, stations, rows, width, surge, shear, wind = of_water
     xpos, xmat, cvel, cacc = motion
     nudot, nu, momentum, f = np.empty(6), np.empty(6), np.empty(6), np.empty(6)
     station = 0
@@ -326,6 +335,9 @@ def _add_water(of_water, motion, com, gravity, total):
             )
             _add(f, drag, (0.0, 0.0, 0.0), place)
             station += 1
+        if rows[k]:
+            force, torque = form_wrench(rows[k], _ROW, width, _MASS_AT, v, w)
+            _add(f, force, torque, (0.0, 0.0, 0.0))
         lift = _scaled(numbers[9], _turned_back(R, weightless))
         _add(f, lift, (0.0, 0.0, 0.0), _three(numbers, 6))
         _add(total, _turned(R, _three(f, 0)), _turned(R, _three(f, 3)), r)

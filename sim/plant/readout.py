@@ -12,10 +12,11 @@ import mujoco
 import numba
 import numpy as np
 
+from models.exact_mjcf import library
 from sim.interfaces.errors import HydrodynamicsError
 from sim.interfaces.kernels import keyed_by_imports
 from sim.interfaces.spatial import Array
-from sim.water.mujoco_layout import library, offset, structure
+from sim.water.mujoco_layout import offset, structure
 from sim.water.native_memory import f64, i32, pointer
 
 # Entries of `contacts`, the output of `gears_and_contacts`

@@ -8,7 +8,6 @@ array that MuJoCo's own Python binding shows for that field.
 import ctypes
 from collections.abc import Collection
 from functools import cache
-from pathlib import Path
 from typing import Any
 
 import mujoco
@@ -70,20 +69,6 @@ def offset(struct: str, path: str) -> int:
         total += getattr(here, name).offset
         here = next(field[1] for field in here._fields_ if field[0] == name)
     return total
-
-
-def library() -> ctypes.CDLL:
-    """MuJoCo's C library, as loaded by the Python package.
-
-    Raises:
-        HydrodynamicsError: No library file was found.
-    """
-    folder = Path(str(mujoco.__file__)).parent
-    patterns = ("libmujoco.so.*", "libmujoco.*.dylib", "mujoco.dll")
-    found = [path for pattern in patterns for path in folder.glob(pattern)]
-    if not found:
-        raise HydrodynamicsError(f"no MuJoCo library in {folder}; looked for {', '.join(patterns)}")
-    return ctypes.CDLL(str(found[0]))
 
 
 def verify(model_fields: Collection[str], data_fields: Collection[str]) -> None:

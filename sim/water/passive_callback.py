@@ -25,6 +25,7 @@ from numba.extending import intrinsic
 from models.hydrodynamics import INDEFINITE, LAYOUT, MAX_STATIONS, MAX_STRIPS, TOO_FAST, TOO_HIGH
 from sim.interfaces.kernels import imports_stamp
 from sim.interfaces.spatial import Array
+from sim.water.form_kernel import form_wrench
 from sim.water.mujoco_layout import offset
 from sim.water.native_memory import f64 as _f64
 from sim.water.native_memory import i32 as _i32
@@ -563,6 +564,27 @@ def build() -> Any:
             f = _plus(f, lift)
             t = _plus(t, _cross(_plus(r, _times(R, (x, y, z))), lift))
             _put_body(scratch, here, (B, C, J), f, t)
+
+        if nuser > size:  # a body has forms: records behind its row
+            for k in range(count):
+                i = int(_f64(carrying, k))
+                row1 = user + 8 * nuser * i
+                if _f64(row1, size) == 0.0:
+                    continue
+                turn, place = _rows(xmat, 9 * i), _load3(xpos, 3 * i)
+                lever = _minus(place, _load3(com, 3 * _i32(root, i)))
+                w1, v1 = _load6(cvel, 6 * i)
+                v1 = _minus(v1, _plus(wind, _scaled(place[2], shear)))
+                back = _transposed(turn)
+                f1, t1 = form_wrench(
+                    row1, size, nuser, mass_at, _times(back, _plus(v1, _cross(w1, lever))), _times(back, w1)
+                )
+                f1 = _times(turn, f1)
+                t1 = _plus(_times(turn, t1), _cross(lever, f1))
+                here1 = scratch + 8 * stride * i
+                f0, t0 = _load6(here1, wrench)
+                _put3(here1, wrench, _plus(f0, f1))
+                _put3(here1, wrench + 3, _plus(t0, t1))
 
         if ours:
             put_four(scratch, 0, too_fast)  # the world needs no wrench

@@ -21,10 +21,11 @@ from dm_control.composer import variation
 from dm_control.rl import control
 
 from models import hydrodynamics as hydrodynamic_rows
+from models.exact_mjcf import exact_xml
 from models.naming import ARM_BASE_BODY, CAMERA_SITE, HULL_BODY, TIP_SITE, TOOL_FACE_SITE, TOOL_GEOM, PartNames
 from models.objects.target_model import TargetModel
 from models.site.sliding_contact import FRICTION_STIFFNESS, FRICTION_TIME, TARGET_BODY
-from scenarios.composer.mjcf_parts import MOUNT, VehicleParts, exact_xml, parts_of, root_of
+from scenarios.composer.mjcf_parts import MOUNT, VehicleParts, parts_of, root_of
 from scenarios.composer.model_variation import ModelVariation
 from scenarios.composer.sensing import ArmObservables, SensorReadings, ToolObservables, VehicleObservables
 from scenarios.own_vehicle import OwnVehicle, vehicle_spec

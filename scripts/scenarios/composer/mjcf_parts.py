@@ -1,7 +1,6 @@
 """MJCF of a vehicle for dm_control's composer: the whole, or hull, arm and tool apart, with every digit kept."""
 
 import copy
-import ctypes
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import count
@@ -10,12 +9,11 @@ import mujoco
 from dm_control import mjcf
 from lxml import etree
 
+from models.exact_mjcf import exact_xml
 from models.naming import ARM_BASE_BODY, HULL_BODY, PAD_BODY, TIP_SITE
 from sim.interfaces.errors import ConfigurationError, one_line
-from sim.water.mujoco_layout import library
 
 MOUNT = "mount"  # site of hull or arm at which the next part is attached
-_DIGITS = 17  # with which a double survives being written
 _PLACE = ("pos", "quat")
 _JOINED = ("tendon", "equality", "contact", "sensor", "deformable", "skin")  # elements that may tie parts together
 
@@ -28,22 +26,6 @@ class VehicleParts:
     arm: str | None
     tool: str | None
     folder: str = ""  # of the files that they name, such as meshes
-
-
-def exact_xml(spec: mujoco.MjSpec) -> str:
-    """MJCF of a spec; numbers keep all their digits where this MuJoCo can write them, else six."""
-    native = library()
-    try:
-        get, put = native._mjPRIVATE__get_xml_precision, native._mjPRIVATE__set_xml_precision
-    except AttributeError:
-        return spec.to_xml()
-    get.restype, put.argtypes = ctypes.c_int, [ctypes.c_int]
-    before = get()
-    put(_DIGITS)
-    try:
-        return spec.to_xml()
-    finally:
-        put(before)
 
 
 def root_of(xml: str, name: str, folder: str = "") -> mjcf.RootElement:

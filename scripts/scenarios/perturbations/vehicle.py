@@ -13,7 +13,6 @@ import numpy as np
 from models import hydrodynamics
 from models.arms import gear_friction
 from models.arms.gear_friction import GearFriction
-from models.hydrodynamics import BodyHydrodynamics
 from models.naming import ARM_BASE_BODY, HULL_BODY
 from models.water import thrusters
 from scenarios.perturbations.perturbation import Perturbation
@@ -53,14 +52,17 @@ class Water(_Spread):
         hull: dict[str, float] = {}
         for name, body in bodies.items():
             added, linear, quadratic, strip = (_factors(rng, self.spread, size) for size in (6, 6, 6, 2))
-            bodies[name] = BodyHydrodynamics(
-                volume=body.volume,
-                center_of_buoyancy=body.center_of_buoyancy,
+            bodies[name] = replace(
+                body,
                 added_mass=_scaled(body.added_mass, added),
                 linear_damping=_scaled(body.linear_damping, linear),
                 quadratic_damping=quadratic * body.quadratic_damping,
                 strips=tuple(
                     replace(s, normal=strip[0] * s.normal, tangential=strip[1] * s.tangential) for s in body.segments
+                ),
+                forms=tuple(
+                    form.scaled(float(factor))
+                    for form, factor in zip(body.terms, _factors(rng, self.spread, len(body.terms)), strict=True)
                 ),
             )
             if name == HULL_BODY:

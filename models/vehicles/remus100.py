@@ -1,0 +1,148 @@
+"""REMUS 100, a torpedo-shaped vehicle with one propeller, as PythonVehicleSimulator models it after [Fossen 2021].
+
+Figures and forms are those of the source's remus100.py (commit 7e1db8e), which was read; its helper gnc.py was read in
+copies. Its axes are forward, starboard, down; the few signs that change are marked. It stands for what the plain
+coefficients of this project cannot say:
+
+- The couple of the added mass is taken out in pitch and yaw with its force: `MunkFactor`.
+- Damping in surge and sway fades with speed: `FadingDamping`.
+- The body lifts in the vertical plane: `LiftDrag.of_wing`.
+- Cross-flow drag in sway and yaw: `PlanarStrip`. The source sums 21 strips of a twentieth of the length, so that the
+  segment here is longer than the hull by a twentieth.
+
+The propeller is a thruster. The source lets its thrust fall with the whole speed, here with the speed ahead, and here
+astern as well. Its torque over thrust, which falls with the advance, is that at the largest advance number. Rudder and
+stern plane have no actuator, since their force is proportional to the square of the speed: `fin_wrench` returns it.
+"""
+
+import math
+
+import mujoco
+import numpy as np
+from numpy.typing import ArrayLike
+
+from models import hydrodynamics
+from models.hydrodynamics import BodyHydrodynamics
+from models.naming import HULL_BODY
+from models.vehicles import published_hulls
+from models.water import thrusters
+from models.water.forms import FadingDamping, LiftDrag, MunkFactor, PlanarStrip
+from sim.interfaces.spatial import GRAVITY, Array, checked, skew
+
+LENGTH, DIAMETER = 1.6, 0.19  # [m]
+DENSITY = 1026.0  # [kg/m^3] of the source; the vehicle is ballasted for any
+LOW = 0.02  # [m] of the centre of mass below the centre of buoyancy, which is the origin
+MOST_RPM = 1525.0  # largest propeller speed [1/min]
+FIN_TIME = 0.1  # [s] time constant of rudder and stern plane
+MOST_FIN = math.radians(15.0)  # [rad]
+_A, _B = LENGTH / 2.0, DIAMETER / 2.0  # [m] semi-axes
+_FIN_AREA, _RUDDER_LIFT, _STERN_LIFT = 2.0 * 0.00665, 0.5, 0.7  # [m^2], [1/rad]
+_DRAG = 0.42  # of the hull on its frontal area [Allen 2000]
+_CROSS_FLOW = 1.19773  # of a circle, by the curve of [Hoerner 1965] that the source interpolates
+_SUMMED = 21.0 / 20.0  # length of the source's strips over that of the hull
+_D, _DEDUCTION, _WAKE = 0.14, 0.1, 0.944  # propeller: diameter [m], thrust deduction, advance speed over speed
+_KT, _KQ, _MOST_ADVANCE = (0.4566, 0.1798), (0.0700, 0.0312), 0.6632  # at rest and at the largest advance number
+_SHARE = 0.1  # of the propeller's torque that the source applies
+PROPELLER_TIME = 1.0  # [s]
+
+
+def build() -> mujoco.MjSpec:
+    """The vehicle with its propeller, `thruster_main`."""
+    spec = published_hulls.new_spec("remus100")
+    body = spec.worldbody.add_body(name=HULL_BODY)
+    body.add_freejoint(name=HULL_BODY)
+    mass, roll, pitch = rigid()
+    published_hulls.set_inertial(body, mass, [0.0, 0.0, -LOW], np.diag([roll, pitch, pitch]))
+    hydrodynamics.attach(spec, {HULL_BODY: coefficients()})
+    body.add_geom(
+        name="hull",
+        type=mujoco.mjtGeom.mjGEOM_ELLIPSOID,
+        size=[_A, _B, _B],
+        mass=0.0,
+        contype=1,
+        conaffinity=2,
+        rgba=[0.95, 0.75, 0.1, 1.0],
+    )
+    name = published_hulls.add_thruster(spec, body, "main", [-_A, 0.0, 0.0], [1.0, 0.0, 0.0])
+    thrusters.attach(spec, {name: propeller()})
+    published_hulls.add_keys(spec)
+    published_hulls.ballast(spec)
+    return spec
+
+
+def rigid() -> tuple[float, float, float]:
+    """Mass [kg] of the spheroid of water, its moments of inertia [kg m^2] in roll, and in pitch and yaw."""
+    mass = 4.0 / 3.0 * math.pi * DENSITY * _A * _B**2
+    return mass, 0.4 * mass * _B**2, 0.2 * mass * (_A**2 + _B**2)
+
+
+def coefficients() -> BodyHydrodynamics:
+    """Water of the hull at its middle; all its numbers are the same in the source's axes."""
+    mass, roll, pitch = rigid()
+    added = np.diag(hydrodynamics.ellipsoid([_A, _B, _B], water_density=DENSITY).added_mass).copy()
+    added[3] = 0.3 * roll
+    S = skew([0.0, 0.0, -LOW])
+    total = added + np.array([mass] * 3 + [*np.diag(np.diag([roll, pitch, pitch]) - mass * S @ S)])
+    righting = mass * GRAVITY * LOW  # [N m/rad]
+    turning = [
+        2.0 * 0.3 * math.sqrt(righting * total[3]),  # 2 zeta w I
+        2.0 * 0.8 * math.sqrt(righting * total[4]),
+        total[5] / 1.0,  # over its time constant [s]
+    ]
+    area = 0.7 * LENGTH * DIAMETER
+    half = _SUMMED * _A
+    return BodyHydrodynamics(
+        volume=mass / DENSITY,
+        added_mass=np.diag(added),
+        linear_damping=np.array([0.0, 0.0, total[2] / 20.0, *turning]),
+        forms=(
+            MunkFactor(factor=np.array([1.0, 0.0, 0.0])),
+            FadingDamping(linear=np.array([total[0] / 20.0, total[1] / 20.0, 0.0, 0.0, 0.0, 0.0]), rate=3.0),
+            LiftDrag.of_wing(
+                area=area, span=DIAMETER, drag_0=_DRAG * math.pi * _B**2 / area, sweep=-2, water_density=DENSITY
+            ),
+            PlanarStrip(
+                start=np.array([-half, 0.0, 0.0]),
+                end=np.array([half, 0.0, 0.0]),
+                direction=np.array([0.0, 1.0, 0.0]),
+                drag=0.5 * DENSITY * _CROSS_FLOW * DIAMETER,
+            ),
+        ),
+    )
+
+
+def propeller() -> thrusters.Thruster:
+    """The propeller; command 1 is MOST_RPM."""
+    most = MOST_RPM / 60.0  # [1/s]
+    thrust = (1.0 - _DEDUCTION) * DENSITY * _D**4
+    loss = (_KT[0] - _KT[1]) / _MOST_ADVANCE * _WAKE / _D
+    return thrusters.Thruster(
+        forward=thrust * _KT[0] * most**2,
+        reverse=thrust * _KT[0] * most**2,
+        time_constant=PROPELLER_TIME,
+        inflow_loss=thrust * loss * most,
+        torque_per_thrust=_SHARE * _D * _KQ[1] / ((1.0 - _DEDUCTION) * _KT[1]),
+        handedness=-1,  # its torque on the hull is along the thrust
+    )
+
+
+def fin_wrench(v_B: ArrayLike, rudder: float, stern_plane: float) -> Array:
+    """Force and moment of rudder and stern plane on the hull at its origin, hull axes.
+
+    The force grows with the square of the speed in the fin's plane, and with its angle alone: the source neglects the
+    angle of the flow at the tail.
+
+    Args:
+        v_B: (3,) [m/s] velocity relative to the water, hull axes.
+        rudder: [rad], positive turns the bow to starboard.
+        stern_plane: [rad], positive turns the bow down.
+
+    Returns:
+        Wrench (6,) [N, N m].
+    """
+    u, v, w = checked(v_B, (3,), "velocity [m/s]")
+    level, upright = 0.5 * DENSITY * _FIN_AREA * np.array([u * u + v * v, u * u + w * w])
+    ahead = -level * _RUDDER_LIFT * rudder**2 - upright * _STERN_LIFT * stern_plane**2
+    side, heave = level * _RUDDER_LIFT * rudder, upright * _STERN_LIFT * stern_plane  # to port, and up
+    force = np.array([ahead, side, heave])
+    return np.concatenate([force, np.cross([-_A, 0.0, 0.0], force)])

@@ -1,0 +1,59 @@
+"""Validation of hydrodynamic coefficients: shape, sign, and bounds beyond every real body."""
+
+from typing import Final
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.spatial import Array, checked
+
+SEA_WATER: Final = 1025.0  # [kg/m^3] default density of the water
+LARGEST: Final = 1e15  # [SI] bound of any coefficient: beyond every real body
+LONGEST: Final = 1e5  # [m] largest extent of a shape
+SHORTEST: Final = 1e-6  # [m] smallest extent of a shape
+THINNEST: Final = 1e-6  # smallest ratio of a shape's shortest to its longest extent
+
+
+def bounded(values: ArrayLike, shape: tuple[int, ...], name: str, largest: float = LARGEST) -> Array:
+    """Read-only copy of `values`, of a given shape and within `largest`; else ConfigurationError."""
+    array = checked(values, shape, name)
+    if np.any(np.abs(array) > largest):
+        raise ConfigurationError(f"{name}: must not exceed {largest:g}, got {array.tolist()}")
+    return array
+
+
+def lengths(values: ArrayLike, shape: tuple[int, ...], name: str) -> Array:
+    """Read-only copy of positive lengths [m] of one shape; else ConfigurationError."""
+    array = bounded(values, shape, name, LONGEST)
+    if np.any(array <= 0.0):
+        raise ConfigurationError(f"{name}: must be positive, got {array.tolist()}")
+    if array.min() < max(SHORTEST, THINNEST * array.max()):
+        raise ConfigurationError(
+            f"{name}: must be at least {SHORTEST:g} and {THINNEST:g} of the longest, got {array.tolist()}"
+        )
+    return array
+
+
+def not_negative(value: float, name: str) -> float:
+    """`value` as a float >= 0; else ConfigurationError."""
+    number = float(bounded([value], (1,), name)[0])
+    if number < 0.0:
+        raise ConfigurationError(f"{name}: must not be negative, got {number}")
+    return number
+
+
+def positive(value: float, name: str) -> float:
+    """`value` as a float > 0; else ConfigurationError."""
+    number = not_negative(value, name)
+    if number == 0.0:
+        raise ConfigurationError(f"{name}: must be positive, got {number}")
+    return number
+
+
+def segment(start: ArrayLike, end: ArrayLike, name: str) -> tuple[Array, Array]:
+    """Ends (3,) [m] of a segment; ConfigurationError if they coincide."""
+    first, last = bounded(start, (3,), f"{name} start", LONGEST), bounded(end, (3,), f"{name} end", LONGEST)
+    if not float(np.linalg.norm(last - first)) > 1e-9:
+        raise ConfigurationError(f"{name}: start {first.tolist()} and end {last.tolist()} coincide")
+    return first, last

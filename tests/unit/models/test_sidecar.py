@@ -1,0 +1,298 @@
+"""Water without Python: sidecar and custom elements equal the Python API to the last bit, both ways; their refusals."""
+
+import re
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+import yaml
+
+import models
+from models import hydrodynamics, sidecar
+from models.hydrodynamics import BodyHydrodynamics, StripDrag
+from models.site.scenes import vehicle_spec
+from models.water import thrusters
+from models.water.forms import CrossTerms, FadingDamping, LiftDrag, MunkFactor, PlanarStrip
+from models.water.thrusters import Thruster
+from sim.interfaces.errors import ConfigurationError
+
+BARE = """<mujoco><worldbody>
+  <body name="hull"><freejoint/><geom type="box" size=".3 .2 .15" mass="30"/><site name="bow"/><site name="stern"/>
+    <body name="arm/link" pos=".3 0 0"><joint name="j"/><geom size=".05" mass="1"/></body>
+  </body></worldbody>
+  <actuator><motor name="bow" site="bow" gear="1 0 0 0 0 0"/><motor name="stern" site="stern" gear="0 1 0 0 0 0"/>
+  </actuator>{custom}</mujoco>"""
+YAML = """
+water_density: 1010.5
+bodies:
+  hull:
+    volume: 0.03
+    center_of_buoyancy: [0.01, 0, 0.1]
+    added_mass: [15.1, 20, 25, 0.4, 0.8, 0.9]
+    linear_damping: [1, 2, 3, 0.1, 0.2, 0.3]
+    quadratic_damping: [30, 60, 80, 1, 2, 3.3]
+    strips: [{start: [0, 0, 0], end: [0.3, 0, 0], normal: 3.1, stations: 5}]
+  arm/link: {cylinder: {radius: 0.03, start: [0, 0, 0], end: [0.3, 0.1, 0]}}
+thrusters:
+  bow: {forward: 50, reverse: 40.5, time_constant: 0.1}
+  stern: {t200: {handedness: -1}}
+"""
+ELEMENTS = {
+    "water/water_density": "1010.5",
+    "water/hull/volume": "0.03",
+    "water/hull/center_of_buoyancy": "0.01 0 0.1",
+    "water/hull/added_mass": "15.1 0 0 0 0 0  20 0 0 0 0  25 0 0 0  0.4 0 0  0.8 0  0.9",
+    "water/hull/linear_damping": "1 2 3 0.1 0.2 0.3",
+    "water/hull/quadratic_damping": "30 60 80 1 2 3.3",
+    "water/hull/strips/0/start": "0 0 0",
+    "water/hull/strips/0/end": "0.3 0 0",
+    "water/hull/strips/0/normal": "3.1",
+    "water/hull/strips/0/stations": "5",
+    "water/arm/link/cylinder/radius": "0.03",
+    "water/arm/link/cylinder/start": "0 0 0",
+    "water/arm/link/cylinder/end": "0.3 0.1 0",
+    "thruster/bow/forward": "50",
+    "thruster/bow/reverse": "40.5",
+    "thruster/bow/time_constant": "0.1",
+    "thruster/stern/t200/handedness": "-1",
+}
+
+
+def mjcf(elements: dict[str, str]) -> str:
+    lines = "".join(mjcf_line(name, data) for name, data in elements.items())
+    return BARE.format(custom=f"<custom>{lines}</custom>")
+
+
+def by_python() -> mujoco.MjSpec:
+    spec = mujoco.MjSpec.from_string(BARE.format(custom=""))
+    hull = BodyHydrodynamics(
+        volume=0.03,
+        center_of_buoyancy=np.array([0.01, 0.0, 0.1]),
+        added_mass=np.diag([15.1, 20.0, 25.0, 0.4, 0.8, 0.9]),
+        linear_damping=np.array([1.0, 2.0, 3.0, 0.1, 0.2, 0.3]),
+        quadratic_damping=np.array([30.0, 60.0, 80.0, 1.0, 2.0, 3.3]),
+        strips=StripDrag(start=np.zeros(3), end=np.array([0.3, 0.0, 0.0]), normal=3.1, stations=5),
+    )
+    link = hydrodynamics.cylinder(0.03, [0.0, 0.0, 0.0], [0.3, 0.1, 0.0], water_density=1010.5)
+    hydrodynamics.attach(spec, {"hull": hull, "arm/link": link}, 1010.5)
+    thrusters.attach(spec, {"bow": Thruster(forward=50, reverse=40.5, time_constant=0.1), "stern": thrusters.t200(-1)})
+    return spec
+
+
+def assert_same(found: mujoco.MjSpec, wanted: mujoco.MjSpec) -> None:
+    """Rows and gears have the same bits, signs of zeros included."""
+    pairs = [
+        (found.worldbody.userdata, wanted.worldbody.userdata),
+        *((found.body(b.name).userdata, b.userdata) for b in wanted.bodies[1:]),
+        *((found.actuator(a.name).userdata, a.userdata) for a in wanted.actuators),
+        *((found.actuator(a.name).gear, a.gear) for a in wanted.actuators),
+    ]
+    for here, there in pairs:
+        assert np.array(here).tobytes() == np.array(there).tobytes()
+    assert found.compile().body_user.shape == wanted.compile().body_user.shape
+
+
+def test_a_sidecar_equals_python(tmp_path: Path) -> None:
+    file = tmp_path / "rov.xml"
+    file.write_text(BARE.format(custom=""))
+    assert sidecar.beside(file) == tmp_path / "rov.water.yaml"
+    sidecar.beside(file).write_text(YAML)
+    assert_same(vehicle_spec(file), by_python())
+    other = tmp_path / "named.yaml"
+    sidecar.beside(file).rename(other)
+    assert not hydrodynamics.attached(vehicle_spec(file))
+    assert_same(vehicle_spec(file, other), by_python())
+
+
+def test_elements_equal_python_and_are_taken_out(tmp_path: Path) -> None:
+    file = tmp_path / "rov.xml"
+    file.write_text(mjcf({"mine": "7", **ELEMENTS}))
+    spec = vehicle_spec(file)
+    assert_same(spec, by_python())
+    assert [each.name for each in spec.numerics] == ["mine"]
+
+
+def random_vehicle(rng: np.random.Generator) -> mujoco.MjSpec:
+    """One with every field, in digits that six do not hold, with zeros of both signs, and with all kinds of curve."""
+    spec = mujoco.MjSpec.from_string(BARE.format(custom=""))
+    root = rng.normal(size=(6, 6))
+    added, damping = root @ root.T, root.T @ root + 0.1 * (rng.normal(size=(6, 6)) @ np.eye(6))
+    strips = tuple(
+        StripDrag(
+            start=rng.normal(size=3), end=rng.normal(size=3), normal=float(rng.uniform(1, 2)), tangential=1e-7 / 3
+        )
+        for _ in range(2)
+    )
+    skewed = 0.5 * (damping + damping.T) + 0.01 * (damping - damping.T)
+    skewed += max(0.0, -float(np.linalg.eigvalsh(0.5 * (skewed + skewed.T))[0])) * np.eye(6)
+    hull = BodyHydrodynamics(
+        volume=float(rng.uniform()),
+        center_of_buoyancy=np.array([-0.0, 1.0 / 3.0, 1e-300]),
+        added_mass=added,
+        linear_damping=skewed,
+        quadratic_damping=rng.uniform(size=6),
+        strips=strips,
+        forms=(
+            MunkFactor(factor=rng.uniform(size=3)),
+            FadingDamping(linear=rng.uniform(size=6), rate=1.0 / 3.0),
+            LiftDrag.of_wing(area=0.1 / 3.0, span=0.3, drag_0=0.1, stall=0.3, sweep=-2, point=rng.normal(size=3)),
+            LiftDrag(area=0.1, lift_slope=2.0, forward=np.array([1.0, 2.0, 0.0]), upward=np.array([-2.0, 1.0, 0.0])),
+            CrossTerms.of_gz({"xUabsV": -1.0 / 3.0, "nUV": 0.1}),
+            CrossTerms(terms=np.array([[0.0, 1.0, 2.0, 1.0, 1.0 / 7.0]])),
+            PlanarStrip(start=rng.normal(size=3), end=np.zeros(3), direction=rng.normal(size=3), drag=2.0 / 3.0),
+        ),
+    )
+    link = hydrodynamics.cylinder(float(rng.uniform(0.01, 0.1)), rng.normal(size=3), rng.normal(size=3))
+    hydrodynamics.attach(spec, {"hull": hull, "arm/link": link}, float(rng.uniform(990, 1030)))
+    curves = [
+        thrusters.t200(),
+        Thruster.of_polynomial([float(rng.uniform(10, 50))], [3.0, float(rng.uniform(10, 50))], slew_rate=1.0 / 3.0),
+    ]
+    thrusters.attach(spec, dict(zip(("bow", "stern"), curves, strict=True)))
+    return spec
+
+
+def test_writing_keeps_every_bit(rng: np.random.Generator, tmp_path: Path) -> None:
+    for _ in range(5):
+        wanted = random_vehicle(rng)
+        file = tmp_path / "rov.xml"
+        file.write_text(sidecar.xml_without_water(wanted))
+        sidecar.write_sidecar(wanted, sidecar.beside(file))
+        assert_same(vehicle_spec(file), wanted)
+        sidecar.beside(file).unlink()
+        file.write_text(sidecar.xml_with_elements(wanted))
+        assert_same(vehicle_spec(file), wanted)
+
+
+@pytest.mark.parametrize("name", ["uuv_puma", "bluerov2_heavy_alpha5", "phoenix_smart3s"])
+def test_stock_vehicles_survive_both_files(name: str, tmp_path: Path) -> None:
+    """The rows of bodies and thrusters to the last bit, and the compiled masses and inertias too."""
+    wanted = models.load(name)
+    file = tmp_path / "rov.xml"
+    for text in (sidecar.xml_with_elements(wanted), sidecar.xml_without_water(wanted)):
+        file.write_text(text)
+        if text.find("water/") < 0:
+            sidecar.write_sidecar(wanted, sidecar.beside(file))
+        found = vehicle_spec(file)
+        assert_same(found, wanted)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("bodies: {hul: {volume: 1}}", r"unknown body 'hul' \(did you mean hull\?\)"),
+        ("bodies: {hull: {volme: 1}}", r"body 'hull': unknown field 'volme' \(did you mean volume\?\)"),
+        ("bodies: {hull: {volume: [1, 2]}}", r"body 'hull': volume"),
+        ("bodies: {hull: {volume: .nan}}", "body 'hull': volume: must not be NaN"),
+        ("bodies: {hull: {volume: 1, added_mass: [1, 2]}}", "added_mass: expected 6, 21 .* or 6 x 6 numbers"),
+        ("bodies: {hull: {volume: 1, added_mass: [a, b]}}", "added_mass: expected a number, .*got 'a'"),
+        ("bodies: {hull: {volume: 1e-3}}", "YAML reads it as text: write 0.001"),
+        ("bodies: {hull: {volume: true}}", "expected a number"),
+        ("bodies: {hull: {volume: 1, center_of_buoyancy: [1, 2]}}", r"center_of_buoyancy.*expected shape \(3,\)"),
+        ("bodies: {hull: {linear_damping: [1, 1, 1, 1, 1, 1]}}", "volume or a shape .* is missing"),
+        ("bodies: {hull: {box: {size: [1, 1, 1]}, sphere: {radius: 1}}}", "one shape, not box and sphere"),
+        ("bodies: {hull: {cylinder: {radius: 1, start: [0, 0, 0]}}}", "cylinder: end is missing"),
+        ("bodies: {hull: {cylinder: {radus: 1}}}", r"cylinder: unknown field 'radus' \(did you mean radius\?\)"),
+        ("bodies: {hull: {volume: 1, strips: [{start: [0, 0, 0]}]}}", "strip 0: end, normal is missing"),
+        ("bodies: {hull: {volume: 1, forms: [{munk: {}}]}}", "form 0: unknown form 'munk'; there are munk_factor"),
+        (
+            "bodies: {hull: {volume: 1, forms: [{lift_drag: {aera: 1}}]}}",
+            r"unknown field 'aera' \(did you mean area\?\)",
+        ),
+        ("bodies: {hull: {volume: 1, forms: [{wing: {area: 1, span: 1}}]}}", "wing: drag_0 is missing"),
+        ("bodies: {hull: {volume: 1, forms: [{munk_factor: {factor: [0, 2, 0]}}]}}", "must be in 0 to 1"),
+        ("bodies: [hull]", "bodies: expected names with their numbers"),
+        ("body: {}", r"unknown section 'body' \(did you mean bodies\?\)"),
+        ("water_density: wet", "water_density: expected a number"),
+        ("water_density: -1\nbodies: {hull: {volume: 1}}", "water_density .*must be positive"),
+        ("thrusters: {bou: {forward: 1, reverse: 1}}", r"unknown actuator 'bou' \(did you mean bow\?\)"),
+        ("thrusters: {bow: {forwad: 1, reverse: 1}}", r"unknown field 'forwad' \(did you mean forward\?\)"),
+        ("thrusters: {bow: {forward: -1, reverse: 1}}", "thruster 'bow': thruster forward and reverse"),
+        ("thrusters: {bow: {t200: {}, forward: 1}}", "t200 takes the other fields as its own"),
+        ("bodies: {hull: {volume: [", "no YAML"),
+        ("[1, 2]", "expected names with their numbers"),
+    ],
+)
+def test_a_wrong_sidecar_is_one_clear_line(text: str, said: str, tmp_path: Path) -> None:
+    file = tmp_path / "rov.xml"
+    file.write_text(BARE.format(custom=""))
+    sidecar.beside(file).write_text(text)
+    with pytest.raises(ConfigurationError, match=said) as caught:
+        vehicle_spec(file)
+    assert "rov.water.yaml" in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("elements", "said"),
+    [
+        ({"water/hul/volume": "1"}, r"no body 'hul' .*\(did you mean hull\?\)"),
+        ({"water/hull": "1"}, "no body 'hull' with a field behind it"),
+        ({"water/hull/volme": "1"}, r"unknown field 'volme' \(did you mean volume\?\)"),
+        ({"water/hull/volume": "nan"}, "volume: must not be NaN"),
+        ({"water/hull/volume": "1", "water/hull/added_mass": "1 2"}, "added_mass: expected 6, 21"),
+        ({"water/hull/volume": "1", "water/hull/volume/0": "1"}, "'volume' is a number already"),
+        ({"water/hull/volume/0": "1", "water/hull/volume": "1"}, "stated twice"),
+        ({"thruster/bou/forward": "1"}, r"no actuator 'bou'"),
+    ],
+)
+def test_wrong_elements_are_one_clear_line(elements: dict[str, str], said: str, tmp_path: Path) -> None:
+    file = tmp_path / "rov.xml"
+    file.write_text(mjcf(elements))
+    with pytest.raises(ConfigurationError, match=said):
+        vehicle_spec(file)
+
+
+def test_water_stated_twice_is_refused(tmp_path: Path) -> None:
+    file = tmp_path / "rov.xml"
+    file.write_text(mjcf(ELEMENTS))
+    sidecar.beside(file).write_text("bodies: {hull: {volume: 0.03}}")
+    with pytest.raises(ConfigurationError, match="bodies hull have custom elements in the MJCF too"):
+        vehicle_spec(file)
+    sidecar.beside(file).write_text("water_density: 1000")
+    with pytest.raises(ConfigurationError, match="water_density is a custom element of the MJCF too"):
+        vehicle_spec(file)
+    file.write_text(by_python().to_xml())
+    sidecar.beside(file).write_text("bodies: {hull: {volume: 0.03}}")
+    with pytest.raises(ConfigurationError, match="'hull' has its water already, in user data"):
+        vehicle_spec(file)
+    sidecar.beside(file).write_text("thrusters: {bow: {forward: 1, reverse: 1}}")
+    with pytest.raises(ConfigurationError, match="'bow' has its table already"):
+        vehicle_spec(file)
+    with pytest.raises(ConfigurationError, match="has its own water"):
+        vehicle_spec("uuv_puma", file)
+
+
+def test_the_page_shows_a_sidecar_that_can_be_read(root: Path) -> None:
+    """The one in docs/own_vehicle.md, on a vehicle with the names that it has."""
+    page = (root / "docs" / "own_vehicle.md").read_text(encoding="utf-8")
+    (text,) = re.findall(r"^```yaml\n(.*?)^```", page, flags=re.M | re.S)
+    xml = BARE.format(custom="").replace("arm/link", "link1")
+    spec = mujoco.MjSpec.from_string(xml)
+    sidecar.attach_tree(spec, yaml.safe_load(text), "page")
+    assert set(hydrodynamics.attached(spec)) == {"hull", "link1"}
+    assert all(thrusters.carries(np.array(actuator.userdata)) for actuator in spec.actuators)
+    for name, data in re.findall(r'<numeric name="(.*?)" data="(.*?)"/>', page):
+        element = mujoco.MjSpec.from_string(
+            xml.replace("</mujoco>", f"<custom>{mjcf_line(name, data)}</custom></mujoco>")
+        )
+        assert sidecar.elements_of(element)
+
+
+def mjcf_line(name: str, data: str) -> str:
+    return f'<numeric name="{name}" data="{data}"/>'
+
+
+def test_a_bomb_of_aliases_is_refused(tmp_path: Path) -> None:
+    """Nine levels of nine aliases would be 4e8 numbers."""
+    lines = ["a0: &a0 [1, 1, 1, 1, 1, 1, 1, 1, 1]"]
+    lines += [f"a{k}: &a{k} [{', '.join([f'*a{k - 1}'] * 9)}]" for k in range(1, 9)]
+    file = tmp_path / "rov.xml"
+    file.write_text(BARE.format(custom=""))
+    sidecar.beside(file).write_text("bodies: {hull: {volume: {" + ", ".join(lines) + "}}}")
+    with pytest.raises(ConfigurationError, match="volume: expected a number"):
+        vehicle_spec(file)
+    sidecar.beside(file).write_text("\n".join([*lines, "bodies: {hull: {volume: *a8}}"]))
+    with pytest.raises(ConfigurationError, match="unknown section"):
+        vehicle_spec(file)

@@ -16,7 +16,7 @@ from scenarios.water_identification.vehicle_replay import ReplayVehicle
 from sim.interfaces.spatial import Array
 
 VEHICLES = ("uuv_puma", "bluerov2_heavy_benzon2022", "bluerov2_heavy_alpha5")
-SECONDS = 40.0  # [s] of a log
+SECONDS = 30.0  # [s] of a log
 GUST = 0.005  # [m/s] of the water, each axis: a calm basin
 LEVEL = 1.96  # standard deviations of the 95 % interval
 

@@ -415,7 +415,8 @@ def _windows(log: WaterLog, length: float) -> list[tuple[float, float]]:
     for a, b in log.segments():
         count = max(1, round((b - a) / length))
         if b - a >= 0.4 * length:
-            edges = np.linspace(a, b, count + 1)
+            # Windows begin at rows: there commands change, and steps of the replay begin.
+            edges = log.time[np.searchsorted(log.time, np.linspace(a, b, count + 1) - 1e-9)]
             found += [(float(p), float(q)) for p, q in pairwise(edges)]
     if not found:
         longest = max(b - a for a, b in log.segments())

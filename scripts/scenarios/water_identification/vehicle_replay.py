@@ -25,7 +25,7 @@ from sim.interfaces.spatial import Array
 from sim.water.mujoco_layout import library
 from sim.water.native_memory import call_physics
 
-LONGEST_STEP, SHORTEST_STEP = 0.04, 0.005  # [s] of the replay
+LONGEST_STEP, SHORTEST_STEP = 0.05, 0.005  # [s] of the replay
 _USUAL_SPEED = 1.0  # [m/s, rad/s] for whose drag the step is chosen
 _ROTOR = 1e10  # [kg m^2] of the driven joints
 _WILD = 30.0  # [m/s, rad/s] beyond which a window is given up

@@ -14,8 +14,8 @@ from itertools import pairwise
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from calib.water.logs import ATTITUDE, DEPTH, FORCE, POSITION, RATE, VELOCITY, WaterLog
 from calib.water.estimator import WaterFit, estimate
+from calib.water.logs import ATTITUDE, DEPTH, FORCE, POSITION, RATE, VELOCITY, WaterLog
 from calib.water.named_fit import NamedParameter, Slopes, fit_blocks, values_of
 from scenarios.water_identification.vehicle_replay import ReplayVehicle, Script
 from sim.interfaces.errors import ConfigurationError, UuvError
@@ -30,7 +30,9 @@ NOISE: Mapping[str, float] = {  # standard deviation of a sample, each axis
     DEPTH: 0.01,  # [m]
 }
 STEP = 1e-4  # prior standard deviations, of the differences: small, for what only a sum tells is their small sum
-OWN = 15  # numbers of a window: position, attitude, velocity, rate of its start, and its current; (3,) each
+NODES = 3  # of a window's current: at its begin, middle and end, straight between
+STATE = 12  # numbers of a window's start: position, attitude, velocity, rate; (3,) each
+OWN = STATE + 3 * NODES  # numbers of a window
 SHORT = 0.5  # [s] windows of the first, rough fit
 _SMOOTHED = 0.3  # [s] before and after the start of a window, from which its first guess is taken
 _STILL = 3.0  # standard deviations within which a hull counts as at rest
@@ -83,6 +85,10 @@ class LogReplay:
         self.first = np.concatenate([[0], np.cumsum(steps + 1)[:-1]]).astype(np.int64)
         self.steps, self.begin = steps, begin
         self.time = np.concatenate([a + self._dt * np.arange(n + 1) for a, n in zip(begin, steps, strict=True)])
+        # Of each row: share (R, NODES) of the nodes of its window's current.
+        through = np.concatenate([np.linspace(0.0, NODES - 1.0, n + 1) for n in steps])
+        self._nodes = np.maximum(0.0, 1.0 - np.abs(through[:, None] - np.arange(NODES)))
+        self._of_row = np.repeat(np.arange(len(begin)), steps + 1)
         self.script = self._script(own)
         self.starts = np.array([_start(log, a) for a in begin])
         seen = log.channels
@@ -92,7 +98,7 @@ class LogReplay:
                 10.0 * settings.noise[ATTITUDE] if ATTITUDE in seen else 0.1,
                 0.1 if POSITION in seen or VELOCITY in seen else 0.2,
                 0.1 if RATE in seen or ATTITUDE in seen else 0.3,
-                settings.gust,
+                *NODES * [settings.gust],
             ],
             3,
         )
@@ -185,14 +191,15 @@ class LogReplay:
         return _Samples(self.first[window] + k, steps - k, mean, self.settings.noise[kind] / np.sqrt(count), window)
 
     def begun(self, own: Sequence[Array]) -> tuple[Array, Array]:
-        """Starts (W, 13) and what is added to the current (W, 3), for each window's own numbers (OWN,)."""
+        """Starts (W, 13) and what is added to the current (R, 3), for each window's own numbers (OWN,)."""
         moved = np.array(own) * self.spread
         starts = self.starts.copy()
         starts[:, :3] += moved[:, :3]
         turned = Rotation.from_quat(self.starts[:, [4, 5, 6, 3]]) * Rotation.from_rotvec(moved[:, 3:6])
         starts[:, 3:7] = turned.as_quat()[:, [3, 0, 1, 2]]
         starts[:, 7:] += moved[:, 6:12]
-        return starts, moved[:, 12:]
+        nodes = moved[self._of_row, STATE:].reshape(-1, NODES, 3)
+        return starts, np.einsum("rk,rkj->rj", self._nodes, nodes)
 
     def residuals(self, rows: Array, values: Mapping[str, float]) -> Array:
         """Residuals (m,) of all windows, one after the other, in their standard deviations."""
@@ -381,7 +388,9 @@ class WaterResiduals:
             for i, axis in enumerate("xyz"):
                 name = f"{log.log.name}: current {axis}"
                 if name in self._index:
-                    J[:, self._index[name]] = L[:, 12 + i] * (self.settings.current / self.settings.gust)
+                    J[:, self._index[name]] = L[:, STATE + i :: 3].sum(axis=1) * (
+                        self.settings.current / self.settings.gust
+                    )
         found = [
             Slopes(*parts)
             for log, each, J, L in zip(self.logs, r, shared, starts, strict=True)

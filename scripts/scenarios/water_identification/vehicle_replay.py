@@ -14,6 +14,7 @@ import numba
 import numpy as np
 
 from calib.water.parameters import VehicleWater
+from models.exact_mjcf import library
 from models.hydrodynamics import LAYOUT, world_row
 from models.vehicle import Vehicle
 from models.water.thruster_curves import thrust_in_flow
@@ -22,7 +23,6 @@ from sim import hydrodynamics
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.kernels import keyed_by_imports
 from sim.interfaces.spatial import Array
-from sim.water.mujoco_layout import library
 from sim.water.native_memory import call_physics
 
 LONGEST_STEP, SHORTEST_STEP = 0.05, 0.005  # [s] of the replay
@@ -190,17 +190,17 @@ class ReplayVehicle:
             values: A value for each parameter of `water`.
             script: What moves the vehicle.
             starts: (W, 13) state of the hull at the start of each window.
-            currents: (W, 3) or (R, 3) [m/s] of the water, of each window or each row, world axes.
+            currents: (R, 3) [m/s] of the water at each row, world axes, straight between.
 
         Returns:
             States (R, 13) of the hull.
         """
         self.write(values)
         rows = np.zeros((script.rows, STATE))
-        of_row = currents if len(currents) == script.rows else np.repeat(currents, script.steps + 1, axis=0)
         mujoco.mj_resetData(self.model, self.data)
         addresses = self.vehicle.hull_qpos, self.vehicle.hull_dof
-        views = self.data.qpos, self.data.qvel, self.data.ctrl, self.model.opt.wind
+        flow = world_row(self.model)[LAYOUT.current_acceleration :][:3]
+        views = self.data.qpos, self.data.qvel, self.data.ctrl, self.model.opt.wind, flow
         _replay(
             self._places,
             views,
@@ -211,7 +211,8 @@ class ReplayVehicle:
             self._gains,
             (script.first, script.steps, script.speed, script.thrust, script.q, script.qd, script.qdd),
             starts,
-            of_row,
+            currents,
+            float(self.model.opt.timestep),
             rows,
         )
         return rows
@@ -219,9 +220,9 @@ class ReplayVehicle:
 
 @numba.njit(cache=True, nogil=True)
 @keyed_by_imports
-def _replay(places, views, addresses, joints, pushes, thrusters, gains, script, starts, currents, rows):
+def _replay(places, views, addresses, joints, pushes, thrusters, gains, script, starts, currents, dt, rows):
     """Step all windows from their starts, and write the hull's state before each step and at the end to `rows`."""
-    qpos, qvel, ctrl, wind = views
+    qpos, qvel, ctrl, wind, flow = views
     at_q, at_v = addresses
     joint_q, joint_v, joint_ctrl = joints
     curve, loss, advance = thrusters
@@ -254,7 +255,8 @@ def _replay(places, views, addresses, joints, pushes, thrusters, gains, script, 
             for i in range(6):
                 nu_r[i] = 0.0 if i < 3 else 1.5 * qvel[at_v + i] - 0.5 * before[i]
             for j in range(3):
-                wind[j] = currents[row, j]
+                flow[j] = (currents[row + 1, j] - currents[row, j]) / dt
+                wind[j] = 0.5 * (currents[row + 1, j] + currents[row, j])  # amid the step
                 through = 1.5 * qvel[at_v + j] - 0.5 * before[j] - wind[j]
                 for i in range(3):
                     nu_r[i] += R[j, i] * through

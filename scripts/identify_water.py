@@ -9,14 +9,12 @@ first manoeuvre is planned.
 
 from scenarios.start import parse, run_scenario  # isort: skip
 
-from rich.console import Console
-
-from scenarios.water_identification.command import WaterOptions, run
+from scenarios.water_identification.command import WaterOptions, console, run
 
 
 def main() -> int:
     """Identifies or plans, writes the results and returns the exit code."""
-    return run(parse(WaterOptions), Console())
+    return run(parse(WaterOptions), console())
 
 
 if __name__ == "__main__":

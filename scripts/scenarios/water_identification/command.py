@@ -82,7 +82,12 @@ def main(verb: str, args: Sequence[str]) -> int:
 
     del verb
     options = parse(WaterOptions, args)
-    return run(options, Console())
+    return run(options, console())
+
+
+def console() -> Console:
+    """Terminal; elsewhere wide enough for the tables."""
+    return Console(width=None if Console().is_terminal else 140)
 
 
 def settings_of(options: WaterOptions) -> FitSettings:

@@ -1,4 +1,4 @@
-"""Study: do the intervals of the identified water cover the truth, on simulated logs of vehicles drawn from the prior?"""
+"""Study on simulated logs of vehicles drawn from the prior: do the intervals cover, does a plan keep its word?"""
 
 import time
 from collections.abc import Sequence
@@ -12,6 +12,7 @@ from calib.water.parameters import GROUPS, group_of
 from models.site.scenes import vehicle_spec
 from scenarios.water_identification.log_residuals import FitSettings, identify
 from scenarios.water_identification.manoeuvres import simulated, survey
+from scenarios.water_identification.next_manoeuvre import next_manoeuvres
 from scenarios.water_identification.vehicle_replay import ReplayVehicle
 from sim.interfaces.spatial import Array
 
@@ -56,8 +57,45 @@ def draw(vehicle: str, seed: int, seconds: float = SECONDS, gust: float = GUST) 
     )
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class KeptWord:
+    """A planned manoeuvre that was then flown."""
+
+    vehicle: str
+    seed: int
+    manoeuvre: str
+    predicted: float  # factor by which intervals shrink, geometric mean over the parameters
+    found: float
+    worst: float  # the same of the manoeuvre at the end of the list, predicted
+
+
+def kept_word(vehicle: str, seed: int, seconds: float = SECONDS, gust: float = GUST) -> KeptWord:
+    """Identify from a log of surge and yaw alone, plan the next manoeuvre, fly it, and identify from both logs."""
+    own, settings = _replay(vehicle), FitSettings(gust=gust)
+    rng = np.random.default_rng(seed)
+    parameters = own.water.parameters
+    n = len(parameters)
+    truth = values_of(parameters, rng.standard_normal(n))
+    flown = survey(own, values_of(parameters, np.zeros(n)), seconds, rng, axes=(0, 5))
+    first = simulated(own, truth, flown, name="first", rng=rng, gust=gust)
+    fit, _ = identify(own, [first], settings)
+    ranked, manoeuvres = next_manoeuvres(
+        own, fit.named.deviations[:n], fit.named.covariance[:n, :n], settings, channels=tuple(first.channels)
+    )
+    second = simulated(own, truth, manoeuvres[ranked[0].name], name="second", rng=rng, gust=gust)
+    both, _ = identify(own, [first, second], settings)
+    return KeptWord(
+        vehicle=vehicle,
+        seed=seed,
+        manoeuvre=ranked[0].name,
+        predicted=ranked[0].sharper(),
+        found=float(np.exp(np.mean(np.log(fit.sigmas[:n] / both.sigmas[:n])))),
+        worst=ranked[-1].sharper(),
+    )
+
+
 def coverage(draws: Sequence[Draw]) -> dict[str, tuple[float, float, float]]:
-    """Share of intervals that cover, root mean square of the errors, and share told, by group of parameters and "all"."""
+    """Share of intervals that cover, root mean square of the errors, and share told, by group and for "all"."""
     group = np.array([group_of(name) for name in draws[0].names])
     errors, told = np.array([each.errors for each in draws]), np.array([each.told for each in draws])
     masks = {name: group == name for name in GROUPS if np.any(group == name)} | {"all": np.ones(len(group), dtype=bool)}

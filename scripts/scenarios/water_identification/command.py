@@ -322,7 +322,8 @@ def _plan(
         each, x = own.water.parameters[i], float(deviations[i])
         low, high = (each.value(x + sign * 1.96 * float(best.after[i])) for sign in (-1.0, 1.0))
         console.print(
-            f"  {each.name}: expected {low:.4g} to {high:.4g} {each.unit}, {best.before[i] / best.after[i]:.1f} times sharper",
+            f"  {each.name}: expected {low:.4g} to {high:.4g} {each.unit}, "
+            f"{best.before[i] / best.after[i]:.1f} times sharper",
             highlight=False,
         )
     log = simulated(

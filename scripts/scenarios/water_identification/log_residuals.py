@@ -173,10 +173,8 @@ class LogReplay:
         inside = (at >= 0) & (channel.time <= ends[np.maximum(at, 0)] - 1e-9)
         at, time, values = at[inside], channel.time[inside], channel.values[inside]
         together = max(1, round(1.0 / (rate * float(np.median(np.diff(channel.time))))))
-        if together > 1:
-            cell = np.floor((time - self.begin[at]) * rate).astype(np.int64)
-        else:
-            cell = np.arange(len(time))
+        cells = np.floor((time - self.begin[at]) * rate).astype(np.int64)
+        cell = cells if together > 1 else np.arange(len(time))
         key = at * (int(cell.max(initial=0)) + 1) + cell
         _, first, of, count = np.unique(key, return_index=True, return_inverse=True, return_counts=True)
         mean = np.zeros((len(first), values.shape[1]))
@@ -430,7 +428,8 @@ def _windows(log: WaterLog, length: float) -> list[tuple[float, float]]:
     if not found:
         longest = max(b - a for a, b in log.segments())
         raise ConfigurationError(
-            f"{log.name}: its longest part without a gap lasts {longest:.3g} s; windows of {length:g} s need {0.4 * length:g} s"
+            f"{log.name}: its longest part without a gap lasts {longest:.3g} s; windows of {length:g} s need "
+            f"{0.4 * length:g} s"
         )
     return found
 
@@ -512,6 +511,6 @@ def _check_excited(logs: Sequence[WaterLog], settings: FitSettings) -> None:
         if pushed or swung or moved:
             return
     raise ConfigurationError(
-        f"{', '.join(log.name for log in logs)}: nothing moves: no thruster is commanded, no joint swings, the hull rests; "
-        "that tells nothing of the water"
+        f"{', '.join(log.name for log in logs)}: nothing moves: no thruster is commanded, no joint swings, the hull "
+        "rests; that tells nothing of the water"
     )

@@ -27,7 +27,7 @@ from sim.water.native_memory import call_physics
 
 LONGEST_STEP, SHORTEST_STEP = 0.05, 0.005  # [s] of the replay
 _USUAL_SPEED = 1.0  # [m/s, rad/s] for whose drag the step is chosen
-_ROTOR = 1e10  # [kg m^2] of the driven joints
+_ROTOR = 1e8  # [kg m^2] of the driven joints; MuJoCo takes controls up to 1e10
 _WILD = 30.0  # [m/s, rad/s] beyond which a window is given up
 _FINE = 0.01  # [s] grid on which the propellers' lag is followed
 PARTS = 8  # of a step, for whose middles thrusts are averaged

@@ -188,9 +188,9 @@ class LogReplay:
         k = np.minimum(np.floor(steps).astype(np.int64), self.steps[window] - 1)
         return _Samples(self.first[window] + k, steps - k, mean, self.settings.noise[kind] / np.sqrt(count), window)
 
-    def begun(self, own: Sequence[Array]) -> tuple[Array, Array]:
+    def begun(self, own: Array) -> tuple[Array, Array]:
         """Starts (W, 13) and what is added to the current (R, 3), for each window's own numbers (OWN,)."""
-        moved = np.array(own) * self.spread
+        moved = own * self.spread
         starts = self.starts.copy()
         starts[:, :3] += moved[:, :3]
         turned = Rotation.from_quat(self.starts[:, [4, 5, 6, 3]]) * Rotation.from_rotvec(moved[:, 3:6])

@@ -62,7 +62,7 @@ def menu(own: ReplayVehicle, values: Mapping[str, float]) -> list[Manoeuvre]:
     pushes = amplitudes(own, values)
 
     def along(axis: int, shape: Array) -> Array:
-        return np.outer(shape, pushes[axis] * np.eye(6)[axis])
+        return shape[:, None] * (pushes[axis] * np.eye(6)[axis])
 
     found = []
     for axis in (0, 1, 2, 5):
@@ -81,7 +81,7 @@ def menu(own: ReplayVehicle, values: Mapping[str, float]) -> list[Manoeuvre]:
     found.append(Manoeuvre(name="drift, thrusters off", wrench=np.zeros((len(time), 6)), joints=still))
     if pushes[0] > 0.0:
         drag = values["linear damping surge"] * AGAINST + values["quadratic damping surge"] * AGAINST**2
-        hold = np.outer(np.ones(len(time)), drag * np.eye(6)[0])
+        hold = np.tile(drag * np.eye(6)[0], (len(time), 1))
         found.append(Manoeuvre(name="hover in a current", wrench=hold, joints=still, current=(-AGAINST, 0.0, 0.0)))
     if own.joints:
         found.append(Manoeuvre(name="arm swing", wrench=np.zeros((len(time), 6)), joints=swing(own, time)))
@@ -176,7 +176,7 @@ def simulated(
     dt = 1.0 / (RATE_OF_LOGS * substeps)
     fine.model.opt.timestep = dt
     time = np.arange(len(manoeuvre.wrench)) / RATE_OF_LOGS
-    grid = dt * np.arange(substeps * (len(time) - 1) + 1)
+    grid = np.asarray(dt * np.arange(substeps * (len(time) - 1) + 1), dtype=np.float64)
     turning = (
         _smoothed(np.gradient(_at(grid, time, manoeuvre.joints), dt, axis=0), int(0.1 / dt))
         if n

@@ -76,8 +76,8 @@ class ReplayVehicle:
             and original.body_rootid[original.site_bodyid[original.actuator_trnid[i, 0]]]
             == original.body_rootid[vehicle.hull]
         ]
-        own = {int(a): name for a, name in zip(vehicle.thruster_actuators, vehicle.thruster_names, strict=True)}
-        self.names = tuple(own.get(i, original.actuator(i).name.removeprefix("thruster_")) for i in pushed)
+        own = {int(a): str(name) for a, name in zip(vehicle.thruster_actuators, vehicle.thruster_names, strict=True)}
+        self.names = tuple(str(own.get(i, original.actuator(i).name.removeprefix("thruster_"))) for i in pushed)
         self.joints = vehicle.joint_names
         self.water = VehicleWater.of(original, gains=self.names)
         self.model = _compiled(spec, vehicle, [original.actuator(i).name for i in pushed])

@@ -112,6 +112,7 @@ def test_help_of_every_verb(uuv):
         "view",
         "picture",
         "check",
+        "identify-water",
         "doctor",
         "new",
         "completion",

@@ -11,12 +11,12 @@ from sim.interfaces.spatial import Array
 
 TOLD, PARTLY = 0.9, 0.3  # shares of the prior variance
 TOGETHER = 0.95  # correlation beyond which numbers are told only together
-_HELP = {  # group: what would tell more; {} is the axis or the name
-    "added mass": "faster reversals in {}",
-    "linear damping": "slow runs in {}, and a release that dies away",
-    "quadratic damping": "fast runs in {}",
+_HELP = {  # group: what would tell more
+    "added mass": "faster reversals there",
+    "linear damping": "slow runs there, or a release that dies away",
+    "quadratic damping": "fast runs there",
     "trim": "a drift with the thrusters off, in water at rest",
-    "thrusters": "commands of {} beyond its dead band",
+    "thrusters": "commands beyond the dead band",
     "arm": "fast swings of the arm",
 }
 _SCALE = "a tow with a spring balance, or a known weight hung on the hull, would tell them apart"
@@ -43,11 +43,7 @@ class Finding:
     @property
     def helps(self) -> str:
         """What would tell more; empty for what is told."""
-        if self.verdict == "told" or self.group not in _HELP:
-            return ""
-        return _HELP[self.group].format(
-            self.name.removeprefix("gain of ") if self.group == "thrusters" else self.name.rpartition(" ")[2]
-        )
+        return "" if self.verdict == "told" else _HELP.get(self.group, "")
 
 
 def findings(fit: NamedFit, count: int) -> list[Finding]:

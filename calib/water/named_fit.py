@@ -184,13 +184,15 @@ def fit_blocks(
         reduced = Reduced.of(blocks.slopes(x, y), x, y)
         before = cost
         for _ in range(_TRIES):
-            step = -np.linalg.solve(reduced.H + damping * np.diag(np.diag(reduced.H)), reduced.gradient)
+            held = reduced.H + damping * np.diag(np.diag(reduced.H))
+            step = np.asarray(-np.linalg.solve(held, reduced.gradient), dtype=np.float64)
             if straight:
-                there = np.array([p.moved(float(a), float(b)) for p, a, b in zip(parameters, x, step, strict=True)])
+                moved = [p.moved(float(a), float(b)) for p, a, b in zip(parameters, x, step, strict=True)]
+                there = np.array(moved, dtype=np.float64)
             else:
-                step = np.clip(step, -LONGEST_STEP, LONGEST_STEP)
-                there = x + step
-            beside = [each + moved for each, moved in zip(y, reduced.own(step), strict=True)]
+                step = np.asarray(np.clip(step, -LONGEST_STEP, LONGEST_STEP), dtype=np.float64)
+                there = np.asarray(x + step, dtype=np.float64)
+            beside = [each + along for each, along in zip(y, reduced.own(step), strict=True)]
             reached = _cost(blocks.residuals(there, beside), there, beside)
             if reached < cost:
                 x, y, cost, damping = there, beside, reached, max(damping / 5.0, least)

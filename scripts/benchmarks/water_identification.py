@@ -19,8 +19,8 @@ from rich.console import Console
 from rich.table import Table
 
 from calib.water.findings import findings, together
-from models import hydrodynamics
 from models.site.scenes import vehicle_spec
+from models.vehicles import published_hulls
 from scenarios.pool.trials import read_trials
 from scenarios.study.options import at_least
 from scenarios.water_identification.command import console, table_of, words
@@ -109,7 +109,7 @@ def plan_table(kept: list[KeptWord]) -> Table:
 def read_pool(folder: Path, screen: Console) -> None:
     """Identify the pool's vehicle from its trials and print what they tell."""
     spec = vehicle_spec("bluerov2_heavy_alpha5")
-    hydrodynamics.attach(spec, {}, FRESH_WATER)
+    published_hulls.ballast(spec, FRESH_WATER)
     own = ReplayVehicle(spec)
     logs = logs_of_trials(read_trials(folder))
     settings = FitSettings(noise={**FitSettings().noise, **POOL_NOISE}, rate=10.0, window=10.0)
@@ -117,7 +117,7 @@ def read_pool(folder: Path, screen: Console) -> None:
     n = len(own.water.parameters)
     found, combined = findings(fit.named, n), together(fit.named, n)
     screen.print(table_of(found))
-    for line in words(found, combined, fit, logs[:1], own):
+    for line in words(found, combined, fit, logs[:1], own):  # of one log: the same holds for all
         screen.print(line, highlight=False, soft_wrap=True)
 
 

@@ -287,16 +287,20 @@ def words(
         if own.joints and not log.joints:
             said.append(f"{log.name}: no joint column; the arm counts as folded")
     said += [f"only together: {sentence}" for sentence in combined]
+    off = all(not log.commands and not log.thrusts for log in logs)
     for verdict in ("not told", "partly"):
         by_help: dict[str, list[str]] = {}
         for each in found:
-            if each.verdict == verdict:
+            if each.verdict == verdict and not (off and each.group == "thrusters"):
                 by_help.setdefault(each.helps, []).append(each.name)
         said += [f"{verdict}: {', '.join(names)}; {helps} would tell" for helps, names in by_help.items()]
     wide = {name: factor for name, factor in fit.widened.items() if factor > 1.5}
     if wide:
-        listed = ", ".join(f"{name} {factor:.1f}" for name, factor in wide.items())
-        said.append(f"residuals exceed the stated noise, and the intervals allow for it: {listed} times")
+        worst = max(wide, key=lambda name: wide[name])
+        said.append(
+            f"residuals exceed the stated noise in {len(wide)} of {len(fit.widened)} channels, and the intervals allow for "
+            f"it; most in {worst}, {wide[worst]:.1f} times"
+        )
     return said
 
 

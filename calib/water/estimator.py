@@ -10,11 +10,13 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
+from scipy.stats import t
 
 from calib.water.named_fit import Blocks, NamedFit, NamedParameter, Reduced, Slopes, fit_blocks
 from sim.interfaces.spatial import Array
 
 PASSES = 2  # comparisons with white noise
+FREEDOM = 2  # degrees of freedom of Student's t that a block counts as: what disturbs is drawn anew in each
 SUMMED = 20  # residuals of a channel that are summed, about a second
 SETTLED = 1e-5  # share of the cost by which a round must lower it: far less than a standard deviation makes
 _DRAWS = 4  # of white noise
@@ -51,6 +53,7 @@ class WaterFit:
     named: NamedFit
     widened: dict[str, float]  # by channel: noise that the intervals allow for, over the stated one
     information: Array  # (n, n) of the logs alone, in prior standard deviations
+    quantile: float  # standard deviations of half a 95 % interval
 
     @property
     def parameters(self) -> tuple[NamedParameter, ...]:
@@ -89,7 +92,10 @@ def estimate(
         fit = fit_blocks(blocks, parameters, start=fit.deviations, own=fit.own, rounds=3, enough=SETTLED, straight=True)
     information = np.linalg.inv(fit.covariance) - np.eye(len(parameters))
     return WaterFit(
-        named=fit, widened=dict(zip(blocks.channels, widened.tolist(), strict=True)), information=information
+        named=fit,
+        widened=dict(zip(blocks.channels, widened.tolist(), strict=True)),
+        information=information,
+        quantile=float(t.ppf(0.975, FREEDOM * len(blocks.own))),
     )
 
 

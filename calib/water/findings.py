@@ -46,11 +46,11 @@ class Finding:
         return "" if self.verdict == "told" else _HELP.get(self.group, "")
 
 
-def findings(fit: NamedFit, count: int) -> list[Finding]:
-    """The first `count` parameters of a fit, those of the vehicle."""
+def findings(fit: NamedFit, count: int, quantile: float = 1.96) -> list[Finding]:
+    """The first `count` parameters of a fit, those of the vehicle; half an interval is `quantile` deviations."""
     found = []
     for i, each in enumerate(fit.parameters[:count]):
-        low, high = fit.interval(i)
+        low, high = fit.interval(i, quantile)
         found.append(
             Finding(
                 name=each.name,

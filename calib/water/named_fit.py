@@ -105,7 +105,7 @@ class NamedFit:
         return 1.0 - np.diag(self.covariance)
 
     def interval(self, index: int, sigmas: float = 1.96) -> tuple[float, float]:
-        """Interval of a parameter, by default that of 95 %."""
+        """Interval of a parameter, by default that of 95 % of a normal distribution."""
         each, x = self.parameters[index], float(self.deviations[index])
         half = sigmas * float(np.sqrt(max(self.covariance[index, index], 0.0)))
         return each.value(x - half), each.value(x + half)

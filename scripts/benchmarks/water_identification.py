@@ -115,7 +115,7 @@ def read_pool(folder: Path, screen: Console) -> None:
     settings = FitSettings(noise={**FitSettings().noise, **POOL_NOISE}, rate=10.0, window=10.0)
     fit, _ = identify(own, logs, settings)
     n = len(own.water.parameters)
-    found, combined = findings(fit.named, n), together(fit.named, n)
+    found, combined = findings(fit.named, n, fit.quantile), together(fit.named, n)
     screen.print(table_of(found))
     for line in words(found, combined, fit, logs[:1], own):  # of one log: the same holds for all
         screen.print(line, highlight=False, soft_wrap=True)

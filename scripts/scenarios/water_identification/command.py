@@ -191,7 +191,7 @@ def run(options: WaterOptions, console: Console) -> int:
         hashes = {"survey.csv": _sha256(folder / "survey.csv")}
         console.print("no --log: a vehicle drawn from the prior is simulated; the column 'true' is what it is")
     fit, residuals = identify(own, logs, settings)
-    found, combined = findings(fit.named, n), together(fit.named, n)
+    found, combined = findings(fit.named, n, fit.quantile), together(fit.named, n)
     exact = None if truth is None else values_of(own.water.parameters, truth)
     title = (
         f"Water of {options.vehicle}, {len(logs)} log{'s' * (len(logs) > 1)}, {sum(log.duration for log in logs):.0f} s"
@@ -298,8 +298,8 @@ def words(
     if wide:
         worst = max(wide, key=lambda name: wide[name])
         said.append(
-            f"residuals exceed the stated noise in {len(wide)} of {len(fit.widened)} channels, and the intervals allow for "
-            f"it; most in {worst}, {wide[worst]:.1f} times"
+            f"residuals exceed the stated noise in {len(wide)} of {len(fit.widened)} channels, and the intervals allow "
+            f"for it; most in {worst}, {wide[worst]:.1f} times"
         )
     return said
 

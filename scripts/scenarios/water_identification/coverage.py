@@ -19,7 +19,6 @@ from sim.interfaces.spatial import Array
 VEHICLES = ("uuv_puma", "bluerov2_heavy_benzon2022", "bluerov2_heavy_alpha5")
 SECONDS = 30.0  # [s] of a log
 GUST = 0.005  # [m/s] of the water, each axis: a calm basin
-LEVEL = 1.96  # standard deviations of the 95 % interval
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -31,6 +30,7 @@ class Draw:
     names: tuple[str, ...]
     errors: Array  # (n,) estimate less truth, in the standard deviations that the fit states
     told: Array  # (n,) share of the prior variance that the log took away
+    quantile: float  # standard deviations of half an interval
     seconds: float  # of processor time for the fit
 
 
@@ -53,6 +53,7 @@ def draw(vehicle: str, seed: int, seconds: float = SECONDS, gust: float = GUST) 
         names=tuple(each.name for each in parameters),
         errors=(fit.named.deviations[:n] - truth) / fit.sigmas[:n],
         told=fit.named.told[:n],
+        quantile=fit.quantile,
         seconds=spent,
     )
 
@@ -97,11 +98,12 @@ def kept_word(vehicle: str, seed: int, seconds: float = SECONDS, gust: float = G
 def coverage(draws: Sequence[Draw]) -> dict[str, tuple[float, float, float]]:
     """Share of intervals that cover, root mean square of the errors, and share told, by group and for "all"."""
     group = np.array([group_of(name) for name in draws[0].names])
+    quantile = np.array([[each.quantile] for each in draws])
     errors, told = np.array([each.errors for each in draws]), np.array([each.told for each in draws])
     masks = {name: group == name for name in GROUPS if np.any(group == name)} | {"all": np.ones(len(group), dtype=bool)}
     return {
         name: (
-            float(np.mean(np.abs(errors[:, mask]) < LEVEL)),
+            float(np.mean((np.abs(errors) < quantile)[:, mask])),
             float(np.sqrt(np.mean(errors[:, mask] ** 2))),
             float(np.mean(told[:, mask])),
         )

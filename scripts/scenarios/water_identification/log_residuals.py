@@ -236,11 +236,11 @@ class LogReplay:
         gain = (rows[each.row + 1, 7:10] - rows[each.row, 7:10]) / self._dt
         return R_WB.inv().apply(gain + np.array([0.0, 0.0, GRAVITY])) + bias("force bias") - each.measured
 
-    def replayed(self, rows: Array, kind: str) -> tuple[Array, Array, Array, np.ndarray]:
+    def replayed(self, rows: Array, kind: str, values: Mapping[str, float]) -> tuple[Array, Array, Array, np.ndarray]:
         """Time (k,) [s], measured and replayed values (k, d), and window (k,) of a channel, for pictures."""
         each = self._samples[kind]
         time = self.time[each.row] + each.share * self._dt
-        off = self._off(kind, each, rows, {})
+        off = self._off(kind, each, rows, values)
         if kind == ATTITUDE:
             measured = Rotation.from_quat(each.measured)
             shown = np.unwrap(measured.as_euler("ZYX"), axis=0)[:, ::-1]

@@ -14,6 +14,7 @@ from scenarios.water_identification.log_residuals import LogReplay, WaterResidua
 from sim.interfaces.spatial import Array
 from sim.reporting.report_page import page, provenance, section, table, text
 
+_UNITS = {"position": "m", "rate": "rad/s", "specific force": "m/s^2", "velocity": "m/s", "depth": "m"}
 _ANGLES = ("roll [rad]", "pitch [rad]", "yaw [rad]")
 
 
@@ -55,17 +56,17 @@ def write_page(
     body += ["</ul></section><section><h2>Parameters</h2>", table(head, rows), "</section>"]
     states = residuals.states(fit.named.deviations, fit.named.own)
     for log, rows_of_log in zip(residuals.logs, states, strict=True):
-        for kind, drawn in _pictures(log, rows_of_log):
+        for kind, drawn in _pictures(log, rows_of_log, fit.named.values):
             caption = "Above: measured (dots) and replayed (lines), window by window. Below: replayed less measured."
             body.append(section(f"{log.log.name}: {kind}", drawn, caption))
     body.append(f"<section><h2>How it was made</h2>{provenance(options)}</section>")
     file.write_text(page(title, "\n".join(body)), encoding="utf-8")
 
 
-def _pictures(log: LogReplay, rows: Array) -> Iterator[tuple[str, Figure]]:
+def _pictures(log: LogReplay, rows: Array, values: Mapping[str, float]) -> Iterator[tuple[str, Figure]]:
     for kind in log.kinds:
-        time, measured, replayed, window = log.replayed(rows, kind)
-        labels = _ANGLES if kind == ATTITUDE else CHANNELS[kind]
+        time, measured, replayed, window = log.replayed(rows, kind, values)
+        labels = _ANGLES if kind == ATTITUDE else [f"{word} [{_UNITS[kind]}]" for word in CHANNELS[kind]]
         figure = Figure(figsize=(3.3 * len(labels), 4.0), layout="constrained")
         broken = np.where(np.diff(window, prepend=window[:1]) != 0)[0]
         for i, label in enumerate(labels):

@@ -103,7 +103,7 @@ def excess(blocks: ChannelBlocks, fit: NamedFit) -> Array:
     """Variance (channels,) of each channel's residuals over that of white noise that has gone through the same fit."""
     slopes = blocks.slopes(fit.deviations, fit.own)
     reduced = Reduced.of(slopes, fit.deviations, fit.own)
-    inverse = np.linalg.inv(reduced.H)
+    inverse = np.array(np.linalg.inv(reduced.H), dtype=np.float64)
     solved = [np.linalg.inv(L.T @ L + np.eye(L.shape[1])) @ L.T for _, _, L in slopes]
     seen = _powers(blocks, [each.residuals for each in slopes])
     rng = np.random.default_rng(0)

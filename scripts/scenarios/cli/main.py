@@ -16,6 +16,7 @@ uuv view RUN                  its log in the Rerun viewer
 uuv picture RUN               a still and a clip of a run
 uuv check VEHICLE             what a vehicle has of the contract, and what follows
 uuv wet MODEL                 water of a URDF, MJCF or mesh from its geometry
+uuv identify-water --log FILE added mass, damping, trim and thrust from logs
 uuv doctor                    what works on this machine
 uuv new KIND NAME             a working skeleton with a test
 uuv completion bash           completion for the shell: source <(uuv completion bash)
@@ -31,6 +32,7 @@ VERBS = {  # verb: module that has `main(args) -> exit code`
     "picture": "scenarios.cli.picture",
     "check": "scenarios.cli.check_vehicle",
     "wet": "scenarios.cli.wet_model",
+    "identify-water": "scenarios.water_identification.command",
     "doctor": "scenarios.cli.doctor",
     "new": "scenarios.cli.skeletons",
     "completion": "scenarios.cli.completion",

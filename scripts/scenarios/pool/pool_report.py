@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from scenarios.pool.named_fit import values_of
+from calib.water.named_fit import values_of
 from scenarios.pool.pool_vehicle import NOMINAL, PARAMETERS, pool_model
 from scenarios.pool.replay import TrialScore, replay
 from scenarios.pool.trials import PoolTrial

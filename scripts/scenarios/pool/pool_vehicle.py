@@ -11,12 +11,12 @@ import mujoco
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from calib.water.named_fit import NamedParameter
 from models import hydrodynamics
 from models.hydrodynamics import BodyHydrodynamics
 from models.naming import HULL_BODY
 from models.vehicles import bluerov2_heavy, published_hulls, reach_alpha_5
 from models.vehicles.published_hulls import PublishedHull
-from scenarios.pool.named_fit import NamedParameter
 from sim import hydrodynamics as wet
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import GRAVITY, Array, shown

@@ -8,7 +8,7 @@ import numpy as np
 from mujoco import rollout
 from scipy.spatial.transform import Rotation
 
-from scenarios.pool.named_fit import values_of
+from calib.water.named_fit import values_of
 from scenarios.pool.pool_vehicle import PARAMETERS, joint_zeros, mount, pool_model
 from scenarios.pool.trials import PoolTrial
 from sim.interfaces.errors import UuvError
@@ -58,7 +58,7 @@ def replay(model: mujoco.MjModel, trial: PoolTrial, values: Mapping[str, float])
 
 
 class Residuals:
-    """Residuals of trials as a function of the parameters, for `scenarios.pool.named_fit.fit_named`."""
+    """Residuals of trials as a function of the parameters, for `calib.water.named_fit.fit_named`."""
 
     def __init__(self, hull: str, trials: Sequence[PoolTrial]) -> None:
         self._hull, self._trials = hull, tuple(trials)

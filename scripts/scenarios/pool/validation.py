@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from scipy.optimize import minimize_scalar
 
-from scenarios.pool.named_fit import NamedFit, fit_named, values_of
+from calib.water.named_fit import NamedFit, fit_named, values_of
 from scenarios.pool.pool_vehicle import NOMINAL, PARAMETERS, pool_model
 from scenarios.pool.replay import Residuals, TrialScore, replay, score_of
 from scenarios.pool.trials import PoolTrial

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from scenarios.pool.named_fit import NamedParameter, fit_named, values_of
+from calib.water.named_fit import NamedParameter, fit_named, values_of
 from scenarios.pool.pool_vehicle import HULLS, NOMINAL, PARAMETERS, pool_model
 from scenarios.pool.replay import Residuals, replay, score_of
 from scenarios.pool.trials import PoolTrial, names_in, read_trial, read_trials

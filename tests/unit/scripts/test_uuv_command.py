@@ -113,6 +113,7 @@ def test_help_of_every_verb(uuv):
         "picture",
         "check",
         "wet",
+        "identify-water",
         "doctor",
         "new",
         "completion",

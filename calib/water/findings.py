@@ -1,0 +1,113 @@
+"""What logs tell of each parameter, in words: told, partly, not told, and what appears only together."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from calib.water.named_fit import NamedFit
+from calib.water.parameters import AXES, group_of
+from sim.interfaces.spatial import Array
+
+TOLD, PARTLY = 0.9, 0.3  # shares of the prior variance
+TOGETHER = 0.95  # correlation beyond which numbers are told only together
+_HELP = {  # group: what would tell more
+    "added mass": "faster reversals there",
+    "linear damping": "slow runs there, or a release that dies away",
+    "quadratic damping": "fast runs there",
+    "trim": "a drift with the thrusters off, in water at rest",
+    "thrusters": "commands beyond the dead band",
+    "arm": "fast swings of the arm",
+}
+_SCALE = "a tow with a spring balance, or a known weight hung on the hull, would tell them apart"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Finding:
+    """One parameter after a fit."""
+
+    name: str
+    unit: str
+    group: str
+    nominal: float
+    value: float
+    low: float  # of the 95 % interval
+    high: float
+    told: float  # share of the prior variance that the logs took away
+
+    @property
+    def verdict(self) -> str:
+        """Told, partly or not told."""
+        return "told" if self.told >= TOLD else "partly" if self.told >= PARTLY else "not told"
+
+    @property
+    def helps(self) -> str:
+        """What would tell more; empty for what is told."""
+        return "" if self.verdict == "told" else _HELP.get(self.group, "")
+
+
+def findings(fit: NamedFit, count: int, quantile: float = 1.96) -> list[Finding]:
+    """The first `count` parameters of a fit, those of the vehicle; half an interval is `quantile` deviations."""
+    found = []
+    for i, each in enumerate(fit.parameters[:count]):
+        low, high = fit.interval(i, quantile)
+        found.append(
+            Finding(
+                name=each.name,
+                unit=each.unit,
+                group=group_of(each.name),
+                nominal=each.nominal,
+                value=each.value(float(fit.deviations[i])),
+                low=low,
+                high=high,
+                told=float(np.clip(fit.told[i], 0.0, 1.0)),
+            )
+        )
+    return found
+
+
+def together(fit: NamedFit, count: int) -> list[str]:
+    """Sentences on parameters whose errors go together, so that only a sum or a ratio of them is told."""
+    sigma = np.sqrt(np.diag(fit.covariance))
+    correlation = fit.covariance / np.outer(sigma, sigma)
+    said = []
+    for group in _linked(np.abs(correlation) > TOGETHER):
+        if len(group) > 1 and group[0] < count:
+            said.append(_sentence([fit.parameters[i].name for i in group], correlation[np.ix_(group, group)]))
+    return said
+
+
+def _linked(near: np.ndarray) -> list[list[int]]:
+    """Groups of indices that are linked by pairs."""
+    left, groups = list(range(len(near))), []
+    while left:
+        group, edge = [left[0]], [left[0]]
+        while edge:
+            here = edge.pop()
+            new = [j for j in left if near[here, j] and j not in group]
+            group += new
+            edge += new
+        left = [j for j in left if j not in group]
+        groups.append(sorted(group))
+    return groups
+
+
+def _sentence(names: Sequence[str], correlation: Array) -> str:
+    kinds = {group_of(name) for name in names}
+    least = float(np.abs(correlation[0, 1:]).min())
+    axes = {axis for axis in AXES for name in names if name.endswith(axis)}
+    if "thrusters" in kinds and kinds & {"added mass", "quadratic damping", "linear damping"}:
+        what, how = "only their ratios are told", _SCALE
+    elif kinds == {"thrusters"}:
+        what, how = "only their common factor is not told", _SCALE
+    elif kinds == {"linear damping", "quadratic damping"} and len(axes) == 1:
+        what, how = "only the drag at the speeds flown is told", "the same axis at two speeds would tell them apart"
+    elif "nuisance" in kinds and "trim" in kinds:
+        what = "only their sum is told"
+        mount = any("mount" in name for name in names)
+        how = "a level mark for the attitude sensor" if mount else "water at rest"
+        how += " would tell them apart"
+    else:
+        what, how = "only a combination is told", "another axis or another speed would tell them apart"
+    shown = ", ".join(names[:4]) + (f" and {len(names) - 4} more" if len(names) > 4 else "")
+    return f"{shown}: {what} (correlation {least:.2f} and more); {how}"

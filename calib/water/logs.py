@@ -1,0 +1,364 @@
+"""Logs of a vehicle for the identification of its water: columns, units, one reader for CSV and Parquet.
+
+Columns, all but `time` optional; a cell may be blank (null in Parquet) where there is no sample at that time:
+
+    time                        [s], increasing
+    x y z qx qy qz qw           pose of the hull in W, z up [m]; the position or the quaternion may stand alone
+    wx wy wz   ax ay az         IMU in hull axes: rate [rad/s]; specific force [m/s^2], +9.81 in z at rest
+    vx vy vz   depth            DVL: velocity over ground in hull axes [m/s]; depth of the hull's origin [m], down
+    thruster.NAME               command as a fraction from -1 to 1, held until the next
+    thrust.NAME                 instead: thrust [N], where it is known
+    joint.NAME                  joint angle [rad]
+
+A Parquet table that a run of this project records can be read too: its names are translated.
+"""
+
+import csv
+import io
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from sim.interfaces.errors import ConfigurationError, did_you_mean
+from sim.interfaces.extras import wanted
+from sim.interfaces.files import bytes_of, text_of
+from sim.interfaces.spatial import Array, shown
+
+POSITION, ATTITUDE, RATE, FORCE, VELOCITY, DEPTH = (
+    "position",
+    "attitude",
+    "rate",
+    "specific force",
+    "velocity",
+    "depth",
+)
+CHANNELS = {  # columns of each
+    POSITION: ("x", "y", "z"),
+    ATTITUDE: ("qx", "qy", "qz", "qw"),
+    RATE: ("wx", "wy", "wz"),
+    FORCE: ("ax", "ay", "az"),
+    VELOCITY: ("vx", "vy", "vz"),
+    DEPTH: ("depth",),
+}
+THRUSTER, THRUST, JOINT = "thruster.", "thrust.", "joint."
+SHORTEST = 4.0  # [s] of a log
+GAP = 0.5  # [s] without any row, beyond five usual steps
+_PULSE, _NEUTRAL, _SPAN = (900.0, 2100.0), 1500, 400  # [us]
+_FASTEST, _SPINNING = 10.0, 12.0  # [m/s], [rad/s] beyond which a unit is wrong
+_OF_RUNS = {  # column of a run's own table: column here
+    **{f"p_WB.{axis}": axis for axis in "xyz"},
+    **{f"quat_WB_wxyz.{part}": f"q{part}" for part in "xyzw"},
+}
+_RUN = "quat_WB_wxyz.w"  # tells such a table
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Channel:
+    """Samples of one sensor."""
+
+    time: Array  # (k,) [s]
+    values: Array  # (k, d)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class WaterLog:
+    """One log; what has no column is empty."""
+
+    name: str
+    time: Array  # (N,) [s] of its rows
+    channels: Mapping[str, Channel]  # by CHANNELS
+    commands: Mapping[str, Array]  # (N,) by thruster, a fraction
+    thrusts: Mapping[str, Array]  # (N,) [N] by thruster
+    joints: Mapping[str, Array]  # (N,) [rad] by joint
+
+    @property
+    def duration(self) -> float:
+        """Time [s] from the first row to the last."""
+        return float(self.time[-1] - self.time[0])
+
+    def segments(self) -> list[tuple[float, float]]:
+        """Begin and end [s] of each part without a gap."""
+        steps = np.diff(self.time)
+        after = np.flatnonzero(steps > max(GAP, 5.0 * float(np.median(steps))))
+        begins, ends = self.time[np.r_[0, after + 1]], self.time[np.r_[after, len(self.time) - 1]]
+        return [(float(a), float(b)) for a, b in zip(begins, ends, strict=True)]
+
+
+def read_log(file: str | Path, *, thrusters: Sequence[str], joints: Mapping[str, tuple[float, float]]) -> WaterLog:
+    """Read and check a log.
+
+    Args:
+        file: CSV or Parquet, with the columns of this module.
+        thrusters: Names that the vehicle has.
+        joints: Ranges [rad] of the vehicle's joints by name.
+
+    Raises:
+        ConfigurationError: The file cannot be read, or a column is unknown, incomplete or in another unit.
+        MissingLibraryError: A Parquet file, without the package pyarrow.
+    """
+    path = Path(file)
+    columns = _parquet(path) if path.suffix == ".parquet" else _csv(path)
+    return log_of(f"log {path.name}", columns, thrusters=thrusters, joints=joints)
+
+
+def log_of(
+    name: str, columns: Mapping[str, Array], *, thrusters: Sequence[str], joints: Mapping[str, tuple[float, float]]
+) -> WaterLog:
+    """The log of columns (N,) by name, NaN where there is no sample; arguments and errors as of `read_log`."""
+    columns = _of_run(columns, thrusters, joints) if _RUN in columns else dict(columns)
+    known = {
+        "time",
+        *(each for group in CHANNELS.values() for each in group),
+        *(f"{kind}{each}" for kind in (THRUSTER, THRUST) for each in thrusters),
+        *(f"{JOINT}{each}" for each in joints),
+    }
+    if unknown := [each for each in columns if each not in known]:
+        raise ConfigurationError(_unknown(name, unknown[0], known, thrusters, joints))
+    if "time" not in columns:
+        raise ConfigurationError(f"{name}: it has no column 'time' [s]")
+    time = _time(name, columns["time"])
+    channels = {}
+    for kind, words in CHANNELS.items():
+        have = [word for word in words if word in columns]
+        if not have:
+            continue
+        if len(have) < len(words):
+            lacking = next(word for word in words if word not in columns)
+            raise ConfigurationError(f"{name}: {kind} needs {', '.join(words)}; {lacking!r} is missing")
+        values = np.column_stack([columns[word] for word in words])
+        present = ~np.isnan(values).all(axis=1)
+        half = present & np.isnan(values).any(axis=1)
+        if half.any():
+            row = int(np.flatnonzero(half)[0])
+            raise ConfigurationError(f"{name}: at {time[row]:g} s only a part of {', '.join(words)} is there")
+        if present.sum() >= 2:
+            channels[kind] = Channel(time=time[present], values=_in_units(name, kind, time[present], values[present]))
+    if not channels:
+        some = "; ".join(" ".join(words) for words in CHANNELS.values())
+        raise ConfigurationError(f"{name}: nothing was measured; it needs one of: {some}")
+    _compare_rates(name, channels)
+    both = [each for each in thrusters if f"{THRUSTER}{each}" in columns and f"{THRUST}{each}" in columns]
+    if both:
+        raise ConfigurationError(f"{name}: thruster {both[0]} has a command and a thrust; one of the two")
+    return WaterLog(
+        name=name,
+        time=time,
+        channels=channels,
+        commands={
+            each: _command(name, each, _held(columns[THRUSTER + each]))
+            for each in thrusters
+            if THRUSTER + each in columns
+        },
+        thrusts={each: _held(columns[THRUST + each]) for each in thrusters if THRUST + each in columns},
+        joints={
+            each: _joint(name, each, time, columns[JOINT + each], limits)
+            for each, limits in joints.items()
+            if JOINT + each in columns
+        },
+    )
+
+
+def write_log(file: Path, log: WaterLog) -> None:
+    """Write a log as CSV, with blank cells where there is no sample."""
+    columns: dict[str, Array] = {"time": log.time}
+    for kind, channel in log.channels.items():
+        at = np.searchsorted(log.time, channel.time)
+        for i, word in enumerate(CHANNELS[kind]):
+            columns[word] = np.full(len(log.time), np.nan)
+            columns[word][at] = channel.values[:, i]
+    for before, group in ((THRUSTER, log.commands), (THRUST, log.thrusts), (JOINT, log.joints)):
+        columns |= {f"{before}{each}": values for each, values in group.items()}
+    with file.open("w", newline="", encoding="utf-8") as out:
+        writer = csv.writer(out)
+        writer.writerow(columns)
+        for row in zip(*columns.values(), strict=True):
+            writer.writerow("" if np.isnan(value) else f"{value:.9g}" for value in row)
+
+
+def _csv(path: Path) -> dict[str, Array]:
+    rows = csv.reader(io.StringIO(text_of(path, "log")))
+    head = [cell.strip() for cell in next(rows, [])]
+    if twice := [cell for i, cell in enumerate(head) if cell in head[:i]]:
+        raise ConfigurationError(f"log {path.name}: column {shown(twice[0])} is there twice")
+    table = []
+    for number, row in enumerate(rows, start=2):
+        if not any(cell.strip() for cell in row):
+            continue
+        if len(row) != len(head):
+            raise ConfigurationError(f"log {path.name}: line {number} has {len(row)} cells, the first line {len(head)}")
+        table.append([_cell(path.name, number, word, cell) for word, cell in zip(head, row, strict=True)])
+    if len(table) < 2:
+        raise ConfigurationError(
+            f"log {path.name}: it has {len(table)} rows of numbers; it needs {SHORTEST:g} s of them"
+        )
+    return dict(zip(head, np.array(table).T, strict=True))
+
+
+def _cell(file: str, line: int, column: str, cell: str) -> float:
+    if not cell.strip():
+        return np.nan
+    try:
+        value = float(cell)
+    except ValueError:
+        raise ConfigurationError(
+            f"log {file}: line {line}, column {column!r}: expected a number, got {shown(cell)}"
+        ) from None
+    if not np.isfinite(value):
+        raise ConfigurationError(
+            f"log {file}: line {line}, column {column!r} is {cell.strip()}; leave a cell blank where there is no sample"
+        )
+    return value
+
+
+def _parquet(path: Path) -> dict[str, Array]:
+    with wanted():
+        import pyarrow as pa
+        import pyarrow.parquet as pq
+    raw = bytes_of(path, "log")
+    try:
+        table = pq.read_table(io.BytesIO(raw))
+    except (pa.ArrowException, OSError, ValueError) as error:
+        raise ConfigurationError(f"log {path.name}: no Parquet table ({error})") from error
+    found = {}
+    for word in table.column_names:
+        try:
+            values = np.asarray(table[word].combine_chunks().cast(pa.float64()).to_numpy(zero_copy_only=False))
+        except (pa.ArrowException, ValueError) as error:
+            raise ConfigurationError(f"log {path.name}: column {word!r} holds no numbers ({error})") from error
+        blank = np.asarray(table[word].is_null().to_numpy(), dtype=bool)
+        bad = np.flatnonzero(~blank & ~np.isfinite(values)).tolist()
+        if bad and _RUN not in table.column_names:  # runs record NaN where there is nothing to tell
+            raise ConfigurationError(
+                f"log {path.name}: row {bad[0]}, column {word!r} is not finite; leave null where there is no sample"
+            )
+        found[word] = np.array(values, dtype=np.float64)
+    if len(table) < 2:
+        raise ConfigurationError(f"log {path.name}: it has {len(table)} rows; it needs {SHORTEST:g} s of them")
+    return found
+
+
+def _of_run(
+    columns: Mapping[str, Array], thrusters: Sequence[str], joints: Mapping[str, tuple[float, float]]
+) -> dict[str, Array]:
+    """Columns of a run's own table by the names of this module; all others are left out."""
+    names = {"time": "time", **_OF_RUNS}
+    names |= {f"{THRUST}{each}": f"{THRUST}{each}" for each in thrusters} | {
+        f"q.{each}": f"{JOINT}{each}" for each in joints
+    }
+    return {names[word]: values for word, values in columns.items() if word in names}
+
+
+def _unknown(
+    name: str, column: str, known: Iterable[str], thrusters: Sequence[str], joints: Mapping[str, tuple[float, float]]
+) -> str:
+    kind, dot, _ = column.partition(".")
+    for before, have in ((THRUSTER, thrusters), (THRUST, thrusters), (JOINT, tuple(joints))):
+        if dot and f"{kind}." == before:
+            there = ", ".join(before + each for each in have) or "none"
+            meant = did_you_mean(column, [before + each for each in have])
+            return f"{name}: unknown column {shown(column)}; this vehicle has {there}{meant}"
+    plain = ", ".join(each for each in ("time", *(word for group in CHANNELS.values() for word in group)))
+    return (
+        f"{name}: unknown column {shown(column)}; there are {plain}, {THRUSTER}NAME, {THRUST}NAME, {JOINT}NAME"
+        f"{did_you_mean(column, list(known))}"
+    )
+
+
+def _time(name: str, time: Array) -> Array:
+    if np.isnan(time).any():
+        raise ConfigurationError(f"{name}: row {int(np.flatnonzero(np.isnan(time))[0])} has no time")
+    steps = np.diff(time)
+    if len(back := np.flatnonzero(steps <= 0.0)):
+        at = int(back[0])
+        raise ConfigurationError(f"{name}: time must increase, but {time[at + 1]:g} s follows {time[at]:g} s")
+    usual = float(np.median(steps))
+    if usual > 1.0:
+        raise ConfigurationError(
+            f"{name}: its rows are {usual:g} s apart; time is in s (not ms, us or ns), 1 Hz at least"
+        )
+    if time[-1] - time[0] < SHORTEST:
+        raise ConfigurationError(f"{name}: it lasts {time[-1] - time[0]:.3g} s; {SHORTEST:g} s are needed, time in s")
+    return time
+
+
+def _in_units(name: str, kind: str, time: Array, values: Array) -> Array:
+    """The samples, refused where another unit is plain; quaternions of unit length and without jumps of sign."""
+    dt = np.diff(time)
+    if kind in (POSITION, DEPTH):
+        speed = float(np.quantile(np.abs(np.diff(values, axis=0)).max(axis=1) / dt, 0.9))
+        if speed > _FASTEST:
+            raise ConfigurationError(f"{name}: {kind} changes by {speed:.3g} m/s; it is in m (not mm)")
+    elif kind == ATTITUDE:
+        length = np.linalg.norm(values, axis=1)
+        if float(np.abs(length - 1.0).max()) > 0.02:
+            raise ConfigurationError(
+                f"{name}: qx qy qz qw must be a unit quaternion, its length reaches {length.max():.3g}"
+            )
+        values = values / length[:, None]
+        upright = 1.0 - 2.0 * (values[:, 0] ** 2 + values[:, 1] ** 2)
+        if float(np.median(upright)) < -0.5:
+            raise ConfigurationError(
+                f"{name}: the hull is upside down; the order is qx qy qz qw, of the hull in W with z up"
+            )
+        flips = np.cumprod(np.r_[1.0, np.where(np.sum(values[1:] * values[:-1], axis=1) < 0.0, -1.0, 1.0)])
+        values = values * flips[:, None]
+    elif kind == VELOCITY and float(np.quantile(np.abs(values), 0.9)) > _FASTEST:
+        raise ConfigurationError(f"{name}: vx vy vz reach {np.abs(values).max():.3g}; they are in m/s (not mm/s)")
+    elif kind == RATE and float(np.quantile(np.abs(values), 0.99)) > _SPINNING:
+        raise ConfigurationError(f"{name}: wx wy wz reach {np.abs(values).max():.3g}; they are in rad/s (not deg/s)")
+    elif kind == FORCE:
+        usual = float(np.median(np.linalg.norm(values, axis=1)))
+        if not 5.0 < usual < 20.0:
+            raise ConfigurationError(
+                f"{name}: ax ay az have a usual length of {usual:.3g}; they are specific force [m/s^2], 9.81 at rest"
+            )
+    return values
+
+
+def _compare_rates(name: str, channels: Mapping[str, Channel]) -> None:
+    """Refuse rates that are those of the attitude times 57: deg/s."""
+    if ATTITUDE not in channels or RATE not in channels:
+        return
+    attitude, rate = channels[ATTITUDE], channels[RATE]
+    turned = 2.0 * np.sqrt(np.sum(np.diff(attitude.values, axis=0) ** 2, axis=1)).sum()
+    steps = np.minimum(np.diff(rate.time), 1.0)
+    measured = float(np.sum(np.linalg.norm(rate.values[:-1], axis=1) * steps))
+    if turned > 0.3 and measured > 20.0 * turned:
+        raise ConfigurationError(
+            f"{name}: wx wy wz turn by {measured:.3g}, the quaternion by {turned:.3g} rad; rad/s (not deg/s)"
+        )
+
+
+def _held(values: Array) -> Array:
+    """A column with blanks filled by the last value; zero before the first."""
+    last = np.maximum.accumulate(np.where(np.isnan(values), -1, np.arange(len(values))))
+    return np.where(last >= 0, values[np.maximum(last, 0)], 0.0)
+
+
+def _command(name: str, thruster: str, values: Array) -> Array:
+    most = float(np.abs(values).max())
+    if most <= 1.0 + 1e-6:
+        return np.clip(values, -1.0, 1.0)
+    said = f"{name}: {THRUSTER}{thruster} reaches {most:.4g}; it is a fraction from -1 to 1"
+    if _PULSE[0] <= float(np.median(values)) <= _PULSE[1]:
+        raise ConfigurationError(f"{said}: of a pulse in us, (pulse - {_NEUTRAL}) / {_SPAN}")
+    raise ConfigurationError(f"{said}{': of percent, a hundredth' if most <= 100.0 else ''}")
+
+
+def _joint(name: str, joint: str, time: Array, values: Array, limits: tuple[float, float]) -> Array:
+    there = ~np.isnan(values)
+    if there.sum() < 2:
+        raise ConfigurationError(f"{name}: {JOINT}{joint} has no two samples")
+    filled = np.interp(time, time[there], values[there])
+    low, high = limits
+    beyond = max(float(filled.max()) - high, low - float(filled.min()))
+    if beyond > 0.5:
+        degrees = np.radians(filled)
+        fits = degrees.max() <= high + 0.1 and degrees.min() >= low - 0.1
+        raise ConfigurationError(
+            f"{name}: {JOINT}{joint} runs from {filled.min():.4g} to {filled.max():.4g}, its range is {low:.3g} to "
+            f"{high:.3g} rad{' (these look like degrees)' if fits else ''}"
+        )
+    return filled

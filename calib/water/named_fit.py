@@ -1,0 +1,262 @@
+"""Named parameters fitted to residuals: Gauss-Newton with priors, for few parameters and costly residuals.
+
+Each parameter has a nominal value and a prior standard deviation, and is fitted as a number of standard deviations from
+it. Residuals come in blocks. All blocks share the named parameters; each may have numbers of its own, such as the state
+in which it begins. Those are eliminated block by block, so that a long log costs no more than its length.
+"""
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.spatial import Array, finite_number
+
+STEP = 0.03  # prior standard deviations, of the differences
+LONGEST_STEP = 1.5  # prior standard deviations that a parameter moves in one round
+SMALLEST_FACTOR = 0.3  # by which a straight step reduces a value
+ENOUGH = 2e-3  # share of the cost by which a round must lower it
+_TRIES = 6  # damping factors tried in a round
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NamedParameter:
+    """One number to be fitted."""
+
+    name: str
+    unit: str
+    nominal: float
+    sigma: float  # prior standard deviation in the unit; of a factor, that of its logarithm
+    factor: bool = False  # positive, fitted as the logarithm of its ratio to the nominal value
+
+    def __post_init__(self) -> None:
+        finite_number(self.sigma, f"parameter {self.name}: prior standard deviation", above=0.0)
+        finite_number(self.nominal, f"parameter {self.name}: nominal value")
+        if self.factor and not self.nominal > 0.0:
+            raise ConfigurationError(f"parameter {self.name}: a factor must be > 0, got {self.nominal}")
+
+    def value(self, deviations: float) -> float:
+        """Value at so many prior standard deviations from the nominal one."""
+        if self.factor:
+            return self.nominal * float(np.exp(self.sigma * deviations))
+        return self.nominal + self.sigma * deviations
+
+    def moved(self, deviations: float, step: float) -> float:
+        """Deviations after a step of the value in proportion to its slope: of a factor not of its logarithm."""
+        if not self.factor:
+            return deviations + step
+        return deviations + float(np.log1p(max(self.sigma * step, SMALLEST_FACTOR - 1.0))) / self.sigma
+
+
+class Mapping(Protocol):
+    """The method `map` of an executor: results in order."""
+
+    def __call__(self, function: Callable[[Array], Array], points: Iterable[Array], /) -> Iterable[Array]:
+        """Values of the function at the points."""
+        ...
+
+
+class Slopes(NamedTuple):
+    """Residuals of one block and their derivatives."""
+
+    residuals: Array  # (m,) in their standard deviations
+    shared: Array  # (m, n) with respect to the deviations of the named parameters
+    own: Array  # (m, k) with respect to the block's own numbers, which have unit prior variance
+
+
+class Blocks(Protocol):
+    """Residuals in blocks."""
+
+    @property
+    def own(self) -> Sequence[int]:
+        """How many numbers of its own each block has."""
+        ...
+
+    def residuals(self, deviations: Array, own: Sequence[Array]) -> list[Array]:
+        """Residuals of each block in their standard deviations; not finite where they cannot be computed."""
+        ...
+
+    def slopes(self, deviations: Array, own: Sequence[Array]) -> list[Slopes]:
+        """Residuals of each block with their derivatives."""
+        ...
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class NamedFit:
+    """Result of a fit."""
+
+    parameters: tuple[NamedParameter, ...]
+    deviations: Array  # (n,) prior standard deviations from the nominal values
+    covariance: Array  # (n, n) of the deviations, if residuals have unit variance and are independent
+    cost: float  # sum of squares of residuals and deviations
+    rounds: int
+    own: tuple[Array, ...] = ()  # numbers of each block
+
+    @property
+    def values(self) -> dict[str, float]:
+        """Value by name."""
+        return values_of(self.parameters, self.deviations)
+
+    @property
+    def told(self) -> Array:
+        """Share (n,) of the prior variance that the data took away: 0 where they tell nothing of a parameter."""
+        return 1.0 - np.diag(self.covariance)
+
+    def interval(self, index: int, sigmas: float = 1.96) -> tuple[float, float]:
+        """Interval of a parameter, by default that of 95 % of a normal distribution."""
+        each, x = self.parameters[index], float(self.deviations[index])
+        half = sigmas * float(np.sqrt(max(self.covariance[index, index], 0.0)))
+        return each.value(x - half), each.value(x + half)
+
+
+def values_of(parameters: Sequence[NamedParameter], deviations: Array) -> dict[str, float]:
+    """Value by name at so many prior standard deviations (n,) from the nominal values."""
+    return {each.name: each.value(float(x)) for each, x in zip(parameters, deviations, strict=True)}
+
+
+def fit_named(
+    residuals: Callable[[Array], Array],
+    parameters: Sequence[NamedParameter],
+    *,
+    start: Array | None = None,
+    rounds: int = 8,
+    mapped: Mapping = map,
+) -> NamedFit:
+    """Fit parameters to one block of residuals, with differences for slopes.
+
+    Args:
+        residuals: Function of the deviations (n,), residuals (m,) in their standard deviations. Where it cannot be
+            computed it gives numbers that are not finite.
+        parameters: Those to fit.
+        start: (n,) deviations to begin with; None: the nominal values.
+        rounds: Most rounds.
+        mapped: Maps the function over the points of a round, as `concurrent.futures.Executor.map` does.
+
+    Returns:
+        The fit.
+
+    Raises:
+        ConfigurationError: The residuals are not finite at the start.
+    """
+    return fit_blocks(_Differences(residuals, mapped), parameters, start=start, rounds=rounds)
+
+
+def fit_blocks(
+    blocks: Blocks,
+    parameters: Sequence[NamedParameter],
+    *,
+    start: Array | None = None,
+    own: Sequence[Array] | None = None,
+    rounds: int = 8,
+    enough: float = ENOUGH,
+    straight: bool = False,
+) -> NamedFit:
+    """Fit parameters by Gauss-Newton with Levenberg's damping.
+
+    Args:
+        blocks: The residuals.
+        parameters: Those to fit.
+        start: (n,) deviations to begin with; None: the nominal values.
+        own: Numbers of each block to begin with; None: zeros.
+        rounds: Most rounds.
+        enough: Share of the cost by which a round must lower it.
+        straight: Step in the values of factors, not in their logarithms: residuals of forces are linear in those.
+
+    Returns:
+        The fit.
+
+    Raises:
+        ConfigurationError: The residuals are not finite at the start.
+    """
+    n = len(parameters)
+    x = np.zeros(n) if start is None else np.array(start, dtype=np.float64)
+    y = [np.zeros(k) for k in blocks.own] if own is None else [np.array(each) for each in own]
+    cost = _cost(blocks.residuals(x, y), x, y)
+    if not np.isfinite(cost):
+        raise ConfigurationError("the residuals are not finite at the start of the fit")
+    # Relative to the diagonal, damping holds what only a sum tells; a straight fit begins with hardly any.
+    damping, least = (1e-6, 1e-9) if straight else (1e-2, 1e-4)
+    reduced, done = Reduced.of([], x, y), 0
+    while done < rounds:
+        done += 1
+        reduced = Reduced.of(blocks.slopes(x, y), x, y)
+        before = cost
+        for _ in range(_TRIES):
+            held = reduced.H + damping * np.diag(np.diag(reduced.H))
+            step = np.asarray(-np.linalg.solve(held, reduced.gradient), dtype=np.float64)
+            if straight:
+                moved = [p.moved(float(a), float(b)) for p, a, b in zip(parameters, x, step, strict=True)]
+                there = np.array(moved, dtype=np.float64)
+            else:
+                step = np.asarray(np.clip(step, -LONGEST_STEP, LONGEST_STEP), dtype=np.float64)
+                there = np.asarray(x + step, dtype=np.float64)
+            beside = [each + along for each, along in zip(y, reduced.own(step), strict=True)]
+            reached = _cost(blocks.residuals(there, beside), there, beside)
+            if reached < cost:
+                x, y, cost, damping = there, beside, reached, max(damping / 5.0, least)
+                break
+            damping *= 100.0 if straight else 10.0
+        if before - cost < enough * before:
+            break
+    covariance = np.array(np.linalg.inv(reduced.H), np.float64)
+    return NamedFit(
+        parameters=tuple(parameters), deviations=x, covariance=covariance, cost=cost, rounds=done, own=tuple(y)
+    )
+
+
+class Reduced(NamedTuple):
+    """Normal equations of the named parameters, with the blocks' own numbers eliminated."""
+
+    H: Array  # (n, n)
+    gradient: Array  # (n,)
+    eliminated: list[tuple[Array, Array]]  # of each block: (k,) step without the others, (k, n) its slope
+
+    @classmethod
+    def of(cls, blocks: Sequence[Slopes], deviations: Array, own: Sequence[Array]) -> "Reduced":
+        """Normal equations with unit priors."""
+        H, gradient, eliminated = np.eye(len(deviations)), np.array(deviations), []
+        for (r, J, L), y in zip(blocks, own, strict=False):
+            C = L.T @ L + np.eye(L.shape[1])
+            B = L.T @ J
+            solved = np.linalg.solve(C, np.column_stack([L.T @ r + y, B]))
+            H += J.T @ J - B.T @ solved[:, 1:]
+            gradient += J.T @ r - B.T @ solved[:, 0]
+            eliminated.append((-solved[:, 0], -solved[:, 1:]))
+        return cls(H, gradient, eliminated)
+
+    def own(self, step: Array) -> list[Array]:
+        """Steps of each block's own numbers that go with a step (n,) of the parameters."""
+        return [alone + slope @ step for alone, slope in self.eliminated]
+
+
+def _cost(residuals: Sequence[Array], x: Array, own: Sequence[Array]) -> float:
+    if not all(np.all(np.isfinite(r)) for r in residuals):
+        return np.inf
+    return float(sum(r @ r for r in residuals) + x @ x + sum(y @ y for y in own))
+
+
+class _Differences:
+    """One block with slopes by differences, which a pool of processes may compute."""
+
+    own = (0,)
+
+    def __init__(self, residuals: Callable[[Array], Array], mapped: Mapping) -> None:
+        self._function, self._mapped = residuals, mapped
+        self._last = np.zeros(0), np.zeros(0)
+
+    def residuals(self, deviations: Array, own: Sequence[Array]) -> list[Array]:
+        """Of the block."""
+        (found,) = self._mapped(self._function, [deviations])
+        self._last = np.array(deviations), found
+        return [found]
+
+    def slopes(self, deviations: Array, own: Sequence[Array]) -> list[Slopes]:
+        """Residuals and differences of them; a column that is not finite counts as zero."""
+        at, r = self._last
+        if not np.array_equal(at, deviations):
+            (r,) = self.residuals(deviations, own)
+        moved = self._mapped(self._function, [deviations + STEP * e for e in np.eye(len(deviations))])
+        columns = [(each - r) / STEP if np.all(np.isfinite(each)) else np.zeros_like(r) for each in moved]
+        return [Slopes(r, np.column_stack(columns), np.zeros((len(r), 0)))]

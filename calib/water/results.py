@@ -1,0 +1,111 @@
+"""`fit.yaml` of an identification, and the vehicle with the water that was found."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import yaml
+
+from calib.water.findings import Finding
+from calib.water.parameters import VehicleWater
+from models import hydrodynamics
+from models.sidecar import beside, write_sidecar, xml_without_water
+from models.water import thrusters
+from models.water.thrusters import Thruster
+
+
+def write_fit(
+    file: Path,
+    found: Sequence[Finding],
+    *,
+    vehicle: str,
+    date: str,
+    logs: Mapping[str, str],
+    widened: Mapping[str, float],
+    combined: Sequence[str],
+) -> Path:
+    """Write values with intervals as YAML.
+
+    Args:
+        file: To write.
+        found: Parameters of the vehicle.
+        vehicle: Its name.
+        date: ISO 8601.
+        logs: SHA-256 of each log by its name.
+        widened: Noise that the intervals allow for, over the stated one, by channel.
+        combined: Sentences on what is told only together.
+    """
+    document = {
+        "vehicle": vehicle,
+        "date": date,
+        "logs": dict(logs),
+        "noise_over_stated": {name: float(f"{factor:.3g}") for name, factor in widened.items()},
+        "identified": {
+            each.name: {
+                "value": float(f"{each.value:.8g}"),
+                "interval_95": [float(f"{each.low:.6g}"), float(f"{each.high:.6g}")],
+                "unit": each.unit,
+                "nominal": float(f"{each.nominal:.8g}"),
+                "told": round(each.told, 3),
+                "verdict": each.verdict,
+            }
+            for each in found
+        },
+        "only_together": list(combined),
+    }
+    file.write_text(
+        yaml.safe_dump(document, sort_keys=False, default_flow_style=None, width=160, allow_unicode=True),
+        encoding="utf-8",
+    )
+    return file
+
+
+def write_vehicle(
+    folder: Path,
+    name: str,
+    spec: mujoco.MjSpec,
+    model: mujoco.MjModel,
+    water: VehicleWater,
+    values: Mapping[str, float],
+) -> list[Path]:
+    """Write the vehicle with the identified water, NAME.xml with its NAME.water.yaml beside it.
+
+    Args:
+        folder: Existing folder.
+        name: Of the vehicle's files.
+        spec: The vehicle as it was believed.
+        model: Compiled from it, for the names of its bodies.
+        water: Its parameters.
+        values: A value for each.
+    """
+    fitted = spec.copy()
+    hydrodynamics.attach(fitted, {model.body(i).name: body for i, body in water.bodies(values).items()})
+    table = {}
+    for actuator in fitted.actuators:
+        if thrusters.carries(np.array(actuator.userdata)):
+            gain = values.get(f"gain of {actuator.name.rpartition('/')[2].removeprefix('thruster_')}", 1.0)
+            table[actuator.name] = scaled(thrusters.unpack(np.array(actuator.userdata)), gain)
+    thrusters.attach(fitted, table)
+    mjcf = folder / f"{name}.xml"
+    mjcf.write_text(xml_without_water(fitted), encoding="utf-8")
+    return [mjcf, write_sidecar(fitted, beside(mjcf))]
+
+
+def scaled(thruster: Thruster, gain: float) -> Thruster:
+    """The thruster with `gain` times its thrust."""
+
+    def times(row: tuple[float, ...]) -> tuple[float, ...]:
+        return tuple(gain * each for each in row)
+
+    polynomial, table = thruster.polynomial, thruster.table
+    return replace(
+        thruster,
+        forward=gain * thruster.forward,
+        reverse=gain * thruster.reverse,
+        inflow_loss=gain * thruster.inflow_loss,
+        least_thrust=gain * thruster.least_thrust,
+        polynomial=None if polynomial is None else (times(polynomial[0]), times(polynomial[1])),
+        table=None if table is None else (table[0], times(table[1])),
+    )

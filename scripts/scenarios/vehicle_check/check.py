@@ -17,7 +17,7 @@ from scenarios.options import BarrelOptions
 from scenarios.own_vehicle import vehicle_spec, with_tool
 from scenarios.tasks.surface_work import SurfaceWorkTask
 from scenarios.vehicle_check import doubts
-from scenarios.vehicle_check.findings import Finding, JobVerdict, Level, VehicleCheck, VehicleFigure, VehiclePart
+from scenarios.vehicle_check.findings import JobVerdict, Level, VehicleCheck, VehicleFigure, VehicleFinding, VehiclePart
 from scenarios.vehicle_check.jobs import ARM_JOBS, HOVERING, JOBS, ArmJobs, hover_verdict
 from scenarios.vehicle_check.statics import (
     AXES,
@@ -73,7 +73,7 @@ def check_vehicle(
     except ValueError as error:  # of MuJoCo's compiler, or a ConfigurationError
         said = " ".join(str(error).split())
         code = "inertia" if "inertia" in said else "contract"
-        return VehicleCheck(vehicle=name, findings=(Finding(code=code, level="fault", said=said),))
+        return VehicleCheck(vehicle=name, findings=(VehicleFinding(code=code, level="fault", said=said),))
     return _Check(name, spec, ArmJobs(name, tool=None, parts=None, forces=forces), given=True).run(jobs)
 
 
@@ -82,7 +82,7 @@ class _Check:
 
     def __init__(self, name: str, spec: mujoco.MjSpec, arm_jobs: ArmJobs, *, given: bool) -> None:
         self._name, self._spec, self._jobs, self._given = name, spec, arm_jobs, given
-        self._findings: list[Finding] = []
+        self._findings: list[VehicleFinding] = []
         self._figures: list[VehicleFigure] = []
 
     def run(self, jobs: Sequence[str]) -> VehicleCheck:
@@ -120,7 +120,7 @@ class _Check:
         return found
 
     def _note(self, code: str, level: Level, said: str) -> None:
-        self._findings.append(Finding(code=code, level=level, said=said))
+        self._findings.append(VehicleFinding(code=code, level=level, said=said))
 
     def _compiled(self) -> mujoco.MjModel | None:
         """The wet model; None, and a fault, if the water cannot act on it."""

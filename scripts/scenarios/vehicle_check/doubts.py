@@ -10,7 +10,7 @@ from models.hydrodynamics import LAYOUT
 from models.naming import CAMERA_SITE, HOME_KEY, READY_KEY, TOOL_GEOM, find
 from models.own.postures import PostureSearch
 from models.vehicle import Vehicle, pose_in_body
-from scenarios.vehicle_check.findings import Finding
+from scenarios.vehicle_check.findings import VehicleFinding
 from scenarios.vehicle_check.statics import AXES, TipForce, Trim, authority
 from sim import hydrodynamics
 from sim.sensors.depth_camera import OPTICS
@@ -29,12 +29,12 @@ STEP = 0.5  # of the time step at which drag would become unstable, from which o
 HALF_VIEW = float(np.arctan(0.5 * OPTICS.width / OPTICS.focal))  # [rad] of the depth camera
 
 
-def trim_doubts(trim: Trim, weight: float) -> Iterator[Finding]:
+def trim_doubts(trim: Trim, weight: float) -> Iterator[VehicleFinding]:
     """Vehicle too heavy, too light, or listing."""
     most = max(HEAVY * weight, LEAST_HEAVY)
     if abs(trim.force) > most:
         word = "light" if trim.force > 0.0 else "heavy"
-        yield Finding(
+        yield VehicleFinding(
             code="trim",
             level="doubt",
             said=f"too {word} by {abs(trim.force):.0f} N ({abs(trim.force) / 9.81:.1f} kg), "
@@ -45,7 +45,7 @@ def trim_doubts(trim: Trim, weight: float) -> Iterator[Finding]:
     angle = max(abs(trim.roll), abs(trim.pitch))
     if not angle <= LIST:  # NaN as well: it turns over
         said = "turns over" if not np.isfinite(angle) else f"lists by {np.degrees(angle):.0f} deg"
-        yield Finding(
+        yield VehicleFinding(
             code="list",
             level="doubt",
             said=f"at rest with the arm at home it {said}, at most {np.degrees(LIST):.0f} deg: centre of buoyancy "
@@ -54,7 +54,7 @@ def trim_doubts(trim: Trim, weight: float) -> Iterator[Finding]:
         )
 
 
-def inertia_doubts(model: mujoco.MjModel) -> Iterator[Finding]:
+def inertia_doubts(model: mujoco.MjModel) -> Iterator[VehicleFinding]:
     """Principal inertias that no body can have, or not one of its mass and size."""
     for b in range(1, model.nbody):
         mass, name = float(model.body_mass[b]), model.body(b).name or f"body {b}"
@@ -63,7 +63,7 @@ def inertia_doubts(model: mujoco.MjModel) -> Iterator[Finding]:
         if mass <= 0.0 or not inertia[2] > 0.0:
             continue
         if inertia[2] > 1.001 * (inertia[0] + inertia[1]):
-            yield Finding(
+            yield VehicleFinding(
                 code="inertia",
                 level="doubt",
                 said=f"{name}: principal inertia {inertia[2]:.3g} kg m^2 exceeds the sum of the others, "
@@ -79,7 +79,7 @@ def inertia_doubts(model: mujoco.MjModel) -> Iterator[Finding]:
         )
         gyration = float(np.sqrt(inertia[2] / mass))
         if extent > 0.0 and not SLENDER * extent <= gyration <= BULKY * extent:
-            yield Finding(
+            yield VehicleFinding(
                 code="inertia",
                 level="doubt",
                 said=f"{name}: {inertia[2]:.2g} kg m^2 for {mass:.3g} kg make a radius of gyration of "
@@ -89,7 +89,7 @@ def inertia_doubts(model: mujoco.MjModel) -> Iterator[Finding]:
             )
 
 
-def water_doubts(model: mujoco.MjModel, vehicle: Vehicle) -> Iterator[Finding]:
+def water_doubts(model: mujoco.MjModel, vehicle: Vehicle) -> Iterator[VehicleFinding]:
     """Missing and implausible coefficients, and the room of the time step."""
     dry = [
         model.body(b).name or f"body {b}"
@@ -99,7 +99,7 @@ def water_doubts(model: mujoco.MjModel, vehicle: Vehicle) -> Iterator[Finding]:
         and not coefficients.carries(model.body_user[b])
     ]
     if dry:
-        yield Finding(
+        yield VehicleFinding(
             code="no-water",
             level="doubt" if model.body(vehicle.hull).name not in dry else "fault",
             said=f"no hydrodynamic coefficients: {', '.join(dry)} ({len(dry)} bodies with mass)",
@@ -107,12 +107,12 @@ def water_doubts(model: mujoco.MjModel, vehicle: Vehicle) -> Iterator[Finding]:
         )
     for doubt in hydrodynamics.doubts(model):
         if not doubt.startswith("movable bodies without water"):
-            yield Finding(code=_code_of(doubt), level="doubt", said=doubt)
+            yield VehicleFinding(code=_code_of(doubt), level="doubt", said=doubt)
     if coefficients.is_wet(model):
         rate = drag_rate(model)
         share = float(model.opt.timestep) * rate
         if share > STEP:
-            yield Finding(
+            yield VehicleFinding(
                 code="timestep",
                 level="doubt",
                 said=f"time step {1e3 * model.opt.timestep:g} ms is {share:.0%} of what drag allows at "
@@ -133,7 +133,7 @@ def _code_of(doubt: str) -> str:
     return "sensors" if "sensors" in doubt else "coefficients"
 
 
-def stiff_contact(model: mujoco.MjModel) -> Iterator[Finding]:
+def stiff_contact(model: mujoco.MjModel) -> Iterator[VehicleFinding]:
     """A spring of the tool that the time step cannot follow."""
     dt = float(model.opt.timestep)
     for j in range(model.njnt):
@@ -143,7 +143,7 @@ def stiff_contact(model: mujoco.MjModel) -> Iterator[Finding]:
             continue
         damping = float(np.asarray(model.dof_damping).reshape(model.nv, -1)[dof, 0])
         if damping < 0.5 * k * dt:
-            yield Finding(
+            yield VehicleFinding(
                 code="spring",
                 level="doubt",
                 said=f"joint {model.joint(j).name!r}: {damping:.3g} N s/m of damping beside {k:.3g} N/m; at "
@@ -152,7 +152,7 @@ def stiff_contact(model: mujoco.MjModel) -> Iterator[Finding]:
             )
 
 
-def thruster_doubts(vehicle: Vehicle) -> Iterator[Finding]:
+def thruster_doubts(vehicle: Vehicle) -> Iterator[VehicleFinding]:
     """Axes that no thrusters reach, and thrusters that push against their mirror image."""
     B = vehicle.thruster_wrench
     if not B.size:
@@ -160,7 +160,7 @@ def thruster_doubts(vehicle: Vehicle) -> Iterator[Finding]:
     rank = int(np.linalg.matrix_rank(B, tol=1e-6))
     if rank < 6:
         free = [axis for i, axis in enumerate(AXES) if max(authority(vehicle, i)) < 1e-6]
-        yield Finding(
+        yield VehicleFinding(
             code="thruster-rank",
             level="fault",
             said=f"the {B.shape[1]} thrusters span {rank} of 6 directions; without thrust of their own: "
@@ -177,7 +177,7 @@ def thruster_doubts(vehicle: Vehicle) -> Iterator[Finding]:
         gain = (
             f"{AXES[axis]} has {now[axis]:.0f}, with {first} turned round {then[axis]:.0f} {'N' if axis < 3 else 'N m'}"
         )
-        yield Finding(
+        yield VehicleFinding(
             code="thruster-against-pair",
             level="doubt",
             said=f"thruster {first} pushes against its mirror image {second}: reversed? "
@@ -197,7 +197,7 @@ def _against(B: np.ndarray) -> Iterator[tuple[int, int]]:
                 yield i, j
 
 
-def posture_doubts(search: PostureSearch, postures: dict[str, np.ndarray]) -> Iterator[Finding]:
+def posture_doubts(search: PostureSearch, postures: dict[str, np.ndarray]) -> Iterator[VehicleFinding]:
     """Keyframes beyond the limits or in touch with the vehicle, and joints whose axis is likely turned round.
 
     Args:
@@ -211,7 +211,7 @@ def posture_doubts(search: PostureSearch, postures: dict[str, np.ndarray]) -> It
         beyond = np.maximum(low - q, q - high)
         if beyond.max() > 1e-6:
             j = int(np.argmax(beyond))
-            yield Finding(
+            yield VehicleFinding(
                 code="keyframe-limits",
                 level="doubt",
                 said=f"keyframe {key}: {vehicle.joint_names[j]} at {np.degrees(q[j]):.0f} deg, its range is "
@@ -222,7 +222,7 @@ def posture_doubts(search: PostureSearch, postures: dict[str, np.ndarray]) -> It
         if pairs:
             touching[key] = q
             named = ", ".join(f"{model.body(a).name} and {model.body(b).name}" for a, b in sorted(pairs))
-            yield Finding(
+            yield VehicleFinding(
                 code="keyframe-touches",
                 level="doubt",
                 said=f"keyframe {key}: {named} touch ({len(pairs)} pairs)",
@@ -234,7 +234,7 @@ def posture_doubts(search: PostureSearch, postures: dict[str, np.ndarray]) -> It
         freed = [key for key, q in touching.items() if search.is_clear(q * np.where(np.arange(len(q)) == j, -1.0, 1.0))]
         if freed or (now > OFTEN and then < FLIPPED * now):
             why = f"{' and '.join(freed)} would be clear, and " if freed else ""
-            yield Finding(
+            yield VehicleFinding(
                 code="axis-flipped",
                 level="doubt",
                 said=f"joint {vehicle.joint_names[j]}: its axis may be turned round; with the other sign {why}"
@@ -243,11 +243,11 @@ def posture_doubts(search: PostureSearch, postures: dict[str, np.ndarray]) -> It
             )
 
 
-def view_doubts(search: PostureSearch, q_home: np.ndarray) -> Iterator[Finding]:
+def view_doubts(search: PostureSearch, q_home: np.ndarray) -> Iterator[VehicleFinding]:
     """The vehicle itself in the camera's view."""
     share, body = search.view_hits(q_home, HALF_VIEW)
     if share > BLOCKED:
-        yield Finding(
+        yield VehicleFinding(
             code="camera-blocked",
             level="doubt",
             said=f"{share:.0%} of the view of {CAMERA_SITE} ({np.degrees(HALF_VIEW):.0f} deg around its axis) is on "
@@ -261,14 +261,14 @@ def camera_pose(model: mujoco.MjModel, vehicle: Vehicle) -> np.ndarray:
     return pose_in_body(model, find(model, mujoco.mjtObj.mjOBJ_SITE, CAMERA_SITE), vehicle.hull)
 
 
-def motor_doubts(model: mujoco.MjModel, vehicle: Vehicle) -> Iterator[Finding]:
+def motor_doubts(model: mujoco.MjModel, vehicle: Vehicle) -> Iterator[VehicleFinding]:
     """Actuators of the arm whose control is not a torque."""
     kinds = mujoco.mjtGain.mjGAIN_FIXED, mujoco.mjtBias.mjBIAS_NONE, mujoco.mjtDyn.mjDYN_NONE
     for actuator, joint in zip(vehicle.actuators, vehicle.joint_names, strict=True):
         kind = tuple(int(getattr(model, f"actuator_{word}type")[actuator]) for word in ("gain", "bias", "dyn"))
         gain, gear = float(model.actuator_gainprm[actuator, 0]), float(model.actuator_gear[actuator, 0])
         if kind != tuple(map(int, kinds)) or gain != 1.0 or gear != 1.0:
-            yield Finding(
+            yield VehicleFinding(
                 code="motor",
                 level="fault",
                 said=f"the actuator of joint {joint!r} is no plain motor (gain {gain:g}, gear {gear:g}): its control "
@@ -277,11 +277,11 @@ def motor_doubts(model: mujoco.MjModel, vehicle: Vehicle) -> Iterator[Finding]:
             )
 
 
-def arm_doubts(vehicle: Vehicle, force: TipForce, wanted: float) -> Iterator[Finding]:
+def arm_doubts(vehicle: Vehicle, force: TipForce, wanted: float) -> Iterator[VehicleFinding]:
     """Joints loaded by the arm's own weight, and a tip that bears less than the usual set force."""
     worst = int(np.argmax(force.load))
     if force.load[worst] > LOADED:
-        yield Finding(
+        yield VehicleFinding(
             code="joint-load",
             level="doubt",
             said=f"{vehicle.joint_names[worst]}: weight and buoyancy of the arm take {force.load[worst]:.0%} of its "
@@ -289,7 +289,7 @@ def arm_doubts(vehicle: Vehicle, force: TipForce, wanted: float) -> Iterator[Fin
             figure=float(force.load[worst]),
         )
     if force.along < wanted:
-        yield Finding(
+        yield VehicleFinding(
             code="arm-weak",
             level="doubt",
             said=f"the tip bears {force.along:.0f} N along the tool in {READY_KEY} ({force.by} is the limit), the "
@@ -298,12 +298,12 @@ def arm_doubts(vehicle: Vehicle, force: TipForce, wanted: float) -> Iterator[Fin
         )
 
 
-def tool_doubts(model: mujoco.MjModel, search: PostureSearch, q: np.ndarray) -> Iterator[Finding]:
+def tool_doubts(model: mujoco.MjModel, search: PostureSearch, q: np.ndarray) -> Iterator[VehicleFinding]:
     """A tool that touches the hull where the arm is folded, which the job would count as work."""
     if mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, TOOL_GEOM) < 0:
         return
     tool = int(model.geom_bodyid[model.geom(TOOL_GEOM).id])
     if any(tool in pair for pair in search.touching(q)):
-        yield Finding(
+        yield VehicleFinding(
             code="tool-touches", level="doubt", said=f"the tool touches the vehicle itself in {HOME_KEY}", figure=None
         )

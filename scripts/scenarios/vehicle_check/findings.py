@@ -27,7 +27,7 @@ class VehicleFigure:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Finding:
+class VehicleFinding:
     """Something that is wrong, or likely so."""
 
     code: str
@@ -54,7 +54,7 @@ class VehicleCheck:
     vehicle: str
     parts: tuple[VehiclePart, ...] = ()
     figures: tuple[VehicleFigure, ...] = ()
-    findings: tuple[Finding, ...] = ()
+    findings: tuple[VehicleFinding, ...] = ()
     jobs: tuple[JobVerdict, ...] = ()
 
     @property
@@ -62,7 +62,7 @@ class VehicleCheck:
         """Every job that was asked for is promised, and nothing is at fault."""
         return all(job.promised for job in self.jobs) and not any(each.level == "fault" for each in self.findings)
 
-    def found(self, code: str) -> Finding | None:
+    def found(self, code: str) -> VehicleFinding | None:
         """The first finding with that code."""
         return next((each for each in self.findings if each.code == code), None)
 

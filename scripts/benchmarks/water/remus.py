@@ -1,6 +1,6 @@
 """Benchmark: REMUS 100 here against the equations of PythonVehicleSimulator, from which the model is taken.
 
-    ./uvw run scripts/benchmarks/remus.py
+    ./uvw run scripts/benchmarks/water/remus.py
 
 The vehicle runs from rest with its propeller at a constant speed, straight and with the rudder put over. The source is
 no package, so its equations are written down in NumPy (`benchmarks.peers.remus100`) and stepped as it steps them, by

@@ -1,8 +1,8 @@
 """Benchmark: identified water against the truth of simulated vehicles, planned intervals against found ones, the pool.
 
-    ./uvw run scripts/benchmarks/water_identification.py --draws 100
-    ./uvw run scripts/benchmarks/water_identification.py --draws 0 --plans 5
-    ./uvw run scripts/benchmarks/water_identification.py --draws 0 --pool FOLDER
+    ./uvw run scripts/benchmarks/water/identification.py --draws 100
+    ./uvw run scripts/benchmarks/water/identification.py --draws 0 --plans 5
+    ./uvw run scripts/benchmarks/water/identification.py --draws 0 --pool FOLDER
 
 Each draw is a vehicle from the prior, a survey of 30 s in gusts of 5 mm/s, and a fit. FOLDER holds the pool trials
 (docs/pool.md). Writes coverage.json, and prints tables.

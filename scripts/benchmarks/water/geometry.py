@@ -1,8 +1,8 @@
 """Benchmark: water from geometry against closed forms and literature, published vehicles, and robots' meshes.
 
-    ./uvw run scripts/benchmarks/geometry.py                                # shapes and BlueROV2.
-    ./uvw run --with capytaine scripts/benchmarks/geometry.py               # with Capytaine on the same surfaces.
-    ./uvw run --with example-robot-data scripts/benchmarks/geometry.py      # with a UR5 and a Panda.
+    ./uvw run scripts/benchmarks/water/geometry.py                                # shapes and BlueROV2.
+    ./uvw run --with capytaine scripts/benchmarks/water/geometry.py               # with Capytaine on the same surfaces.
+    ./uvw run --with example-robot-data scripts/benchmarks/water/geometry.py      # with a UR5 and a Panda.
 
 Errors of the added mass are the largest over the diagonal terms of each shape. Seconds are those of one surface, from
 the mesh to the matrix.

@@ -1,12 +1,12 @@
 """Benchmark: our simulation beside pool trials of a BlueROV2 whose arm moves it [Kolano 2022].
 
-    ./uvw run scripts/benchmarks/pool.py --data FOLDER --workers 2
+    ./uvw run scripts/benchmarks/water/pool.py --data FOLDER --workers 2
 
 FOLDER holds the trials (traj*_joint_states.csv.gz and so on); they are no part of this project. One parameter set is
 fitted to all trajectory numbers but one and judged on the one left out, each in turn. Writes pool.json, pool.md and
 pool.png into --out. With --fitted nothing is fitted: other trials are judged by parameters that are there already.
 
-    ./uvw run scripts/benchmarks/pool.py --data FOLDER --fitted scripts/scenarios/pool/wu2018.json
+    ./uvw run scripts/benchmarks/water/pool.py --data FOLDER --fitted scripts/scenarios/pool/wu2018.json
 """
 
 from scenarios.start import new_folder, parse, run_scenario  # isort: skip

@@ -1,0 +1,1 @@
+"""Benchmarks of the water: geometry, identification, pool trials, REMUS 100."""

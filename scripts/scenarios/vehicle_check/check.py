@@ -217,6 +217,7 @@ class _Check:
         self._findings += doubts.tool_doubts(model, search, home)
         self._findings += doubts.view_doubts(search, home)
         self._findings += doubts.motor_doubts(model, vehicle)
+        self._findings += doubts.light_joints(model, vehicle)
         X_BC = doubts.camera_pose(model, vehicle)
         seen = seen_workspace(search, X_BC)
         self._figure(

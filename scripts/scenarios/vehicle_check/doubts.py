@@ -24,6 +24,7 @@ SLENDER = 0.08  # least radius of gyration, as a share of the body's extent
 BULKY = 1.5  # largest, alike
 FLIPPED = 0.5  # share to which touching falls if a joint's axis is likely turned round
 OFTEN = 0.2  # share of postures that touch, from which on a turned axis is looked for
+JERKY = 30.0  # [rad/s] that a joint may gain at full torque in one time step
 STEP = 0.5  # of the time step at which drag would become unstable, from which on it is named
 
 HALF_VIEW = float(np.arctan(0.5 * OPTICS.width / OPTICS.focal))  # [rad] of the depth camera
@@ -274,6 +275,21 @@ def motor_doubts(model: mujoco.MjModel, vehicle: Vehicle) -> Iterator[VehicleFin
                 said=f"the actuator of joint {joint!r} is no plain motor (gain {gain:g}, gear {gear:g}): its control "
                 f"is not the torque; `joints: {{{joint}: N m}}` in a mapping makes it one",
                 figure=gear,
+            )
+
+
+def light_joints(model: mujoco.MjModel, vehicle: Vehicle) -> Iterator[VehicleFinding]:
+    """Joints that full torque would bring to a high speed within one step: their rotor's inertia is likely missing."""
+    for dof, most, joint in zip(vehicle.dof, vehicle.torque_limits, vehicle.joint_names, strict=True):
+        inertia = float(model.dof_M0[dof])
+        gained = float(most) * float(model.opt.timestep) / inertia
+        if gained > JERKY:
+            yield VehicleFinding(
+                code="light-joint",
+                level="doubt",
+                said=f"joint {joint}: {most:.3g} N m on {inertia:.2g} kg m^2 gain {gained:.0f} rad/s in a step, at "
+                f"most {JERKY:g}: is its rotor's inertia missing (armature)?",
+                figure=gained,
             )
 
 

@@ -21,6 +21,7 @@ from scenarios.vehicle_check.doubts import inertia_doubts
 from scenarios.vehicle_check.findings import VehicleCheck
 from scenarios.vehicle_check.preflight import preflight
 from scenarios.vehicle_check.table import print_check
+from sim import hydrodynamics as hydrodynamics_of
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import quat_wxyz_from_rotation, rotation_from_z
 
@@ -181,6 +182,17 @@ def test_verdicts_name_what_decides(
     verdict = check_vehicle(spec, jobs=(job,)).verdict(job)
     assert (verdict.code, verdict.promised) == (code, code == "ok")
     assert any(character.isdigit() for character in verdict.said) or code == "contract"
+
+
+def test_a_joint_without_its_rotor_is_named(sound: dict[str, mujoco.MjSpec]) -> None:
+    spec = sound["uuv_puma"].copy()
+    spec.joint("joint6").armature = 0.0
+    next(each for each in spec.actuators if each.name == "joint6").ctrlrange = [-300.0, 300.0]
+    found = check_vehicle(spec, jobs=()).found("light-joint")
+    assert found is not None
+    model = hydrodynamics_of.compile(spec)
+    inertia = float(model.dof_M0[model.joint("joint6").dofadr[0]])
+    assert found.figure == pytest.approx(300.0 * 0.002 / inertia)
 
 
 def test_thrusters_that_span_five_directions_are_named(sound: dict[str, mujoco.MjSpec]) -> None:

@@ -8,8 +8,8 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import models
-from benchmarks import remus
 from benchmarks.peers import remus100 as source
+from benchmarks.water import remus
 from models.vehicles import remus100
 from sim import hydrodynamics
 

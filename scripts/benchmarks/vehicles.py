@@ -9,12 +9,14 @@ vehicles.md into --out.
 from scenarios.start import new_folder, parse, run_scenario  # isort: skip
 
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, cast
 
+import numpy as np
 from rich.console import Console
 
-from scenarios.runner import run
+from scenarios.runner import Run, run
 from scenarios.scenario import Scenario
 from scenarios.study.harness import Table
 from scenarios.study.local_processes import run_all
@@ -24,6 +26,7 @@ from scenarios.tasks.tapping import TappingTask
 from scenarios.vehicle_check.check import check_vehicle
 from scenarios.vehicle_check.jobs import ARM_JOBS, HOVERING, ArmJobs
 from sim.interfaces.errors import UuvError
+from sim.interfaces.messages import WorkState
 from sim.runs.saving import write_json, write_whole
 
 # Vehicle: tool, set forces [N]; None: its own tool, the jobs' own forces.
@@ -87,7 +90,21 @@ def outcome(case: Case) -> dict[str, Any]:
     row["said"] = "; ".join(judged.failed)[:300]
     for group, name in (("contact", "force_error_rms_n"), ("tool", "path_deviation_max_m"), ("hull", "tilt_max_rad")):
         row[name] = figures.get(group, {}).get(name) if isinstance(figures.get(group), dict) else None
+    row["felt_error_n"] = (figures.get("force_estimate") or {}).get("normal_error_rms_n")
+    row["felt_sigma_n"] = _sigma(done)
     return row
+
+
+def _sigma(done: Run) -> float | None:
+    """Standard deviation [N] of the normal force that the controller stated, mean over the work; None without work."""
+    name = "believed.f_tip_sigma_G"
+    if name not in done.recording:
+        return None
+    work = [(event.time, event.state) for event in done.recording.events]
+    spans = [(begin, after) for (begin, state), (after, _) in pairwise(work) if state is WorkState.WORK]
+    series = done.recording[name]
+    at = [k for k, t in enumerate(series.time) if any(begin <= t < after for begin, after in spans)]
+    return float(np.nanmean(series.value[at, 2])) if at else None
 
 
 def died(case: Case) -> dict[str, Any]:
@@ -134,9 +151,10 @@ def main() -> int:
                     f"{kept} of {len(mine)}",
                     _worst(mine, "force_error_rms_n", 1.0, 2),
                     _worst(mine, "path_deviation_max_m", 1e3, 1),
+                    f"{_worst(mine, 'felt_error_n', 1.0, 2)} / {_worst(mine, 'felt_sigma_n', 1.0, 2)}",
                 )
             )
-    columns = ("vehicle", "job", "check", "kept", "force error, RMS [N]", "path, peak [mm]")
+    columns = ("vehicle", "job", "check", "kept", "force error, RMS [N]", "path, peak [mm]", "felt, sigma [N]")
     tables = [
         Table("Vehicles in all jobs: worst of the runs", columns, table, labels=3),
         Table(

@@ -59,22 +59,30 @@ def main() -> int:
     """Draws, plans and reads the pool's trials; returns 0."""
     options, screen = parse(Options), console()
     folder = new_folder("water_identification", options.out)
-    cases = [(vehicle, seed) for vehicle in options.vehicles for seed in range(options.draws)]
+    cases = [(vehicle, seed) for seed in range(options.draws) for vehicle in options.vehicles]
     flown = [(vehicle, seed) for vehicle in options.vehicles for seed in range(options.plans)]
+    drawn: list[Draw] = []
+    kept: list[KeptWord] = []
+
+    def write() -> None:
+        rows = [{**asdict(each), "errors": each.errors.tolist(), "told": each.told.tolist()} for each in drawn]
+        write_json(folder / "coverage.json", {"draws": rows, "plans": [asdict(each) for each in kept]})
+
     with ProcessPoolExecutor(options.workers) as pool:
-        drawn = list(pool.map(draw, *zip(*cases, strict=True))) if cases else []
-        kept = list(pool.map(kept_word, *zip(*flown, strict=True))) if flown else []
+        try:
+            for one in pool.map(draw, *zip(*cases, strict=True)) if cases else ():
+                drawn.append(one)
+                write()  # a long study that is interrupted leaves what it has
+            for word in pool.map(kept_word, *zip(*flown, strict=True)) if flown else ():
+                kept.append(word)
+                write()
+        except KeyboardInterrupt:
+            pool.shutdown(cancel_futures=True)
+            screen.print(f"interrupted after {len(drawn)} draws and {len(kept)} plans")
     if drawn:
         screen.print(coverage_table(drawn))
     if kept:
         screen.print(plan_table(kept))
-    write_json(
-        folder / "coverage.json",
-        {
-            "draws": [{**asdict(each), "errors": each.errors.tolist(), "told": each.told.tolist()} for each in drawn],
-            "plans": [asdict(each) for each in kept],
-        },
-    )
     if options.pool is not None:
         read_pool(options.pool, screen)
     screen.print(f"in {folder}")

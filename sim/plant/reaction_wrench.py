@@ -215,41 +215,49 @@ def _refuse(model: mujoco.MjModel) -> None:
 
 
 @njit(cache=True)
+@keyed_by_imports
 def _three(values, first):
     return values[first], values[first + 1], values[first + 2]
 
 
 @njit(cache=True)
+@keyed_by_imports
 def _sum(a, b):
     return a[0] + b[0], a[1] + b[1], a[2] + b[2]
 
 
 @njit(cache=True)
+@keyed_by_imports
 def _scaled(s, a):
     return s * a[0], s * a[1], s * a[2]
 
 
 @njit(cache=True)
+@keyed_by_imports
 def _dot(a, b):
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 @njit(cache=True)
+@keyed_by_imports
 def _cross(a, b):
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
 @njit(cache=True)
+@keyed_by_imports
 def _turned(R, a):
     return _dot(R[0:3], a), _dot(R[3:6], a), _dot(R[6:9], a)
 
 
 @njit(cache=True)
+@keyed_by_imports
 def _turned_back(R, a):
     return _dot(R[0::3], a), _dot(R[1::3], a), _dot(R[2::3], a)
 
 
 @njit(cache=True)
+@keyed_by_imports
 def _add(total, force, torque, lever):
     """Add a wrench that acts at `lever` from the reference point."""
     moment = _cross(lever, force)
@@ -259,6 +267,7 @@ def _add(total, force, torque, lever):
 
 
 @njit(cache=True)
+@keyed_by_imports
 def _in_frame(total, R, p, com):
     """Wrench about `com` in world axes, expressed at `p` in the axes `R`."""
     out, force = np.empty(6), _three(total, 0)
@@ -269,6 +278,7 @@ def _in_frame(total, R, p, com):
 
 
 @njit(cache=True)
+@keyed_by_imports
 def _mismatch(first, end, parent, dofadr, dofnum, cdof, cvel, qvel):
     """Largest difference between the twists in `cvel` and those from `qvel`, relative to the largest speed."""
     worst, largest = 0.0, 1e-3

@@ -132,6 +132,9 @@ def _described(case: BenchmarkCase) -> dict[str, Any]:
     for later in ("line", "scale"):
         if of.get(later, ...) is None:
             del of[later]
+    for later in ("tool", "parts"):
+        if described["vehicle"].get(later, ...) is None:
+            del described["vehicle"][later]
     return described
 
 

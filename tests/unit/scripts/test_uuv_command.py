@@ -62,7 +62,7 @@ def test_list_names_everything_that_the_registries_do_without_importing_them(uuv
     ):
         assert sorted(listed[kind]) == list(known.names())
     assert {*listed["vehicle"]} <= {*models.available()}
-    assert len(listed["vehicle"]) == 8
+    assert len(listed["vehicle"]) == 10
     assert all(said for kind in ("job", "study", "vehicle", "perturbation") for _, said in catalogue.things(kind))
     said = uuv("list", "objects")
     assert said.startswith("objects  (uuv run clean-object --object NAME)")

@@ -169,7 +169,6 @@ def test_records_of_episodes(tmp_path):
         (("water", "hover"), {"perturbations": ["water"]}, "perturbations: 'water' is none of them"),
         (("water", "hover"), {"vehicle": "phoenix_smart3s"}, "has no thrusters"),
         (("water", "reach"), {"vehicle": "phoenix_smart3s"}, "no thrusters to hold it"),
-        (("manifold", "insert"), {"vehicle": "uuv_puma_side"}, "must be a capsule, the sampler"),
         (("water", "reach"), {"vehicle": "bluerov2_heavy"}, "JointVelocities: the vehicle has no arm to move"),
         (("water", "reach"), {"vehicle": "bluerov2_heavy", "actions": "thrusters"}, "the vehicle needs an arm"),
         (("barrel", "press"), {"vehicle": "bluerov2_heavy", "actions": "thrusters"}, "lacks what this work needs"),

@@ -176,8 +176,8 @@ def drive_tick(record, estimate, reference):
             else:
                 k = let_go(record.force, most, False)
             target = ToolTarget(reference.X_WG, reference.v_WG_W, reference.w_WG_W)
-            displaced = (k, record.offset_W)
-            solved, _ = track_tool(gains.tracking, motion, target, age, displaced, e.X_WB, sensed.hull, sensed.J_B)
+            displaced, tip = (k, record.offset_W), (sensed.X_BG, sensed.J_B)
+            solved, _ = track_tool(gains.tracking, motion, target, age, displaced, e.X_WB, sensed.hull, tip)
             if not solved:
                 return NO_POSE
         else:

@@ -222,7 +222,7 @@ class ToolControl:
             (state.k, offset_W),
             self.drift.hull_pose(estimate, reference),
             contact.sensed.hull,
-            contact.sensed.J_B,
+            (contact.sensed.X_BG, contact.sensed.J_B),
         )
         if not solved:
             solve(self._chain, X_AG, state.motion.q)  # raises and says why

@@ -230,7 +230,7 @@ def servo_joints(arm, drives, seen, wanted, soft, borne, integral):
 
 @numba.njit(cache=True)
 @keyed_by_imports
-def resolve_tool_motion(X_AB, X_WB, tool, hull, J_B, drift, speed_limit, out):
+def resolve_tool_motion(X_AB, X_WB, tool, hull, tip, drift, speed_limit, out):
     """Re-aiming, p*_C = R^T (p*_O - r) in [Konoplin 2022]: tool pose in the arm's base, and its joint rates.
 
     Joint speeds are J^-1 of the tool's velocity relative to the hull, damped near singular postures. Of an arm with
@@ -243,12 +243,13 @@ def resolve_tool_motion(X_AB, X_WB, tool, hull, J_B, drift, speed_limit, out):
         X_WB: (4, 4) hull pose.
         tool: fields of `ToolTarget`, in a tuple.
         hull: (24,) motion of the hull as in `newton_euler`.
-        J_B: (6, n) Jacobian of the tip, hull axes.
+        tip: pose X_BG (4, 4) and Jacobian J_B (6, n) of the tip as it is, hull axes.
         drift: True compensates the motion of the hull.
         speed_limit: [rad/s] of the fastest joint; the others are slowed down with it.
         out: fields of `ResolvedMotion`, in a tuple; written.
     """
     tool, out = ToolTarget(*tool), ResolvedMotion(*out)
+    tip_B, J_B = tip
     qd, qdd, yielding = out.qd, out.qdd, out.yielding
     X_BW = np.eye(4)
     wanted = np.zeros((3, 6))  # tool relative to the hull: velocity, acceleration; and 1 m along its axis
@@ -273,7 +274,8 @@ def resolve_tool_motion(X_AB, X_WB, tool, hull, J_B, drift, speed_limit, out):
     if n == 6:
         _all_at_once(J_B, wanted, qd, qdd, yielding)
     else:
-        z, rest, held = X_BG[:3, 2].copy(), np.zeros(n), np.zeros(n, dtype=np.bool_)
+        # The axis as it is: a joint that turns the tool about it would else seem to tilt it, and spin.
+        z, rest, held = tip_B[:3, 2].copy(), np.zeros(n), np.zeros(n, dtype=np.bool_)
         prioritised(J_B, z, wanted[0], DAMPING, rest, held, qd)
         prioritised(J_B, z, wanted[1], DAMPING, rest, held, qdd)
         prioritised(J_B, z, wanted[2], DAMPING, rest, held, yielding[1])

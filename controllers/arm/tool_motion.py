@@ -88,7 +88,7 @@ def hold_joints(motion, q, qd, since):
 
 @numba.njit(cache=True)
 @keyed_by_imports
-def track_tool(tracking, motion, target, since, displaced, X_WB, hull, J_B):
+def track_tool(tracking, motion, target, since, displaced, X_WB, hull, tip):
     """Follow a tool pose.
 
     Args:
@@ -99,7 +99,7 @@ def track_tool(tracking, motion, target, since, displaced, X_WB, hull, J_B):
         displaced: displacement along the tool axis [m], and further displacement (3,) [m] in W.
         X_WB: (4, 4) hull pose by which the arm places the tool.
         hull: (24,) motion of the hull as in `newton_euler`.
-        J_B: (6, n) Jacobian of the tip, hull axes.
+        tip: pose X_BG (4, 4) and Jacobian J_B (6, n) of the tip as it is, hull axes.
 
     Returns:
         False, with the motion unchanged, for a target that is no pose; the tool pose (4, 4) in the arm's base.
@@ -113,7 +113,7 @@ def track_tool(tracking, motion, target, since, displaced, X_WB, hull, J_B):
         X_WB,
         ToolTarget(X_WG, tool.v_WG_W, tool.w_WG_W),
         hull,
-        J_B,
+        tip,
         track.follows_hull,
         track.speed_limit,
         resolved,

@@ -37,11 +37,14 @@ LEAN = 0.01  # [1/rad^2] weight of the tool axis against the scaled position, wh
 ZONE = 0.15  # share of a joint's range at either end, in which its posture is pushed back
 PUSH = 0.3  # share of the way out of that zone that a step makes where the tool leaves it free
 TASKS = 3  # position, tool axis, turn about it
+FULL = 6  # joints from which on the turn about the tool axis is a task: fewer work with round tools
 
 
 @jit
 def prioritised(J, z, twist, damping, posture, held, rates):
     """Joint rates that give a tool its twist, task by task in order of priority.
+
+    With fewer than six joints the tool is taken to be round: the turn about its axis is left to the posture.
 
     Args:
         J: (6, n) Jacobian (linear; angular) of the tip.
@@ -58,7 +61,7 @@ def prioritised(J, z, twist, damping, posture, held, rates):
         rates[i] = 0.0
         free[i, i] = 0.0 if held[i] else 1.0
     A, B, G, gain, left = np.empty((3, n)), np.empty((3, n)), np.empty((3, 3)), np.empty((3, n)), np.empty(3)
-    for task in range(TASKS):
+    for task in range(TASKS if n >= FULL else TASKS - 1):
         rows = 1 if task == 2 else 3
         for j in range(n):
             along = z[0] * J[3, j] + z[1] * J[4, j] + z[2] * J[5, j]

@@ -3,8 +3,9 @@
 import numpy as np
 
 from controllers.ik.chain import Chain
+from controllers.ik.priorities import FULL as FULL  # joints of an arm that can give its tool any pose
+from sim.interfaces.spatial import Array
 
-FULL = 6  # joints of an arm that can give its tool any pose
 _USUAL = 1.5  # [m] length of a stretched arm from which on distances beside an object are the usual ones
 _LEAST = 0.4  # smallest scale: the errors of navigation and station keeping do not shrink with an arm
 
@@ -13,6 +14,11 @@ def reach(chain: Chain) -> float:
     """Length [m] of the stretched arm, from joint to joint to the tip."""
     stations = np.vstack([np.zeros(3), chain.points, chain.X_base_tip0[:3, 3]])
     return float(np.linalg.norm(np.diff(stations, axis=0), axis=1).sum())
+
+
+def base_axis(chain: Chain, q: Array) -> float:
+    """1 if the axis z of the arm's base points to the side on which the arm works at `q` (n,) [rad], else -1."""
+    return 1.0 if float(chain.forward(q)[2, 3]) >= 0.0 else -1.0
 
 
 def size(chain: Chain) -> float:

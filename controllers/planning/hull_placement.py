@@ -26,7 +26,7 @@ from scipy.spatial import ConvexHull
 from controllers.hull.thrust_margin import ThrustMargin
 from controllers.mkps import Chain
 from controllers.planning.arm_margins import ROUNDING, ArmMargins, Dropped, ToolTrack, posture_for
-from controllers.planning.arm_size import FULL, reach, size
+from controllers.planning.arm_size import FULL, base_axis, reach, size
 from controllers.planning.carried_arm import CarriedArm
 from controllers.planning.hull_path import hull_gap, hull_gap_kernel, skin_of
 from controllers.planning.path_poses import (
@@ -117,7 +117,7 @@ def place_hull(
         clearance=search.arm_clearance,
         holding=holding,
     )
-    mounting = _Mounting.of(vehicle.X_BA)
+    mounting = _Mounting.of(vehicle.X_BA, base_axis(chain, vehicle.q_ready))
     ways = (-0.5, 0.0, 0.5) if travel else (0.0,)
     best: Placement | None = None
     best_yaw, furthest = 0.0, cast("Dropped | None", None)
@@ -171,17 +171,20 @@ def place_hull(
 class _Mounting:
     """Mounting of the arm's base on a level hull."""
 
-    axis_B: Array  # (3,) the base's own axis, z_A
+    axis_B: Array  # (3,) the base's own axis, z_A, towards the work
+    sign: float  # 1 if that is z_A itself, else -1
     R_BA: Array  # (3, 3)
     upright: bool  # the axis is closer to vertical than to horizontal: hull yaw then rotates about it
     forward: float  # [rad] heading on the hull of the arm's forward direction, or of a horizontal axis
 
     @classmethod
-    def of(cls, X_BA: Array) -> "_Mounting":
-        axis, reach = X_BA[:3, 2], X_BA[:3, 0]
+    def of(cls, X_BA: Array, sign: float) -> "_Mounting":
+        axis, reach = sign * X_BA[:3, 2], X_BA[:3, 0]
         upright = bool(abs(axis[2]) > np.sqrt(0.5))
         ahead = reach if upright else axis
-        return cls(axis_B=axis, R_BA=X_BA[:3, :3], upright=upright, forward=float(np.arctan2(ahead[1], ahead[0])))
+        return cls(
+            axis_B=axis, sign=sign, R_BA=X_BA[:3, :3], upright=upright, forward=float(np.arctan2(ahead[1], ahead[0]))
+        )
 
     def candidates(
         self, path: ToolPath, middle: Array, reach: float, search: PlacementSearch
@@ -203,7 +206,10 @@ class _Mounting:
         asides = np.arange(search.asides) * (2.0 * np.pi / search.asides)
         for turn, height, radius, aside in itertools.product(search.headings, search.heights, search.radii, asides):
             R_WA = exp_so3([0.0, 0.0, facing + turn]) @ self.R_BA
-            yield middle + reach * R_WA @ [radius * np.cos(aside), radius * np.sin(aside), -height], facing + turn
+            yield (
+                middle + reach * R_WA @ [radius * np.cos(aside), radius * np.sin(aside), -self.sign * height],
+                facing + turn,
+            )
 
     def neighbours(self, base: Array, yaw: float, middle: Array, step: float) -> list[tuple[Array, float]]:
         """Candidates `step` [m] away from a good one, and with yaw changed by 2 `step` [rad]."""

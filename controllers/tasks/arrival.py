@@ -7,6 +7,7 @@ from typing import Self
 
 import numpy as np
 
+from controllers.planning.arm_size import base_axis
 from controllers.planning.hull_path import HullPath
 from controllers.planning.placement import Placement
 from controllers.planning.promise import NAVIGATION_TIME, PromiseLimits, promise
@@ -366,7 +367,9 @@ def arrival(
             held.note = "the thrusters may not hold the hull against friction at the set force"
         held.line, held.depth = ToolLine(path, placement, offset), depth
         before = np.array(placement.X_WB)
-        away = -(placement.X_WB @ site.own.vehicle.X_BA)[:3, 2]  # against the arm base's axis, which points to the work
+        own = site.own
+        to_work = base_axis(own.chain, placement.q_start)
+        away = -to_work * (placement.X_WB @ own.vehicle.X_BA)[:3, 2]  # along the arm base's axis
         before[:3, 3] += away * max(limits.lift, float(away @ (held.X_WB - before)[:3, 3]))
         held.way = [before] if site.around is None else site.around(target).way(held.X_WB, before)
 

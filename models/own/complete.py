@@ -56,7 +56,7 @@ def computed(spec: mujoco.MjSpec) -> dict[str, str]:
 
 def note(spec: mujoco.MjSpec, lines: list[str]) -> None:
     """Keep lines about a vehicle's file in its spec, for `computed`."""
-    for i, line in enumerate(lines, start=1):
+    for i, line in enumerate(lines, start=1 + sum(name.startswith("note_") for name in computed(spec))):
         spec.add_text(name=f"{COMPUTED}note_{i}", data=line)
 
 

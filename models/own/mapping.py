@@ -13,6 +13,8 @@ from models.water import thrusters
 from sim.interfaces.errors import ConfigurationError, did_you_mean
 from sim.interfaces.spatial import Array, quat_wxyz_from_rotation, rotation_from_z
 
+_TRIMMED = 2.0  # largest factor by which ballast changes the hull's volume
+
 _UP, _AHEAD, _STARBOARD = (0.0, 0.0, 1.0), (1.0, 0.0, 0.0), (0.0, -1.0, 0.0)
 
 
@@ -55,16 +57,34 @@ def _apply(spec: mujoco.MjSpec, parts: PartsMap, name: str) -> None:
         _thruster(spec, thruster, renamed, name)
 
 
-def ballast(spec: mujoco.MjSpec, metacentric_height: float, name: str) -> None:
-    """Trim the hull in the posture `home`.
+def name_hull(spec: mujoco.MjSpec) -> str:
+    """Take the only body on the world for the hull, if it floats and no other is called so; returns a line about it."""
+    roots = list(spec.worldbody.bodies)
+    free = len(roots) == 1 and any(joint.type == mujoco.mjtJoint.mjJNT_FREE for joint in roots[0].joints)
+    if not free or any(body.name == HULL_BODY for body in spec.bodies):
+        return ""
+    before = roots[0].name
+    _rename_body(spec, roots[0], HULL_BODY)
+    return f"body hull: {before!r}, the only body on the world"
+
+
+def ballast(spec: mujoco.MjSpec, metacentric_height: float, name: str) -> str:
+    """Trim the hull in the posture `home`; returns a line about what that changed.
 
     Raises:
-        ConfigurationError: The hull has no coefficients.
+        ConfigurationError: The hull has no coefficients, or a volume that is not near to one that floats the vehicle.
     """
     if HULL_BODY not in hydrodynamics.attached(spec):
         raise ConfigurationError(f"{name}: trim: the hull has no hydrodynamic coefficients that could be trimmed")
     home = next((key.qpos for key in spec.keys if key.name == HOME_KEY), None)
-    hydrodynamics.trim(spec, HULL_BODY, metacentric_height=metacentric_height, qpos=home)
+    before = hydrodynamics.attached(spec)[HULL_BODY].volume
+    after = hydrodynamics.trim(spec, HULL_BODY, metacentric_height=metacentric_height, qpos=home).volume
+    if before > 0.0 and not 1.0 / _TRIMMED < after / before < _TRIMMED:
+        raise ConfigurationError(
+            f"{name}: trim: the hull's volume is {before:.4g} m^3, and {after:.4g} m^3 would make the vehicle "
+            f"weightless; at most a factor of {_TRIMMED:g} is trimmed, and volumes are in m^3"
+        )
+    return f"trim: the hull's volume from {1e3 * before:.4g} to {1e3 * after:.4g} litres"
 
 
 def _only_body(spec: mujoco.MjSpec, name: str) -> mujoco.MjsBody | None:

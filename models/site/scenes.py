@@ -44,7 +44,7 @@ def vehicle_spec(
     spec, mapped = _as_given(vehicle, water, parts)
     complete(spec)
     if mapped is not None and mapped.trim is not None:
-        mapping.ballast(spec, mapped.trim, f"vehicle {shown(str(vehicle))}")
+        note(spec, [mapping.ballast(spec, mapped.trim, f"vehicle {shown(str(vehicle))}")])
     return spec
 
 
@@ -83,6 +83,8 @@ def _as_given(
         sidecar.attach_beside(spec, vehicle, water)
         if mapped is not None:
             mapping.apply(spec, mapped, name)
+        elif line := mapping.name_hull(spec):
+            note(spec, [line])
     compiled(spec, f"vehicle {shown(vehicle)}")
     if hydrodynamics.attached(spec):
         hydrodynamics.attach(spec, {})  # MJCF keeps user data of bodies but not of the world

@@ -23,6 +23,7 @@ def let_tool_slide(scene: mujoco.MjSpec) -> None:
         scene: with a geom TOOL_GEOM and a body TARGET_BODY; changed.
     """
     pad, target = scene.geom(TOOL_GEOM), scene.body(TARGET_BODY)
+    scene.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC  # a user's file has MuJoCo's pyramid, which knows neither
     scene.option.impratio = FRICTION_STIFFNESS
     for geom in target.geoms:
         if not (geom.contype or geom.conaffinity) or geom.priority > pad.priority or not geom.name:

@@ -15,7 +15,7 @@ from models import hydrodynamics as water
 from models.hydrodynamics import BodyHydrodynamics, StripDrag
 from models.vehicle import Vehicle
 from sim import hydrodynamics
-from sim.interfaces.spatial import Array, pose
+from sim.interfaces.spatial import Array, inverse, pose
 from sim.plant.reaction_wrench import wrench
 from tests.physics.random_trees import semidefinite
 
@@ -386,7 +386,7 @@ def test_aimed_arm_keeps_its_tool_still_on_the_object(moving_hull, rng, within):
             X_WB,
             (X_WG, np.zeros(3), np.zeros(3)),
             hull,
-            np.ascontiguousarray(J_B),
+            (inverse(X_WB) @ X_WG, np.ascontiguousarray(J_B)),
             True,
             np.inf,
             (np.empty((4, 4)), qd, qdd, yielding),

@@ -234,7 +234,7 @@ class _Check:
                 f"direction ({force.weakest_by}); stiction hides {force.friction:.0f} N; own weight takes "
                 f"{force.load.max():.0%} of {vehicle.joint_names[int(np.argmax(force.load))]}",
             )
-            self._findings += doubts.arm_doubts(vehicle, force, max(task.forces))
+            self._findings += doubts.arm_doubts(vehicle, force, max(self._jobs.forces or task.forces))
         return search.view_hits(home, doubts.HALF_VIEW)[0]
 
     def _verdict(self, job: str, model: mujoco.MjModel, vehicle: Vehicle | None, blocked: float) -> JobVerdict:

@@ -294,7 +294,7 @@ def light_joints(model: mujoco.MjModel, vehicle: Vehicle) -> Iterator[VehicleFin
 
 
 def arm_doubts(vehicle: Vehicle, force: TipForce, wanted: float) -> Iterator[VehicleFinding]:
-    """Joints loaded by the arm's own weight, and a tip that bears less than the usual set force."""
+    """Joints loaded by the arm's own weight, and a tip that bears less than the set force."""
     worst = int(np.argmax(force.load))
     if force.load[worst] > LOADED:
         yield VehicleFinding(
@@ -309,7 +309,7 @@ def arm_doubts(vehicle: Vehicle, force: TipForce, wanted: float) -> Iterator[Veh
             code="arm-weak",
             level="doubt",
             said=f"the tip bears {force.along:.0f} N along the tool in {READY_KEY} ({force.by} is the limit), the "
-            f"usual set force is {wanted:.0f} N",
+            f"set force is {wanted:.0f} N",
             figure=force.along,
         )
 

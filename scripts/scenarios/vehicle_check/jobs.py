@@ -111,13 +111,13 @@ class ArmJobs:
             forces: [N] set forces in place of the jobs' own.
         """
         self._vehicle, self._tool = vehicle, tool
-        self._parts, self._forces = parts, tuple(forces)
+        self._parts, self.forces = parts, tuple(forces)
 
     def scenario(self, name: str) -> Scenario:
         """Scenario of a job for the vehicle."""
         given: dict[str, Any] = {"vehicle": self._vehicle}
-        if self._forces and name not in _FORCELESS:
-            given["forces"] = self._forces
+        if self.forces and name not in _FORCELESS:
+            given["forces"] = self.forces
         scenario = ARM_JOBS[name](**given)
         tool = self._tool if scenario.task.tool is None else None  # a job with a tool of its own brings it
         return replace(scenario, vehicle=replace(scenario.vehicle, parts=self._parts, tool=tool))

@@ -6,6 +6,13 @@ from rich.text import Text
 
 from scenarios.vehicle_check.findings import VehicleCheck
 
+COMMANDS = {  # of `uuv run`, by job; those that hover are simulated by the check itself
+    "barrel-longitudinal": "clean-barrel",
+    "barrel-transverse": "clean-barrel --path transverse",
+    "pile": "clean-pile",
+    "insertion": "insert-sampler",
+    "seabed-core": "sample-seabed",
+}
 _COLOURS = {
     "note": "cyan",
     "doubt": "yellow",
@@ -44,6 +51,9 @@ def print_check(check: VehicleCheck, console: Console) -> None:
             verdict = Text("promised", "green") if each.promised else Text(f"refused: {each.code}", "red")
             table.add_row(each.job, verdict, each.said)
         console.print(table)
+        if runs := sorted({COMMANDS[each.job] for each in check.jobs if each.promised and each.job in COMMANDS}):
+            said = f"to run what is promised, with the same --vehicle, --tool and --forces: uuv run {', '.join(runs)}"
+            console.print(Text(said, style="dim"))
 
 
 def _parts(check: VehicleCheck) -> Text:

@@ -5,7 +5,7 @@ import pytest
 from scipy.optimize import minimize
 
 import models
-from controllers.ik.priorities import DAMPING, ZONE, prioritised
+from controllers.ik.priorities import DAMPING, FULL, ZONE, prioritised
 from controllers.mkps import Chain, IkOptions, solve
 from models.arms import published_arms
 from models.naming import ARM_BASE_BODY, TIP_SITE
@@ -25,7 +25,7 @@ def by_pseudo_inverses(J: Array, z: Array, twist: Array, posture: Array) -> Arra
     across = np.eye(3) - np.outer(z, z)
     tasks = ((J[:3], twist[:3]), (across @ J[3:], across @ twist[3:]), (z[None] @ J[3:], z[None] @ twist[3:]))
     rates, free = np.zeros(len(posture)), np.eye(len(posture))
-    for A, wanted in tasks:
+    for A, wanted in tasks[: 3 if len(posture) >= FULL else 2]:
         left, values, right = np.linalg.svd(A @ free, full_matrices=False)
         values = np.divide(1.0, values, out=np.zeros_like(values), where=values > 1e-6)
         inverse_of = (right.T * values) @ left.T

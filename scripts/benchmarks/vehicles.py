@@ -151,10 +151,11 @@ def main() -> int:
                     f"{kept} of {len(mine)}",
                     _worst(mine, "force_error_rms_n", 1.0, 2),
                     _worst(mine, "path_deviation_max_m", 1e3, 1),
-                    f"{_worst(mine, 'felt_error_n', 1.0, 2)} / {_worst(mine, 'felt_sigma_n', 1.0, 2)}",
+                    _worst(mine, "felt_error_n", 1.0, 2),
+                    _worst(mine, "felt_sigma_n", 1.0, 2),
                 )
             )
-    columns = ("vehicle", "job", "check", "kept", "force error, RMS [N]", "path, peak [mm]", "felt, sigma [N]")
+    columns = ("vehicle", "job", "check", "kept", "force error, RMS [N]", "path, peak [mm]", "felt [N]", "sigma [N]")
     tables = [
         Table("Vehicles in all jobs: worst of the runs", columns, table, labels=3),
         Table(

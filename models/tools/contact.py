@@ -1,6 +1,7 @@
 """Contact geometry and limits of a tool."""
 
 from dataclasses import dataclass
+from typing import Any
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -19,3 +20,20 @@ class ToolContact:
     def most_force(self) -> float:
         """Force [N] along the tool at which its mount meets the end of its travel."""
         return self.stiffness * self.give
+
+
+def touching(friction: float) -> dict[str, Any]:
+    """Fields of the massless geom with which a tool touches: it meets the world, and its own contact holds.
+
+    Args:
+        friction: coefficient of sliding.
+    """
+    return {
+        "mass": 0.0,
+        "contype": 1,
+        "conaffinity": 2,
+        "priority": 1,
+        "friction": [friction, 0.005, 0.0001],
+        "solref": [0.006, 1.0],
+        "solimp": [0.95, 0.99, 0.0005, 0.5, 2.0],
+    }

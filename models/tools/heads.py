@@ -7,7 +7,7 @@ import numpy as np
 
 from models.hydrodynamics import BodyHydrodynamics, cylinder
 from models.naming import PAD_BODY, PAD_JOINT, TOOL_FACE_SITE, TOOL_GEOM
-from models.tools.contact import ToolContact
+from models.tools.contact import ToolContact, touching
 from models.tools.sampler import DAMPING, GIVE, STIFFNESS, add_slide
 from sim.interfaces.spatial import Array
 
@@ -171,12 +171,6 @@ def _dome(held: mujoco.MjsBody, radius: float, length: float, friction: float) -
         type=mujoco.mjtGeom.mjGEOM_SPHERE,
         size=[radius, 0.0, 0.0],
         pos=[0.0, 0.0, length - radius],
-        mass=0.0,
-        contype=1,
-        conaffinity=2,
-        priority=1,
-        friction=[friction, 0.005, 0.0001],
-        solref=[0.006, 1.0],
-        solimp=[0.95, 0.99, 0.0005, 0.5, 2.0],
+        **touching(friction),
         rgba=[0.1, 0.45, 0.75, 1.0],
     )

@@ -13,7 +13,7 @@ import numpy as np
 from models.hydrodynamics import BodyHydrodynamics, cylinder
 from models.keyframes import keyframes_kept
 from models.naming import PAD_BODY, PAD_JOINT, TIP_SITE, TOOL_FACE_SITE, TOOL_GEOM
-from models.tools.contact import ToolContact
+from models.tools.contact import ToolContact, touching
 from sim.interfaces.errors import ConfigurationError
 
 
@@ -134,17 +134,7 @@ def add(
         explicitinertial=True,
     )
     add_slide(held, PAD_JOINT, along, (-GIVE, 0.25 * GIVE))
-    geom = held.add_geom(
-        name=TOOL_GEOM,
-        mass=0.0,
-        contype=1,
-        conaffinity=2,
-        priority=1,
-        friction=[FRICTION, 0.005, 0.0001],
-        solref=[0.006, 1.0],
-        solimp=[0.95, 0.99, 0.0005, 0.5, 2.0],
-        rgba=[0.75, 0.78, 0.82, 1.0],
-    )
+    geom = held.add_geom(name=TOOL_GEOM, **touching(FRICTION), rgba=[0.75, 0.78, 0.82, 1.0])
     if isinstance(tool, Box):
         geom.type, geom.size = mujoco.mjtGeom.mjGEOM_BOX, [0.5 * tool.breadth, 0.5 * tool.width, 0.5 * tool.length]
         geom.pos, geom.quat = 0.5 * tool.length * along, face

@@ -97,6 +97,30 @@ def set_inertial(body: mujoco.MjsBody, mass: float, center: ArrayLike, inertia: 
     body.fullinertia = [about[0, 0], about[1, 1], about[2, 2], about[0, 1], about[0, 2], about[1, 2]]
 
 
+def add_capsule(
+    body: mujoco.MjsBody, name: str, radius: float, ends: tuple[ArrayLike, ArrayLike], rgba: ArrayLike
+) -> None:
+    """Add the shape of a slender part, massless; it meets the world, not the vehicle's other parts.
+
+    Args:
+        body: that carries it.
+        name: of the geom.
+        radius: [m].
+        ends: (3,) [m] places of both ends in body axes.
+        rgba: (4,) colour.
+    """
+    body.add_geom(
+        name=name,
+        type=mujoco.mjtGeom.mjGEOM_CAPSULE,
+        size=[radius, 0.0, 0.0],
+        fromto=[*np.asarray(ends[0]), *np.asarray(ends[1])],
+        mass=0.0,
+        contype=1,
+        conaffinity=2,
+        rgba=rgba,
+    )
+
+
 def add_thruster(spec: mujoco.MjSpec, hull: mujoco.MjsBody, name: str, p: ArrayLike, direction: ArrayLike) -> str:
     """Add the site and the actuator [N] of a thruster.
 

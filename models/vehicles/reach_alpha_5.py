@@ -24,6 +24,7 @@ from models.vehicles import published_hulls
 from sim.interfaces.spatial import Array, exp_so3, quat_wxyz_from_rotation
 
 RADIUS = 0.020  # [m] radius of every link
+_GREY = (0.3, 0.3, 0.33, 1.0)
 HOME = (0.0, 2.9, 0.4, 0.0)  # [rad] folded posture
 READY = (0.0, 1.6, 2.4, 0.0)  # [rad] working posture
 
@@ -151,7 +152,7 @@ def add_arm(spec: mujoco.MjSpec, parent: mujoco.MjsBody, p: list[float], quat_wx
     """
     base = parent.add_body(name=ARM_BASE_BODY, pos=p, quat=quat_wxyz)
     published_hulls.set_inertial(base, BASE_MASS, BASE_CENTER, _inertia(BASE_INERTIA))
-    _add_capsule(base, ARM_BASE_BODY, (-0.13, 0.0, 0.0), (-0.02, 0.0, 0.0))
+    published_hulls.add_capsule(base, ARM_BASE_BODY, RADIUS, ((-0.13, 0.0, 0.0), (-0.02, 0.0, 0.0)), _GREY)
     bodies = {
         ARM_BASE_BODY: replace(
             cylinder(RADIUS, (-0.15, 0.0, 0.0), (0.0, 0.0, 0.0)), volume=BASE_VOLUME, center_of_buoyancy=BASE_CENTER
@@ -164,7 +165,7 @@ def add_arm(spec: mujoco.MjSpec, parent: mujoco.MjsBody, p: list[float], quat_wx
         body.add_joint(name=f"joint{i}", axis=[0.0, 0.0, 1.0], range=link.limits, damping=[link.friction, 0.0, 0.0])
         motor = spec.add_actuator(name=f"joint{i}", trntype=mujoco.mjtTrn.mjTRN_JOINT, target=f"joint{i}")
         motor.ctrlrange = [-link.torque, link.torque]
-        _add_capsule(body, link.name, link.start, link.end)
+        published_hulls.add_capsule(body, link.name, RADIUS, (link.start, link.end), _GREY)
         bodies[link.name] = _water(link)
     body.add_site(name=TIP_SITE, pos=_TIP, quat=[0.0, 1.0, 0.0, 0.0], group=4, size=[0.01, 0.01, 0.01])
     hydrodynamics.attach(spec, bodies)
@@ -195,16 +196,3 @@ def _rotation(rpy: tuple[float, float, float]) -> Array:
     """Rotation (3, 3) of a URDF's roll, pitch, yaw [rad]: about fixed x, then y, then z."""
     roll, pitch, yaw = rpy
     return exp_so3([0.0, 0.0, yaw]) @ exp_so3([0.0, pitch, 0.0]) @ exp_so3([roll, 0.0, 0.0])
-
-
-def _add_capsule(body: mujoco.MjsBody, name: str, start: tuple, end: tuple) -> None:
-    body.add_geom(
-        name=name,
-        type=mujoco.mjtGeom.mjGEOM_CAPSULE,
-        size=[RADIUS, 0.0, 0.0],
-        fromto=[*start, *end],
-        mass=0.0,
-        contype=1,
-        conaffinity=2,
-        rgba=[0.3, 0.3, 0.33, 1.0],
-    )

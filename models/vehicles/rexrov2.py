@@ -126,16 +126,7 @@ def _add_arm(spec: mujoco.MjSpec, hull: mujoco.MjsBody) -> None:
         across = mass * (3.0 * r**2 + length**2) / 12.0
         published_hulls.set_inertial(body, mass, [0.0, 0.0, 0.5 * d], np.diag([across, across, 0.5 * mass * r**2]))
         if d:
-            body.add_geom(
-                name=name,
-                type=mujoco.mjtGeom.mjGEOM_CAPSULE,
-                size=[r, 0.0, 0.0],
-                fromto=[*start, *end],
-                mass=0.0,
-                contype=1,
-                conaffinity=2,
-                rgba=[0.85, 0.87, 0.9, 1.0],
-            )
+            published_hulls.add_capsule(body, name, r, (start, end), (0.85, 0.87, 0.9, 1.0))
         water[name] = cylinder(r, start, end)
         X = _row(theta, d, a, alpha)
     body.add_site(

@@ -14,7 +14,9 @@ from numba import njit
 from numpy.typing import ArrayLike
 
 from models.hydrodynamics import SEA_WATER
+from models.wet.solid_angle import half_solid_angle
 from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.kernels import keyed_by_imports
 from sim.interfaces.spatial import Array, readonly, real_array, skew
 
 MOST = 8000  # panels of one surface: 1 GB, half a minute
@@ -112,6 +114,7 @@ def _nearest_positive(matrix: Array) -> tuple[Array, float]:
 
 
 @njit(cache=True, error_model="numpy")
+@keyed_by_imports
 def _system(corners: Array, centers: Array, normals: Array, flux: Array) -> tuple[Array, Array]:
     """Green's identity at the centroids: (N, N) matrix of the potentials, and (N, 6) right-hand sides.
 
@@ -141,16 +144,7 @@ def _system(corners: Array, centers: Array, normals: Array, flux: Array) -> tupl
                 for axis in range(3):
                     r[k, axis] = corners[j, k, axis] - centers[i, axis]
                 d[k] = np.sqrt(r[k, 0] ** 2 + r[k, 1] ** 2 + r[k, 2] ** 2)
-            triple = (
-                r[0, 0] * (r[1, 1] * r[2, 2] - r[1, 2] * r[2, 1])
-                + r[0, 1] * (r[1, 2] * r[2, 0] - r[1, 0] * r[2, 2])
-                + r[0, 2] * (r[1, 0] * r[2, 1] - r[1, 1] * r[2, 0])
-            )
-            d01 = r[0, 0] * r[1, 0] + r[0, 1] * r[1, 1] + r[0, 2] * r[1, 2]
-            d12 = r[1, 0] * r[2, 0] + r[1, 1] * r[2, 1] + r[1, 2] * r[2, 2]
-            d20 = r[2, 0] * r[0, 0] + r[2, 1] * r[0, 1] + r[2, 2] * r[0, 2]
-            base = d[0] * d[1] * d[2] + d01 * d[2] + d12 * d[0] + d20 * d[1]
-            angle = 0.0 if i == j else -2.0 * np.arctan2(triple, base)
+            angle = 0.0 if i == j else -2.0 * half_solid_angle(r, d)
             height = -(r[0, 0] * normals[j, 0] + r[0, 1] * normals[j, 1] + r[0, 2] * normals[j, 2])
             total = 0.0
             for k in range(3):

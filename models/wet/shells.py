@@ -14,7 +14,9 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import ConvexHull, QhullError
 
 from models.meshes.closed_shells import open_edges, volume, welded
+from models.wet.solid_angle import half_solid_angle
 from models.wet.surface import level_surface
+from sim.interfaces.kernels import keyed_by_imports
 from sim.interfaces.spatial import Array
 
 _WELD = 1e-6  # of the mesh's size
@@ -173,6 +175,7 @@ def _by_winding(points: Array, faces: np.ndarray) -> tuple[Array | None, float]:
 
 
 @njit(cache=True, error_model="numpy")
+@keyed_by_imports
 def _winding(points: Array, corners: Array) -> Array:
     """Winding number (N,) of triangles (T, 3, 3) around points (N, 3)."""
     out = np.zeros(len(points))
@@ -184,14 +187,6 @@ def _winding(points: Array, corners: Array) -> Array:
                 for axis in range(3):
                     r[k, axis] = corners[t, k, axis] - points[i, axis]
                 d[k] = np.sqrt(r[k, 0] ** 2 + r[k, 1] ** 2 + r[k, 2] ** 2)
-            triple = (
-                r[0, 0] * (r[1, 1] * r[2, 2] - r[1, 2] * r[2, 1])
-                + r[0, 1] * (r[1, 2] * r[2, 0] - r[1, 0] * r[2, 2])
-                + r[0, 2] * (r[1, 0] * r[2, 1] - r[1, 1] * r[2, 0])
-            )
-            d01 = r[0, 0] * r[1, 0] + r[0, 1] * r[1, 1] + r[0, 2] * r[1, 2]
-            d12 = r[1, 0] * r[2, 0] + r[1, 1] * r[2, 1] + r[1, 2] * r[2, 2]
-            d20 = r[2, 0] * r[0, 0] + r[2, 1] * r[0, 1] + r[2, 2] * r[0, 2]
-            total += np.arctan2(triple, d[0] * d[1] * d[2] + d01 * d[2] + d12 * d[0] + d20 * d[1])
+            total += half_solid_angle(r, d)
         out[i] = total / (2.0 * np.pi)
     return out

@@ -7,13 +7,13 @@ from numba import njit
 
 from models.water.forms import CrossTerms, FadingDamping, LiftDrag, MunkFactor, PlanarStrip
 from sim.water.native_memory import f64 as _f64
+from sim.water.vectors import Vector, cross, dot, load3, plus
 
 _MUNK, _FADING, _LIFT = MunkFactor.kind, FadingDamping.kind, LiftDrag.kind
 _CROSS, _PLANAR = CrossTerms.kind, PlanarStrip.kind
 _RIGHT = 0.5 * math.pi
 _GAUSS = 0.5 / math.sqrt(3.0)  # half the distance of two stations on an interval of length 1
 
-Vector = tuple[float, float, float]
 Address = Any  # integer of the size of a pointer
 
 
@@ -47,32 +47,32 @@ def form_wrench(row: Address, size: int, nuser: int, mass_at: int, v: Vector, w:
             one = _planar(row, at, v, w)
         else:
             one = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
-        total = _sum(total[0], one[0]), _sum(total[1], one[1])
+        total = plus(total[0], one[0]), plus(total[1], one[1])
         at += int(count)
     return total
 
 
 @njit(error_model="numpy", fastmath={"contract"})
 def _munk(row: Address, at: int, mass_at: int, v: Vector, w: Vector) -> tuple[Vector, Vector]:
-    a, b = _three(row, mass_at), _three(row, mass_at + 3)
-    c, d = _three(row, mass_at + 6), _three(row, mass_at + 9)
-    e = _three(row, mass_at + 12)
+    a, b = load3(row, mass_at), load3(row, mass_at + 3)
+    c, d = load3(row, mass_at + 6), load3(row, mass_at + 9)
+    e = load3(row, mass_at + 12)
     # Upper triangle by rows: a00 a01 a02 | a03 a04 a05 | a11 a12 a13 | a14 a15 a22 | a23 a24 a25
     p = (
-        _dot(a, v) + _dot(b, w),
+        dot(a, v) + dot(b, w),
         a[1] * v[0] + c[0] * v[1] + c[1] * v[2] + c[2] * w[0] + d[0] * w[1] + d[1] * w[2],
-        a[2] * v[0] + c[1] * v[1] + d[2] * v[2] + _dot(e, w),
+        a[2] * v[0] + c[1] * v[1] + d[2] * v[2] + dot(e, w),
     )
     gone = 1.0 - _f64(row, at), 1.0 - _f64(row, at + 1), 1.0 - _f64(row, at + 2)
-    couple = _cross(v, p)
-    force = _cross((gone[0] * w[0], gone[1] * w[1], gone[2] * w[2]), p)
+    couple = cross(v, p)
+    force = cross((gone[0] * w[0], gone[1] * w[1], gone[2] * w[2]), p)
     return force, (gone[0] * couple[0], gone[1] * couple[1], gone[2] * couple[2])
 
 
 @njit(error_model="numpy", fastmath={"contract"})
 def _fading(row: Address, at: int, v: Vector, w: Vector) -> tuple[Vector, Vector]:
-    share = -math.exp(-_f64(row, at + 6) * math.sqrt(_dot(v, v)))
-    d, e = _three(row, at), _three(row, at + 3)
+    share = -math.exp(-_f64(row, at + 6) * math.sqrt(dot(v, v)))
+    d, e = load3(row, at), load3(row, at + 3)
     return (
         (share * d[0] * v[0], share * d[1] * v[1], share * d[2] * v[2]),
         (share * e[0] * w[0], share * e[1] * w[1], share * e[2] * w[2]),
@@ -81,13 +81,13 @@ def _fading(row: Address, at: int, v: Vector, w: Vector) -> tuple[Vector, Vector
 
 @njit(error_model="numpy", fastmath={"contract"})
 def _lift_drag(row: Address, at: int, v: Vector, w: Vector) -> tuple[Vector, Vector]:
-    point, forward, upward = _three(row, at), _three(row, at + 3), _three(row, at + 6)
-    area, density, slope = _three(row, at + 9)
-    drag_0, induced, drag_slope = _three(row, at + 12)
-    incidence, stall, stalled = _three(row, at + 15)
+    point, forward, upward = load3(row, at), load3(row, at + 3), load3(row, at + 6)
+    area, density, slope = load3(row, at + 9)
+    drag_0, induced, drag_slope = load3(row, at + 12)
+    incidence, stall, stalled = load3(row, at + 15)
     stalled_drag, sweep = _f64(row, at + 18), _f64(row, at + 19)
-    u = _sum(v, _cross(w, point))
-    a, b, whole = _dot(u, forward), _dot(u, upward), _dot(u, u)
+    u = plus(v, cross(w, point))
+    a, b, whole = dot(u, forward), dot(u, upward), dot(u, u)
     square = a * a + b * b
     if not square > 0.0:
         return (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
@@ -113,7 +113,7 @@ def _lift_drag(row: Address, at: int, v: Vector, w: Vector) -> tuple[Vector, Vec
         along * forward[1] + across * upward[1],
         along * forward[2] + across * upward[2],
     )
-    return force, _cross(point, force)
+    return force, cross(point, force)
 
 
 @njit(error_model="numpy", fastmath={"contract"})
@@ -142,10 +142,10 @@ def _cross_terms(row: Address, at: int, count: int, v: Vector, w: Vector) -> tup
 
 @njit(error_model="numpy", fastmath={"contract"})
 def _planar(row: Address, at: int, v: Vector, w: Vector) -> tuple[Vector, Vector]:
-    start, end, direction = _three(row, at), _three(row, at + 3), _three(row, at + 6)
+    start, end, direction = load3(row, at), load3(row, at + 3), load3(row, at + 6)
     along = end[0] - start[0], end[1] - start[1], end[2] - start[2]
-    low = _dot(_sum(v, _cross(w, start)), direction)
-    rise = _dot(_cross(w, along), direction)
+    low = dot(plus(v, cross(w, start)), direction)
+    rise = dot(cross(w, along), direction)
     turn = 0.0
     if low * (low + rise) < 0.0:
         turn = -low / rise
@@ -157,14 +157,14 @@ def _planar(row: Address, at: int, v: Vector, w: Vector) -> tuple[Vector, Vector
             share = 0.5 * width * abs(u) * u
             zeroth += share
             first += s * share
-    bluff = -_f64(row, at + 9) * math.sqrt(_dot(along, along))
+    bluff = -_f64(row, at + 9) * math.sqrt(dot(along, along))
     lever = (
         zeroth * start[0] + first * along[0],
         zeroth * start[1] + first * along[1],
         zeroth * start[2] + first * along[2],
     )
     force = bluff * zeroth * direction[0], bluff * zeroth * direction[1], bluff * zeroth * direction[2]
-    torque = _cross(lever, direction)
+    torque = cross(lever, direction)
     return force, (bluff * torque[0], bluff * torque[1], bluff * torque[2])
 
 
@@ -173,23 +173,3 @@ def _component(v: Vector, w: Vector, k: float) -> float:
     if k < 3.0:
         return v[0] if k == 0.0 else (v[1] if k == 1.0 else v[2])
     return w[0] if k == 3.0 else (w[1] if k == 4.0 else w[2])
-
-
-@njit
-def _three(row: Address, at: int) -> Vector:
-    return _f64(row, at), _f64(row, at + 1), _f64(row, at + 2)
-
-
-@njit
-def _sum(a: Vector, b: Vector) -> Vector:
-    return a[0] + b[0], a[1] + b[1], a[2] + b[2]
-
-
-@njit
-def _dot(a: Vector, b: Vector) -> float:
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-
-
-@njit
-def _cross(a: Vector, b: Vector) -> Vector:
-    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]

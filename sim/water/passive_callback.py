@@ -14,12 +14,12 @@ never runs with another layout of MuJoCo or of the coefficients, nor with change
 import math
 from collections.abc import Callable
 from types import SimpleNamespace
-from typing import Any, ParamSpec, TypeVar, cast
+from typing import Any, cast
 
 import mujoco
 import numpy as np
 from llvmlite import ir
-from numba import cfunc, njit, types
+from numba import cfunc, types
 from numba.extending import intrinsic
 
 from models.hydrodynamics import INDEFINITE, LAYOUT, MAX_STATIONS, MAX_STRIPS, TOO_FAST, TOO_HIGH
@@ -31,6 +31,14 @@ from sim.water.native_memory import f64 as _f64
 from sim.water.native_memory import i32 as _i32
 from sim.water.native_memory import pointer as _pointer
 from sim.water.simd4 import all_four, at_least, four_of, load_four, put_four, transposed_four
+from sim.water.vectors import Number, Vector
+from sim.water.vectors import cross as _cross
+from sim.water.vectors import dot as _dot
+from sim.water.vectors import inline as _inline
+from sim.water.vectors import load3 as _load3
+from sim.water.vectors import minus as _minus
+from sim.water.vectors import plus as _plus
+from sim.water.vectors import scaled as _scaled
 
 # Fields that the callback reads or writes; their layout must be verified on live objects.
 # fmt: off
@@ -62,21 +70,9 @@ NEVER = 1e300  # stands for no limit of speed [(m/s)^2] or height [m]
 FAST_TEXT = "sim.hydrodynamics: a body moves through the water faster than its drag was judged for at this timestep"
 HIGH_TEXT = "sim.hydrodynamics: a body has risen above z = 0 and is still buoyant: there is no free surface"
 
-P = ParamSpec("P")
-T = TypeVar("T")
-
-# Plain tuples stay in registers; numba's arrays would go through memory. An address is an integer. A number is one
-# float, or four lanes: the same function then serves one body or four.
-Number = Any
-Vector = tuple[Number, Number, Number]
 Matrix = tuple[Vector, Vector, Vector]
 Indices = tuple[int, int, int, int]
 Blocks = tuple[Matrix, Matrix, Matrix]  # B (linear-linear), C (linear-angular), J (angular-angular) of a 6x6 inertia
-
-
-def _inline(function: Callable[P, T]) -> Callable[P, T]:
-    """Compile into the callers; a multiply and an add may be fused, but sums are not reordered."""
-    return njit(function, forceinline=True, error_model="numpy", fastmath={"contract"})
 
 
 def _storer() -> Callable[[int, int, float], None]:
@@ -112,11 +108,6 @@ _fast_text, _high_text = _text(FAST_TEXT), _text(HIGH_TEXT)
 
 
 @_inline
-def _load3(address: int, index: int) -> Vector:
-    return _f64(address, index), _f64(address, index + 1), _f64(address, index + 2)
-
-
-@_inline
 def _load6(address: int, index: int) -> tuple[Vector, Vector]:
     return _load3(address, index), _load3(address, index + 3)
 
@@ -126,31 +117,6 @@ def _put3(address: int, index: int, v: Vector) -> None:
     _put(address, index, v[0])
     _put(address, index + 1, v[1])
     _put(address, index + 2, v[2])
-
-
-@_inline
-def _plus(a: Vector, b: Vector) -> Vector:
-    return a[0] + b[0], a[1] + b[1], a[2] + b[2]
-
-
-@_inline
-def _minus(a: Vector, b: Vector) -> Vector:
-    return a[0] - b[0], a[1] - b[1], a[2] - b[2]
-
-
-@_inline
-def _scaled(s: Number, a: Vector) -> Vector:
-    return s * a[0], s * a[1], s * a[2]
-
-
-@_inline
-def _dot(a: Vector, b: Vector) -> Number:
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-
-
-@_inline
-def _cross(a: Vector, b: Vector) -> Vector:
-    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
 @_inline

@@ -175,7 +175,7 @@ def test_the_command_writes_a_model_and_its_table(script, capsule: Path, tmp_pat
     assert {o["quantity"] for o in told["origins"]} >= {"volume", "added mass", "drag"}
     spec = vehicle_spec(tmp_path / "capsule.wet.xml")
     model = spec.compile()
-    assert model.body("capsule").mass[0] == pytest.approx(1025.0 * told["water"]["bodies"]["capsule"]["volume"])
+    assert model.body("hull").mass[0] == pytest.approx(1025.0 * told["water"]["bodies"]["capsule"]["volume"])
     run = script("wet", capsule, "--panels", FAST, "--out", tmp_path / "other.xml", "--sidecar")
     assert (run.returncode, (tmp_path / "other.water.yaml").is_file()) == (0, True)
     assert "one collision geom (1 closed shell)" in run.stdout

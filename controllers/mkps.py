@@ -168,7 +168,8 @@ def solve(
         orientation_tolerance: [rad] largest orientation error of a solution; with infinity it does not count.
         method: "hybrid" (Levenberg-Marquardt), "jacobian_free" (accelerated sweeps), "plain" ([Danilov 2021]), or
             "priority": the tip's position, then its z axis, then the turn about it. A pose counts as met without that
-            turn, and its orientation error is the angle of the axes. It keeps the branch of `q0`.
+            turn, and its orientation error is the angle of the axes. It keeps the branch of `q0` and makes no restarts,
+            whatever `branch` and `max_restarts` say, and iterates in double precision only.
         branch: "free" restarts until a pose is met, from the same places for the same chain and q0. "keep" is for
             tracking: it moves from `q0` by short steps only, without restarts or jumps by a whole turn. A solution to
             which some joint moved by more than half a radian (or half the chain's length) is then tested further. It is
@@ -224,6 +225,8 @@ def _settings(
     one_of(branch, get_args(Branch), "branch")
     if not isinstance(options, IkOptions):
         raise ConfigurationError(f"options: expected IkOptions, got {shown(options)}")
+    if method == "priority" and options.precision == "single":
+        raise ConfigurationError('precision: "priority" iterates in double precision only, got "single"')
     tol_p = _tolerance(position_tolerance, "position_tolerance [m]")
     tol_r = _tolerance(orientation_tolerance, "orientation_tolerance [rad]")
     tol_1 = tol_2 = tol_r * 0.5**0.5

@@ -267,7 +267,10 @@ class FaultLimits:
 
     @classmethod
     def of_mass(cls, mass: float) -> Self:
-        """The limits of a vehicle of `mass` [kg]; forces grow with it, lengths with its cube root."""
+        """The limits of a vehicle of `mass` [kg]; forces grow with it, lengths with its cube root.
+
+        The share of the usual mass is rounded to tenths, so that a payload leaves the limits as they are.
+        """
         usual, share = cls(), max(LIGHTEST, round(mass / HULL.mass, 1))
         return cls(
             hull_force=share * usual.hull_force,

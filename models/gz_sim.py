@@ -26,8 +26,8 @@ def body_hydrodynamics(
 
     xDotU are added masses, xU linear, xUabsV and xUV quadratic terms, all with the signs of stability derivatives:
     damping is negative. Products of two components that no diagonal quadratic damping holds become `CrossTerms`. The
-    plugin acts at the link's centre of mass; its axes are ours. Of the added mass's velocity terms it has those of the
-    diagonal alone, here all act.
+    plugin acts at the link's origin, as here, and its axes are ours. Of the added mass's velocity terms it has those of
+    the diagonal alone, here all act.
 
     Args:
         parameters: values by name; missing ones are zero.

@@ -154,7 +154,7 @@ def elements_of(spec: mujoco.MjSpec) -> dict[str, Any]:
             _put(tree, ["bodies", *_path(name, _WATER, bodies, "body")], value, name)
         elif name.startswith(_THRUSTER):
             _put(tree, ["thrusters", *_path(name, _THRUSTER, actuators, "actuator")], value, name)
-    return {section: _with_lists(branch) for section, branch in tree.items()}
+    return {section: _of_owners(branch) if isinstance(branch, dict) else branch for section, branch in tree.items()}
 
 
 def attach_tree(spec: mujoco.MjSpec, tree: Mapping[str, Any], what: str) -> None:
@@ -259,7 +259,8 @@ def thruster_of(entry: Any, what: str) -> Thruster:
         return _call(Thruster, entry, what)
     if len(entry) > 1:
         raise ConfigurationError(f"{what}: {makers[0]} takes the other fields as its own, got {', '.join(entry)}")
-    return _call(_THRUSTER_MAKERS[makers[0]], entry[makers[0]] or {}, f"{what}: {makers[0]}")
+    given = {} if entry[makers[0]] is None else entry[makers[0]]  # `t200:` alone
+    return _call(_THRUSTER_MAKERS[makers[0]], given, f"{what}: {makers[0]}")
 
 
 def tree_of(spec: mujoco.MjSpec) -> dict[str, Any]:
@@ -294,11 +295,14 @@ def write_sidecar(spec: mujoco.MjSpec, file: str | Path) -> Path:
         The file.
 
     Raises:
-        ConfigurationError: as `tree_of` does.
+        ConfigurationError: as `tree_of` does, or the file cannot be written.
     """
     path = Path(file)
     text = yaml.safe_dump(tree_of(spec), sort_keys=False, default_flow_style=None, width=120, allow_unicode=True)
-    path.write_text(text, encoding="utf-8")
+    try:
+        path.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise ConfigurationError(f"water file {shown(str(path))}: cannot be written ({error.strerror})") from error
     return path
 
 
@@ -362,6 +366,11 @@ def _put(tree: dict[str, Any], path: list[str], value: Any, name: str) -> None:
     if path[-1] in tree:
         raise ConfigurationError(f"custom element {name!r}: stated twice, as a number and as a part of its own")
     tree[path[-1]] = value
+
+
+def _of_owners(branch: dict[str, Any]) -> dict[str, Any]:
+    """`_with_lists` of what stands below each body or actuator, which may itself be called 0 or 1."""
+    return {owner: _with_lists(entry) for owner, entry in branch.items()}
 
 
 def _with_lists(branch: Any) -> Any:

@@ -74,7 +74,7 @@ class Row:
         if self.worst is None:
             return [self.name, self.reference, f"{self.passed} of {self.cases} cases", "all"]
         what, error, tolerance = self.worst
-        return [self.name, self.reference, f"{_short(error, 1)} ({what})", _short(tolerance, 0)]
+        return [self.name, self.reference, f"{_short(error, 1)} ({what})", _short(tolerance, 1).replace(".0e", "e")]
 
 
 class Page:

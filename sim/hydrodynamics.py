@@ -72,7 +72,8 @@ _DRY_WEIGHTS = (
 DENSITIES = 30.0, 20_000.0  # [kg/m^3] plausible densities of a body; outside them mass or volume is likely wrong
 
 # Angular over linear coefficient is a length squared (quadratic drag: cubed), near the dry body's radius of gyration.
-# Per coefficient: power of that length, and largest plausible ratio to it. The vehicles here reach 2, 27 and 30.
+# Per coefficient: power of that length, and largest plausible ratio to it. The vehicles here reach 2, 27 (REMUS 100)
+# and 30.
 _LEVERS = {"added_mass": (2, 10.0), "linear_damping": (2, 40.0), "quadratic_damping": (3, 100.0)}
 
 _callback: Any = None  # numba CFunc; kept for the life of the process, since MuJoCo holds its bare address

@@ -1,7 +1,7 @@
 """Estimate of named parameters from logs, with intervals that allow for noise other than stated and coloured residuals.
 
 Residuals of real logs are neither of the stated size nor independent. After a fit each channel is compared with white
-noise that has gone through the same fit: by its variance, and by the variance of its sums over about a second, which
+noise that has gone through the same fit: by its variance, and by the variance of its sums over a second, which
 neighbours of one sign enlarge. The larger of the two ratios widens the channel's noise, and the fit is made again.
 """
 
@@ -17,7 +17,6 @@ from sim.interfaces.spatial import Array
 
 PASSES = 2  # comparisons with white noise
 FREEDOM = 2  # degrees of freedom of Student's t that a block counts as: what disturbs is drawn anew in each
-SUMMED = 20  # residuals of a channel that are summed, about a second
 SETTLED = 1e-5  # share of the cost by which a round must lower it: far less than a standard deviation makes
 _DRAWS = 4  # of white noise
 _LEAST = 0.05  # of a ratio
@@ -41,6 +40,11 @@ class ChannelBlocks(Blocks, Protocol):
         """Numbers of a sample of each channel, which follow one another in a block."""
         ...
 
+    @property
+    def a_second(self) -> Sequence[int]:
+        """Samples in a second of each channel."""
+        ...
+
     def widen(self, factors: Array) -> None:
         """Multiply the noise of each channel."""
         ...
@@ -52,7 +56,6 @@ class WaterFit:
 
     named: NamedFit
     widened: dict[str, float]  # by channel: noise that the intervals allow for, over the stated one
-    information: Array  # (n, n) of the logs alone, in prior standard deviations
     quantile: float  # standard deviations of half a 95 % interval
 
     @property
@@ -90,11 +93,9 @@ def estimate(
         blocks.widen(factors)
         widened *= factors
         fit = fit_blocks(blocks, parameters, start=fit.deviations, own=fit.own, rounds=3, enough=SETTLED, straight=True)
-    information = np.linalg.inv(fit.covariance) - np.eye(len(parameters))
     return WaterFit(
         named=fit,
         widened=dict(zip(blocks.channels, widened.tolist(), strict=True)),
-        information=information,
         quantile=float(t.ppf(0.975, FREEDOM * len(blocks.own))),
     )
 
@@ -128,7 +129,7 @@ def _through(slopes: Sequence[Slopes], solved: Sequence[Array], inverse: Array, 
 
 
 def _powers(blocks: ChannelBlocks, residuals: Sequence[Array]) -> Array:
-    """Mean squares (2, channels) of residuals, and of their sums over SUMMED samples divided by that number."""
+    """Mean squares (2, channels) of residuals, and of their sums over a second divided by their number."""
     count = len(blocks.channels)
     squares, numbers = np.zeros((2, count)), np.zeros((2, count))
     for r, label in zip(residuals, blocks.labels, strict=True):
@@ -136,9 +137,10 @@ def _powers(blocks: ChannelBlocks, residuals: Sequence[Array]) -> Array:
             own = r[label == c].reshape(-1, blocks.widths[c])
             squares[0, c] += np.sum(own**2)
             numbers[0, c] += own.size
-            whole = len(own) // SUMMED
+            summed = max(2, blocks.a_second[c])
+            whole = len(own) // summed
             if whole:
-                sums = own[: whole * SUMMED].reshape(whole, SUMMED, -1).sum(axis=1)
-                squares[1, c] += np.sum(sums**2) / SUMMED
+                sums = own[: whole * summed].reshape(whole, summed, -1).sum(axis=1)
+                squares[1, c] += np.sum(sums**2) / summed
                 numbers[1, c] += sums.size
     return squares / np.maximum(numbers, 1.0)

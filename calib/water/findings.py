@@ -94,7 +94,7 @@ def _linked(near: np.ndarray) -> list[list[int]]:
 
 def _sentence(names: Sequence[str], correlation: Array) -> str:
     kinds = {group_of(name) for name in names}
-    least = float(np.abs(correlation[0, 1:]).min())
+    least = float(np.abs(correlation)[np.triu_indices(len(names), 1)].min())
     axes = {axis for axis in AXES for name in names if name.endswith(axis)}
     if "thrusters" in kinds and kinds & {"added mass", "quadratic damping", "linear damping"}:
         what, how = "only their ratios are told", _SCALE

@@ -3,7 +3,7 @@
 Columns, all but `time` optional; a cell may be blank (null in Parquet) where there is no sample at that time:
 
     time                        [s], increasing
-    x y z qx qy qz qw           pose of the hull in W, z up [m]; the position or the quaternion may stand alone
+    x y z qx qy qz qw           pose of the hull in W [m], z up from the surface; the quaternion may stand alone
     wx wy wz   ax ay az         IMU in hull axes: rate [rad/s]; specific force [m/s^2], +9.81 in z at rest
     vx vy vz   depth            DVL: velocity over ground in hull axes [m/s]; depth of the hull's origin [m], down
     thruster.NAME               command as a fraction from -1 to 1, held until the next
@@ -139,6 +139,18 @@ def log_of(
         some = "; ".join(" ".join(words) for words in CHANNELS.values())
         raise ConfigurationError(f"{name}: nothing was measured; it needs one of: {some}")
     _compare_rates(name, channels)
+    if POSITION in channels and ATTITUDE not in channels:
+        raise ConfigurationError(f"{name}: x y z need qx qy qz qw: without an attitude nobody knows where ahead is")
+    for kind, have in (
+        ("thruster", [each for each in thrusters if f"{THRUSTER}{each}" in columns or f"{THRUST}{each}" in columns]),
+        ("joint", [each for each in joints if f"{JOINT}{each}" in columns]),
+    ):
+        lacking = [each for each in (thrusters if kind == "thruster" else joints) if each not in have]
+        if have and lacking:
+            raise ConfigurationError(
+                f"{name}: {kind} {lacking[0]} has no column, others have; give {kind}.{lacking[0]}"
+                f"{', zero if it was off' if kind == 'thruster' else ''}"
+            )
     both = [each for each in thrusters if f"{THRUSTER}{each}" in columns and f"{THRUST}{each}" in columns]
     if both:
         raise ConfigurationError(f"{name}: thruster {both[0]} has a command and a thrust; one of the two")

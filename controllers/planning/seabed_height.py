@@ -11,7 +11,8 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from controllers.mkps import Chain, IkOptions, solve
-from controllers.planning.arm_margins import ArmMargins, Dropped, ToolTrack, reach
+from controllers.planning.arm_margins import ArmMargins, Dropped, ToolTrack
+from controllers.planning.arm_size import reach
 from controllers.planning.hull_path import joint_centres
 from controllers.planning.path_poses import tool_poses
 from controllers.planning.placement import Placement

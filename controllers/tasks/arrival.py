@@ -368,7 +368,7 @@ def arrival(
         held.line, held.depth = ToolLine(path, placement, offset), depth
         before = np.array(placement.X_WB)
         own = site.own
-        to_work = base_axis(own.chain, placement.q_start)
+        to_work = base_axis(own.chain, own.vehicle.q_ready)
         away = -to_work * (placement.X_WB @ own.vehicle.X_BA)[:3, 2]  # along the arm base's axis
         before[:3, 3] += away * max(limits.lift, float(away @ (held.X_WB - before)[:3, 3]))
         held.way = [before] if site.around is None else site.around(target).way(held.X_WB, before)

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from typing import Self
 
 from controllers.planning.path_poses import stretches
@@ -27,11 +27,15 @@ class ApproachLimits:
     touch_time: float = 0.04  # [s] for which it must last
     search: float = 0.06  # [m] by which the approach goes beyond the expected surface
 
-    @classmethod
-    def of_size(cls, size: float) -> Self:
-        """Limits of an arm whose distances beside an object are `size` [-] times the usual ones."""
-        usual = cls()
-        return cls(standoff=size * usual.standoff, touch=size * usual.touch)
+    def of_size(self, size: float) -> Self:
+        """These for an arm whose distances beside an object are `size` [-] times the usual ones.
+
+        A stand-off or a touch that is not the default was chosen for the arm, and stays.
+        """
+        usual = type(self)()
+        standoff = size * self.standoff if self.standoff == usual.standoff else self.standoff
+        touch = size * self.touch if self.touch == usual.touch else self.touch
+        return replace(self, standoff=standoff, touch=touch)
 
     def __post_init__(self) -> None:
         for each in fields(self):
@@ -290,6 +294,22 @@ def next_stretch(held: Held) -> float | None:
     return min((begin for begin, _ in stretches(held.line.path) if begin > held.s), default=None)
 
 
+def travel(state: FollowState, held: Held, now: Context) -> None:
+    """Bring the tool's place on the path, off the surface, and the hull that travels along, to the present time."""
+    assert held.line is not None
+    done, rate = state.progress.at(now.time - state.since)
+    held.s, length, placement = state.begin + done, float(held.line.path.s[-1]), held.start_of_line()
+    held.X_WB = placement.hull_at(held.s / length)
+    state.v_WB_W = rate / length * placement.hull_rate(held.s / length)
+
+
+def travelling(state: FollowState, held: Held, now: Context) -> Setpoint:
+    """Set point of a tool that `travel` moves."""
+    X_WG, tangent, turn = held.tool()
+    rate = state.progress.at(now.time - state.since)[1]
+    return Setpoint(X_WG=X_WG, v_WG_W=rate * tangent, w_WG_W=rate * turn, v_WB_W=state.v_WB_W)
+
+
 class NextStretch(Phase):
     """Move the tool at the stand-off to the next stretch of the path on which it can press; the hull travels along."""
 
@@ -307,18 +327,12 @@ class NextStretch(Phase):
 
     def step(self, state: FollowState, held: Held, now: Context) -> Outcome:
         """Done at rest before the next stretch."""
-        assert held.line is not None
-        done, rate = state.progress.at(now.time - state.since)
-        held.s, length, placement = state.begin + done, float(held.line.path.s[-1]), held.start_of_line()
-        held.X_WB = placement.hull_at(held.s / length)
-        state.v_WB_W = rate / length * placement.hull_rate(held.s / length)
+        travel(state, held, now)
         return PhaseEvent.DONE if now.time - state.since > state.progress.duration + self._limits.linger else None
 
     def setpoint(self, state: FollowState, held: Held, now: Context) -> Setpoint:
         """The tool at the stand-off."""
-        X_WG, tangent, turn = held.tool()
-        rate = state.progress.at(now.time - state.since)[1]
-        return Setpoint(X_WG=X_WG, v_WG_W=rate * tangent, w_WG_W=rate * turn, v_WB_W=state.v_WB_W)
+        return travelling(state, held, now)
 
 
 class Unload(Phase):
@@ -364,7 +378,10 @@ class Retreat(Phase):
 
 
 class NextPoint(Phase):
-    """Move the tool at the stand-off to the next of several points; more at the point, done after the last one."""
+    """Move the tool at the stand-off to the next of several points; more at the point, done after the last one.
+
+    The hull travels along.
+    """
 
     def __init__(self, points: Sequence[float], limits: FollowLimits, standoff: float) -> None:
         """Set up the phase; the tool is at the point of index 0 when it is entered first.
@@ -382,20 +399,18 @@ class NextPoint(Phase):
         if k == len(self._points):
             return None
         held.depth = min(0.0, held.depth - self._standoff)
-        limits = self._limits
-        return FollowState(Progress(self._points[k] - self._points[k - 1], limits.speed, limits.ramp), now.time)
+        limits, before = self._limits, self._points[k - 1]
+        return FollowState(Progress(self._points[k] - before, limits.speed, limits.ramp), now.time, before)
 
     def step(self, state: FollowState | None, held: Held, now: Context) -> Outcome:
         """More at the point."""
         if state is None:
             return PhaseEvent.DONE
-        held.s = self._points[len(held.places) - 1] + state.progress.at(now.time - state.since)[0]
+        travel(state, held, now)
         return PhaseEvent.MORE if now.time - state.since > state.progress.duration else None
 
     def setpoint(self, state: FollowState | None, held: Held, now: Context) -> Setpoint:
         """The tool at the stand-off."""
         if state is None:
             return Setpoint(X_WG=held.tool(way_back(held, self._standoff))[0])
-        X_WG, tangent, turn = held.tool()
-        rate = state.progress.at(now.time - state.since)[1]
-        return Setpoint(X_WG=X_WG, v_WG_W=rate * tangent, w_WG_W=rate * turn)
+        return travelling(state, held, now)

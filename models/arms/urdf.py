@@ -11,6 +11,7 @@ drops `mimic`, by which URDF couples joints.
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
@@ -24,10 +25,47 @@ from sim.interfaces.files import bytes_of
 from sim.interfaces.spatial import Array, checked_place, exp_so3, finite_number, pose, readonly, shown
 
 CHAIN_TIP = "chain tip"  # site that `model_from_urdf` adds
+MESHES = (".stl", ".obj", ".msh")  # endings of the mesh files that MuJoCo reads
 LONGEST = 1e4  # [m] or [rad] largest number accepted: more is a slip, or millimetres
 _DRIVEN = {"revolute": "r", "continuous": "r", "prismatic": "p"}
 _UNSOLVED = ("floating", "planar")
 _JOINTS = (*_DRIVEN, "fixed", *_UNSOLVED)
+_HEAD = 20_000  # [bytes] within which a URDF under another name has its root element
+
+
+def is_urdf(file: str | os.PathLike[str], what: str) -> bool:
+    """True for a file that ends in .urdf, or whose root element is a robot.
+
+    Args:
+        file: path of a file that exists.
+        what: it is, with which errors begin.
+
+    Raises:
+        ConfigurationError: the file cannot be read.
+    """
+    return Path(file).suffix.lower() == ".urdf" or b"<robot" in bytes_of(file, what)[:_HEAD]
+
+
+def mesh_file(name: str, folder: Path) -> Path | None:
+    """File of a mesh that a URDF names, whatever its format; None: there is none.
+
+    A plain path counts from the URDF's folder. A package is looked for above it, and where it is not found, the end of
+    the path below the URDF's folder or the one above.
+
+    Args:
+        name: path, file:// or package://.
+        folder: of the URDF.
+    """
+    plain, folder = name.removeprefix("file://"), folder.resolve()
+    tried = [folder / plain]
+    if "://" in plain:
+        plain = plain.partition("://")[2]
+        package, _, rest = plain.partition("/")
+        above = [folder, *folder.parents]
+        tried = [base / package / rest for base in above] + [base / rest for base in above if base.name == package]
+    parts = Path(plain).parts
+    tried += [base.joinpath(*parts[k:]) for k in range(len(parts)) for base in (folder, folder.parent)]
+    return next((path.resolve() for path in tried if path.is_file()), None)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -45,8 +45,16 @@ def complete(spec: mujoco.MjSpec) -> list[str]:
                 angles = ", ".join(f"{q:.2f}" for q in found.q)
                 said[name] = f"keyframe {name}: none given; [{angles}]: {found.said}"
     for name, line in said.items():
+        forget(spec, name)
         spec.add_text(name=COMPUTED + name, data=line)
     return list(said.values())
+
+
+def forget(spec: mujoco.MjSpec, name: str = "") -> None:
+    """Delete what a spec tells of a computed part, or of all: a saved MJCF may tell of another state."""
+    for text in [each for each in spec.texts if each.name.startswith(COMPUTED)]:
+        if name in ("", text.name.removeprefix(COMPUTED)):
+            spec.delete(text)
 
 
 def computed(spec: mujoco.MjSpec) -> dict[str, str]:

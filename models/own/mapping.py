@@ -1,4 +1,4 @@
-"""Puts a user's model under the contract of `models.naming`: renames its parts, adds sites, motors, thrusters."""
+"""Gives a user's model the names of `models.naming`: renames its parts, adds the sites, motors and thrusters named."""
 
 from collections.abc import Mapping
 
@@ -39,6 +39,7 @@ def apply(spec: mujoco.MjSpec, parts: PartsMap, name: str) -> None:
 
 def _apply(spec: mujoco.MjSpec, parts: PartsMap, name: str) -> None:
     hull = _body(spec, parts.hull, name) if parts.hull else _only_body(spec, name)
+    before = parts.hull if hull is None else hull.name
     if hull is not None:
         _rename_body(spec, hull, HULL_BODY)
         if not hull.joints:
@@ -46,7 +47,7 @@ def _apply(spec: mujoco.MjSpec, parts: PartsMap, name: str) -> None:
                 hull.add_freejoint(name=HULL_BODY)
     if parts.arm_base:
         _rename_body(spec, _body(spec, parts.arm_base, name, parts.hull), ARM_BASE_BODY)
-    renamed = {parts.hull: HULL_BODY, parts.arm_base: ARM_BASE_BODY}
+    renamed = {before: HULL_BODY, parts.arm_base: ARM_BASE_BODY}
     _add_site(spec, TIP_SITE, parts.tip, renamed, name)
     _add_site(spec, CAMERA_SITE, parts.camera, renamed, name)
     if parts.tool:
@@ -133,6 +134,9 @@ def _rename_body(spec: mujoco.MjSpec, body: mujoco.MjsBody, to: str) -> None:
         sensor.refname = to if sensor.reftype in bodies and sensor.refname == before else sensor.refname
     for camera in [*spec.cameras, *spec.lights]:
         camera.targetbody = to if camera.targetbody == before else camera.targetbody
+    for actuator in spec.actuators:
+        if actuator.trntype == mujoco.mjtTrn.mjTRN_BODY and actuator.target == before:
+            actuator.target = to
 
 
 def _rename_geom(spec: mujoco.MjSpec, wanted: str, name: str) -> None:

@@ -72,13 +72,6 @@ class PostureSearch:
         own = [g for g in range(model.ngeom) if model.geom_bodyid[g] == vehicle.hull]
         self._at(np.clip(np.zeros(len(self._low)), self._low, self._high))
         self._box = _box(model, self.data, own, vehicle.hull)
-        rng = np.random.default_rng(0)
-        self._drawn = rng.uniform(self._low, self._high, (DRAWN, len(self._low)))
-        self._neighbours = self._always_touching(self._drawn[:_TRIED])
-        self._tips = np.array([self._tip(q) for q in self._drawn])
-        self.reach = float(
-            np.linalg.norm(self._tips, axis=1).max()
-        )  # [m] of the tip from the arm's base, among the drawn
 
     @cached_property
     def _drawn(self) -> Array:
@@ -103,7 +96,7 @@ class PostureSearch:
     def _masses(self) -> tuple[np.ndarray, Array, Array]:
         """Bodies (b,), their masses less those of their water (b,) [kg], and moments of both in the body (b, 3) [kg m].
 
-        None where the hull has no water.
+        Empty arrays where the hull has no water.
         """
         model = self.model
         if not hydrodynamics.carries(model.body_user[self.vehicle.hull]):

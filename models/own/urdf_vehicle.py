@@ -14,20 +14,11 @@ from models.arms import urdf
 from models.naming import HULL_BODY
 from models.own.mapping import add_motor
 from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.files import bytes_of, existing_file
+from sim.interfaces.files import existing_file
 from sim.interfaces.spatial import shown
 
-_MESHES = (".stl", ".obj", ".msh")
 _BITS = 1, 2  # contype, conaffinity: parts of a vehicle meet the world (1, 1), never each other
 _UNCOUPLED = ("floating", "planar")
-
-
-def is_urdf(file: str | Path) -> bool:
-    """True for a file that ends in .urdf, or an .xml whose root is a robot."""
-    path = Path(file)
-    if path.suffix.lower() == ".urdf":
-        return True
-    return path.suffix.lower() == ".xml" and path.is_file() and b"<robot" in bytes_of(path, "vehicle")[:4000]
 
 
 def spec_of_urdf(file: str | Path) -> tuple[mujoco.MjSpec, list[str]]:
@@ -48,7 +39,7 @@ def spec_of_urdf(file: str | Path) -> tuple[mujoco.MjSpec, list[str]]:
     notes = []
     left_out = sorted(set(_resolve_meshes(robot.xml, Path(file).resolve().parent)))
     if left_out:
-        notes.append(f"meshes left out, not found or not of {', '.join(_MESHES)}: {', '.join(left_out)}")
+        notes.append(f"meshes left out, not found or not of {', '.join(urdf.MESHES)}: {', '.join(left_out)}")
     coupled = []
     for joint in robot.xml.findall("joint"):
         if joint.find("mimic") is not None or joint.get("type") in _UNCOUPLED:
@@ -100,23 +91,10 @@ def _resolve_meshes(xml: ElementTree.Element, folder: Path) -> list[str]:
             if mesh is None:
                 continue
             given = mesh.get("filename", "")
-            found = _found(given, folder)
+            found = urdf.mesh_file(given, folder) if Path(given).suffix.lower() in urdf.MESHES else None
             if found is None:
                 missing.append(Path(given).name)
                 link.remove(shape)
             else:
                 mesh.set("filename", str(found))
     return missing
-
-
-def _found(given: str, folder: Path) -> Path | None:
-    """File of a mesh by its path, or below the URDF's folder or one above it, as in a ROS package."""
-    parts = Path(given.partition("://")[2] or given).parts
-    if Path(given).suffix.lower() not in _MESHES:
-        return None
-    for start in range(len(parts)):
-        for base in (folder, folder.parent):
-            path = base.joinpath(*parts[start:])
-            if path.is_file():
-                return path
-    return None

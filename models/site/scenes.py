@@ -6,11 +6,12 @@ import mujoco
 
 import models
 from models import hydrodynamics, sidecar
+from models.arms.urdf import is_urdf
 from models.mjcf_files import compiled, read_mjcf
 from models.naming import TOOL_GEOM
 from models.objects.targets import TargetModel
 from models.own import mapping, urdf_vehicle
-from models.own.complete import complete, note
+from models.own.complete import complete, forget, note
 from models.own.parts_file import PartsMap, beside, read_parts
 from models.site.seabed import Seabed
 from sim.interfaces.errors import ConfigurationError
@@ -71,7 +72,7 @@ def _as_given(
     existing_file(vehicle, "vehicle")
     if mapped is None and (there := beside(vehicle)) is not None:
         mapped, name = read_parts(there), f"parts {shown(str(there))}"
-    if urdf_vehicle.is_urdf(vehicle):
+    if is_urdf(vehicle, "vehicle"):
         spec, notes = urdf_vehicle.spec_of_urdf(vehicle)
         mapped = mapped or PartsMap()
         sidecar.attach_beside(spec, vehicle, water)  # by the names of the file
@@ -80,6 +81,7 @@ def _as_given(
         note(spec, notes)
     else:
         spec, _ = read_mjcf(vehicle, "vehicle")
+        forget(spec)  # lines about computed parts of an earlier state, saved with it
         sidecar.attach_beside(spec, vehicle, water)
         if mapped is not None:
             mapping.apply(spec, mapped, name)

@@ -11,12 +11,12 @@ Tool = Tube | Box | Head | Jaws
 
 
 def pad() -> Tool:
-    """Round pad, a dome of 60 mm, for an arm that bears some 100 N."""
+    """Round pad, a dome of 60 mm radius, for an arm that bears some 100 N."""
     return Head(radius=0.06, length=0.06, mass=0.3)
 
 
 def small_pad() -> Tool:
-    """Round pad, a dome of 20 mm, for a small arm."""
+    """Round pad, a dome of 20 mm radius, for a small arm."""
     return Head(radius=0.02, length=0.03, mass=0.05, stiffness=5e3, damping=20.0)
 
 

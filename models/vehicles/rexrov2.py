@@ -3,8 +3,8 @@
 Hull and thrusters are those of the package rexrov2 of [Manhaes 2016], which gives the added mass and damping of
 [Berg 2012]; both were read in that package (rexrov2_base.xacro, rexrov2.gazebo.xacro, rexrov2_actuators.xacro,
 thruster_manager.yaml). The added mass is printed with 10.775 where its mirror place has 10.774; their mean is taken.
-Added mass and damping are taken to be in axes forward, starboard, down, positions in forward, port, up. The propellers'
-time constant is an estimate.
+Added mass and damping are taken to be in axes forward, starboard, down; inertia and positions are in forward, port, up
+there, and the inertia is turned into the former here. The propellers' time constant is an estimate.
 
 The vehicle of that package carries an Oberon, whose numbers were not found. The arm here has the kinematics, joint
 limits and torques of the KUKA LBR iiwa 7 R800 (`models.arms.published_arms`, KUKA's technical data) and a pad. Its
@@ -32,7 +32,7 @@ from sim.interfaces.spatial import Array, exp_so3, pose, quat_wxyz_from_rotation
 HULL = PublishedHull(
     mass=1862.87,
     center_of_gravity=[0.0, 0.0, 0.0],
-    inertia=[[525.39, 1.44, 33.41], [1.44, 794.20, 2.6], [33.41, 2.6, 691.23]],
+    inertia=[[525.39, -1.44, -33.41], [-1.44, 794.20, 2.6], [-33.41, 2.6, 691.23]],
     volume=1.83826,
     center_of_buoyancy=[0.0, 0.0, -0.3],
     added_mass=[

@@ -233,11 +233,16 @@ class LiftDrag(Form):
             span: [m].
             drag_0: C_D without lift.
             oswald: Oswald's efficiency.
-            **figures: the other fields.
+            **figures: the other fields, without lift_slope and induced.
 
         Returns:
             The form.
+
+        Raises:
+            ConfigurationError: a number out of bounds, or one of those computed here given too.
         """
+        if given := [name for name in ("lift_slope", "induced") if name in figures]:
+            raise ConfigurationError(f"wing {', '.join(given)}: follows from area, span and oswald; leave it out")
         ratio = positive(span, "wing span [m]") ** 2 / positive(area, "wing area [m^2]")
         return cls(
             area=area,
@@ -273,7 +278,7 @@ class LiftDrag(Form):
             lift_slope=parameters.get("cla", 1.0),
             drag_slope=parameters.get("cda", 0.01),
             incidence=parameters.get("a0", 0.0),
-            stall=min(parameters.get("alpha_stall", _RIGHT), _RIGHT),
+            stall=min(finite_number(parameters.get("alpha_stall", _RIGHT), "gz-sim LiftDrag alpha_stall"), _RIGHT),
             stalled_slope=parameters.get("cla_stall", 0.0),
             stalled_drag_slope=parameters.get("cda_stall", 1.0),
             sweep=2,

@@ -11,16 +11,13 @@ from xml.etree import ElementTree
 import mujoco
 
 from models import hydrodynamics, sidecar
-from models.arms.urdf import UrdfRobot, couple, parse, take_mimics
+from models.arms.urdf import MESHES, UrdfRobot, couple, is_urdf, mesh_file, parse, take_mimics
 from models.mjcf_files import read_mjcf
 from models.wet.wetting import Wetted
 from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.files import bytes_of, existing_file
+from sim.interfaces.files import existing_file
 from sim.interfaces.spatial import finite_number, shown
 
-MESHES = (".stl", ".obj", ".msh")  # endings of the mesh files that MuJoCo reads
-_ROBOT = b"<robot"
-_HEAD = 20_000  # [bytes] within which a URDF under another name has its root element
 _DIRECTIVES = {"discardvisual": "false", "strippath": "false", "fusestatic": "false"}
 
 
@@ -41,10 +38,9 @@ def read_model(
         ConfigurationError: a file that cannot be read, that MuJoCo does not accept, or whose meshes are missing.
     """
     path = existing_file(file, "model")
-    is_mesh, is_urdf = path.suffix.lower() in MESHES, path.suffix.lower() == ".urdf"
-    if not is_mesh and not is_urdf:
-        is_urdf = _ROBOT in bytes_of(path, "model")[:_HEAD]
-    if free and not is_urdf:
+    is_mesh = path.suffix.lower() in MESHES
+    of_urdf = not is_mesh and is_urdf(path, "model")
+    if free and not of_urdf:
         said = "a mesh floats" if is_mesh else "write <freejoint/> into the root body"
         raise ConfigurationError(f"free: for a URDF only; {shown(path.name)}: {said}")
     if is_mesh:
@@ -53,7 +49,7 @@ def read_model(
         raise ConfigurationError(
             f"scale: for a mesh file only; {shown(path.name)} states the scale of its meshes itself"
         )
-    if is_urdf:
+    if of_urdf:
         return _of_urdf(path, free)
     spec, _ = read_mjcf(path, "model")
     sidecar.attach_beside(spec, path)  # thrusters, and water that is to be replaced
@@ -176,25 +172,16 @@ def _found_meshes(robot: UrdfRobot, path: Path) -> list[str]:
                 link.remove(part)
                 left_out.append(name)
                 continue
-            mesh.set("filename", str(_resolved(name, folder, said)))
+            found = mesh_file(name, folder)
+            if found is None:
+                raise ConfigurationError(
+                    f"{said} {shown(name)}: there is no such file (looked in {shown(str(folder))})"
+                )
+            mesh.set("filename", str(found))
     if not left_out:
         return []
     endings = ", ".join(sorted({Path(name).suffix or name for name in left_out}))
     return [f"{len(left_out)} visual meshes left out: MuJoCo does not read {endings}; collision geoms stand for them"]
-
-
-def _resolved(name: str, folder: Path, said: str) -> Path:
-    """Place of a mesh file: beside the URDF, or for package:// in a folder of that name above it."""
-    plain = name.removeprefix("file://")
-    tried = [folder / plain]
-    if "://" in plain:
-        package, _, rest = plain.partition("://")[2].partition("/")
-        above = [folder.resolve(), *folder.resolve().parents]
-        tried = [base / package / rest for base in above] + [base / rest for base in above if base.name == package]
-    for candidate in tried:
-        if candidate.is_file():
-            return candidate.resolve()
-    raise ConfigurationError(f"{said} {shown(name)}: there is no such file (looked in {shown(str(tried[0].parent))})")
 
 
 def _compiling(spec: mujoco.MjSpec, said: str) -> mujoco.MjSpec:

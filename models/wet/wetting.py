@@ -85,7 +85,7 @@ def wet(
         The model, and the table of its numbers.
 
     Raises:
-        ConfigurationError: a model that does not compile, without a moving body or without geoms; a geom or body
+        ConfigurationError: a model that does not compile, in which no moving body has geoms; a geom or body
             without a volume or of more than 20 m; arguments out of range.
     """
     if geoms not in CHOICES:

@@ -21,12 +21,11 @@ from scenarios.scenario import Scenario
 from scenarios.study.harness import Table
 from scenarios.study.local_processes import run_all
 from scenarios.study.options import at_least
-from scenarios.tasks.surface_work import SurfaceWorkTask
-from scenarios.tasks.tapping import TappingTask
 from scenarios.vehicle_check.check import check_vehicle
 from scenarios.vehicle_check.jobs import ARM_JOBS, HOVERING, ArmJobs
 from sim.interfaces.errors import UuvError
 from sim.interfaces.messages import WorkState
+from sim.interfaces.spatial import one_of
 from sim.runs.saving import write_json, write_whole
 
 # Vehicle: tool, set forces [N]; None: its own tool, the jobs' own forces.
@@ -34,7 +33,6 @@ VEHICLES: dict[str, tuple[str | None, tuple[float, ...]]] = {
     "bluerov2_heavy_alpha5": ("small_pad", (8.0,)),
     "rexrov2_arm7": (None, ()),
     "uuv_puma_two_sway": (None, ()),
-    "uuv_puma": (None, ()),
 }
 
 
@@ -55,6 +53,10 @@ class Options:
 
     def __post_init__(self) -> None:
         at_least(self, seeds=1, workers=1)
+        for vehicle in self.vehicles:
+            one_of(vehicle, tuple(VEHICLES), "--vehicles")
+        for job in self.jobs:
+            one_of(job, tuple(ARM_JOBS), "--jobs")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -69,12 +71,7 @@ class Case:
 def scenario_of(case: Case) -> Scenario:
     """Scenario of a run."""
     tool, forces = VEHICLES[case.vehicle]
-    scenario = ArmJobs(case.vehicle, tool=tool, parts=None, forces=forces).scenario(case.job)
-    task = scenario.task
-    if case.job == "tap":
-        assert isinstance(task, SurfaceWorkTask)
-        task = TappingTask(path=task.path, forces=task.forces, range=task.range)
-    return replace(scenario, seed=case.seed, task=task)
+    return replace(ArmJobs(case.vehicle, tool=tool, parts=None, forces=forces).scenario(case.job), seed=case.seed)
 
 
 def outcome(case: Case) -> dict[str, Any]:

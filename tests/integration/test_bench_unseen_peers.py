@@ -12,6 +12,7 @@ from scenarios.study import read_rows
 from sim.interfaces.spatial import exp_so3, inverse, pose, rotation_from_z, transform_points
 
 
+@pytest.mark.long
 def test_two_scenes_with_the_peers_that_are_installed(script, tmp_path: Path):
     quick = ("icp", "small_gicp", "fpfh")
     run = script("benchmarks.unseen_peers", "--runs", 2, "--seed", 7, "--out", tmp_path, "--peers", *quick)

@@ -2,9 +2,12 @@
 
 from pathlib import Path
 
+import pytest
+
 from scenarios.study import read_rows
 
 
+@pytest.mark.long
 def test_one_scene(script, tmp_path: Path):
     run = script("studies.sensors", "--runs", 1, "--workers", 1, "--out", tmp_path)
     assert run.returncode == 0, run.stderr

@@ -21,6 +21,7 @@ from rich.table import Table
 from calib.water.findings import findings, together
 from models.site.scenes import vehicle_spec
 from models.vehicles import published_hulls
+from scenarios.pool.pool_vehicle import FRESH_WATER
 from scenarios.pool.trials import read_trials
 from scenarios.study.options import at_least
 from scenarios.water_identification.command import console, table_of, words
@@ -30,7 +31,6 @@ from scenarios.water_identification.pool_logs import logs_of_trials
 from scenarios.water_identification.vehicle_replay import ReplayVehicle
 from sim.runs.saving import write_json
 
-FRESH_WATER = 997.0  # [kg/m^3] of the pool
 POOL_NOISE = {"attitude": 0.005, "depth": 0.005}  # [rad], [m]
 
 

@@ -10,9 +10,10 @@ from rich.markup import escape
 from rich.table import Table
 from tyro.conf import Positional
 
+from models.arms.urdf import MESHES
 from models.hydrodynamics import SEA_WATER
 from models.sidecar import tree_of
-from models.wet.files import MESHES, make_neutral, read_model, write_model
+from models.wet.files import make_neutral, read_model, write_model
 from models.wet.geoms import Choice
 from models.wet.wetting import PANELS, Wetted, wet
 from sim.interfaces.errors import ConfigurationError

@@ -161,15 +161,16 @@ class PlacedSurfaceWork(PlacedTask):
     def job(self) -> surface_work.SurfaceTaskConfig:
         """Forces and limits of the work, for the arm's size."""
         size, task = self.own.at_work().size, self.task
-        usual = task.approach == ApproachLimits()
+        usual_rate = task.force_rate == SurfaceWorkTask.force_rate
         return surface_work.SurfaceTaskConfig(
             forces=task.forces,
             speed=task.speed,
             least_share=task.least,
-            force_rate=size**2 * task.force_rate,  # a lighter hull is pushed away sooner
+            # A lighter hull is pushed away sooner; a rate that is not the default was chosen for it.
+            force_rate=size**2 * task.force_rate if usual_rate else task.force_rate,
             force_control="force-control" not in self.scenario.control.without,
             contactless=task.contactless,
-            approach=ApproachLimits.of_size(size) if usual else task.approach,
+            approach=task.approach.of_size(size),
             arrival=ArrivalLimits.of_size(size),
             escape=EscapeLimits.of_size(size),
             promise=task.promise,

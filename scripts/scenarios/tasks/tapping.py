@@ -51,12 +51,13 @@ class PlacedTapping(PlacedSurfaceWork):
     @property
     def bounds(self) -> Bounds:
         """Those of the force: there is no path."""
-        return replace(super().bounds, path_deviation=float("inf"), tilt=float("inf"))
+        return replace(super().bounds, path_deviation=float("inf"))
 
-    def planner(self) -> TaskPlanner:
-        """Planner of the work."""
+    @property
+    def standing(self) -> PathStanding:
+        """Chooses the hull's place from which all points are within reach."""
         own, job = self.own.at_work(), self.job()
-        stand = PathStanding(
+        return PathStanding(
             vehicle=own.vehicle,
             chain=own.chain,
             model=self.target,
@@ -65,5 +66,9 @@ class PlacedTapping(PlacedSurfaceWork):
             floor=scenes.seabed_height(self.target, self.truth.X_WT),
             holding=ThrustMargin.of(self.own.model),
         )
-        site = WorkSite(own=own, X_WB_scan=self.X_WB, stand=stand, around=around(own, self.target))
+
+    def planner(self) -> TaskPlanner:
+        """Planner of the work."""
+        own, job = self.own.at_work(), self.job()
+        site = WorkSite(own=own, X_WB_scan=self.X_WB, stand=self.standing, around=around(own, self.target))
         return tap(site, job, TappingTask.points, own.tip, TappingTask.hold)

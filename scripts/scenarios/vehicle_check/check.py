@@ -12,6 +12,7 @@ from models import hydrodynamics as coefficients
 from models.naming import HOME_KEY, READY_KEY, parts
 from models.own.complete import complete, computed
 from models.own.postures import PostureSearch
+from models.tools.tools import TOOLS
 from models.vehicle import Vehicle
 from scenarios.options import BarrelOptions
 from scenarios.own_vehicle import vehicle_spec, with_tool
@@ -33,6 +34,8 @@ from scenarios.vehicle_check.statics import (
 from sim import hydrodynamics
 from sim.interfaces.errors import ConfigurationError, HydrodynamicsError, PhysicsWarning, UuvError, did_you_mean
 
+_OF_ARM = ("motor", "thruster-rank")  # faults that leave station keeping to its simulation
+
 
 def check_vehicle(
     vehicle: str | Path | mujoco.MjSpec,
@@ -52,10 +55,10 @@ def check_vehicle(
         forces: [N] set forces in place of the jobs' own.
 
     Returns:
-        The check. A vehicle that cannot be compiled has one finding of level "fault".
+        The check. A spec that cannot be compiled has one finding of level "fault".
 
     Raises:
-        ConfigurationError: There is no such vehicle, tool or job, or a file cannot be read.
+        ConfigurationError: There is no such vehicle, tool or job, or a file cannot be read or compiled.
     """
     for job in jobs:
         if job not in JOBS:
@@ -65,6 +68,8 @@ def check_vehicle(
         name = str(vehicle)
         arm_jobs = ArmJobs(name, tool=tool, parts=file, forces=forces)
         return _Check(name, vehicle_spec(name, tool, file), arm_jobs, given=False).run(jobs)
+    if tool is not None:
+        TOOLS.load(tool)  # or the refusal, which is none of the spec
     spec, name = vehicle.copy(), vehicle.modelname or "vehicle"
     try:
         spec.compile()
@@ -245,6 +250,9 @@ class _Check:
             return JobVerdict(job=job, promised=False, code=code, said=said)
         if not vehicle.thruster_names:
             return JobVerdict(job=job, promised=False, code="parts", said="lacks thrusters (hold the hull)")
+        for fault in self._findings:
+            if fault.level == "fault" and (job in ARM_JOBS or fault.code not in _OF_ARM):
+                return JobVerdict(job=job, promised=False, code=fault.code, said=fault.said, figure=fault.figure)
         if job in HOVERING:
             return hover_verdict(job, model)[0]
         assert job in ARM_JOBS

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from typing import Any, Literal
 
-Level = Literal["note", "doubt", "fault"]  # of a finding: computed or worth knowing; likely wrong; nothing can be run
+Level = Literal["note", "doubt", "fault"]  # of a finding: computed or worth knowing; likely wrong; jobs are refused
 PartState = Literal["there", "computed", "missing"]
 
 

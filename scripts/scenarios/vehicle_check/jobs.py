@@ -18,7 +18,7 @@ from controllers.planning.arm_size import FULL
 from controllers.tasks.insertion import HoleInsertion, InsertionJob, axis_path
 from controllers.tasks.seabed_work import SeabedWork
 from controllers.tasks.surface_work import SurfaceWork
-from models.naming import lacks
+from models.naming import TOOL_GEOM, lacks
 from models.vehicle import Vehicle
 from perception.seabed.terrain_path import core_path
 from perception.target_finder import PATH_SPACING
@@ -29,6 +29,7 @@ from scenarios.scenario import Scenario
 from scenarios.tasks.insertion import PlacedInsertion
 from scenarios.tasks.seabed_sampling import PlacedSampling, SeabedSamplingTask, sonar_on_hull
 from scenarios.tasks.surface_work import TAP_FORCE, TAPPED, PlacedSurfaceWork, SurfaceWorkTask
+from scenarios.tasks.tapping import PlacedTapping, TappingTask
 from scenarios.tasks.task import PlacedTask
 from scenarios.vehicle_check.findings import JobVerdict
 from scenarios.vehicle_check.hover import HoverFigures, hover
@@ -59,7 +60,10 @@ def _pile(**given: Any) -> Scenario:
 def _tap(**given: Any) -> Scenario:
     """The points to tap, on a line along the barrel."""
     options: dict[str, Any] = {"length": TAPPED[-1], "forces": (TAP_FORCE,)} | given
-    return BarrelOptions(**options).scenario()
+    scenario = BarrelOptions(**options).scenario()
+    task = scenario.task
+    assert isinstance(task, SurfaceWorkTask)
+    return replace(scenario, task=TappingTask(path=task.path, forces=task.forces, range=task.range))
 
 
 def _insertion(**given: Any) -> Scenario:
@@ -207,12 +211,16 @@ def push_of(scenario: Scenario) -> float:
 def _spring_limit(own: OwnVehicle) -> float:
     """Force [N] along the tool at which a spring behind it is at its end; inf without one."""
     model, limits = own.model, [np.inf]
+    body, carriers = int(model.geom(TOOL_GEOM).bodyid[0]), []
+    while body != own.vehicle.hull and body > 0:
+        carriers.append(body)
+        body = int(model.body_parentid[body])
     for name in own.passive_joints:
         j = model.joint(name).id
         k = float(model.jnt_stiffness.reshape(model.njnt, -1)[j, 0])
-        along = model.joint(name).name == "pad"
-        if along and k > 0.0 and model.jnt_limited[j]:
-            limits.append(k * abs(float(model.jnt_range[j, 0])))
+        slides = model.jnt_type[j] == mujoco.mjtJoint.mjJNT_SLIDE and model.jnt_bodyid[j] in carriers
+        if slides and k > 0.0 and model.jnt_limited[j]:
+            limits.append(k * float(np.abs(model.jnt_range[j]).max()))
     return min(limits)
 
 
@@ -228,9 +236,14 @@ def _tool_hint(model: mujoco.MjModel) -> str:
 
 
 def _view(name: str, scenario: Scenario, blocked: float) -> JobVerdict | None:
-    if scenario.task.spares or blocked <= VIEW:  # a job that needs no camera looks by sonar
+    if not looks_by_camera(scenario) or blocked <= VIEW:
         return None
     return _refused(name, "view", f"{blocked:.0%} of the camera's view is on the vehicle itself, at most {VIEW:.0%}")
+
+
+def looks_by_camera(scenario: Scenario) -> bool:
+    """True if a job finds its object by the camera on the hull, not by sonar or survey."""
+    return not scenario.task.spares and scenario.sensing.sensor == "camera"
 
 
 def _planned(name: str, scenario: Scenario, own: OwnVehicle) -> JobVerdict:
@@ -298,15 +311,21 @@ def _short(said: str) -> str:
 def _stand(placed: PlacedTask, current: Array) -> tuple[float, float]:
     """Margin [-] of the best place of the hull, and the share of the path that is worked from it."""
     planner = placed.planner()
-    assert isinstance(planner, SurfaceWork | HoleInsertion | SeabedWork)
     if isinstance(placed, PlacedSurfaceWork):
         X_WT = placed.truth.X_WT
         path = path_on_model(X_WT, placed.target.path(placed.truth.path), spacing=PATH_SPACING)
-        found = planner.stand(_target(X_WT, path), path, current)
+        if isinstance(placed, PlacedTapping):
+            stand = placed.standing
+        else:
+            assert isinstance(planner, SurfaceWork)
+            stand = planner.stand
+        found = stand(_target(X_WT, path), path, current)
     elif isinstance(placed, PlacedInsertion):
+        assert isinstance(planner, HoleInsertion)
         path = axis_path(placed.X_WT, placed.bore, placed.task.depth)
         found = planner.stand(_target(placed.X_WT, path), path, current)
     elif isinstance(placed, PlacedSampling):
+        assert isinstance(planner, SeabedWork)
         B = np.array(placed.B_W[0])
         B[2] = float(placed.ground.height(B[None])[0])
         path = core_path(B, np.array([0.0, 0.0, -1.0]), placed.start[:3, 0], placed.job.depth)

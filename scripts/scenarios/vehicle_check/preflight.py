@@ -7,7 +7,7 @@ from scenarios.tasks.insertion import InsertionTask
 from scenarios.tasks.seabed_sampling import SeabedSamplingTask
 from scenarios.tasks.surface_work import SurfaceWorkTask
 from scenarios.vehicle_check import doubts
-from scenarios.vehicle_check.jobs import BEYOND, VIEW, ReadyForce
+from scenarios.vehicle_check.jobs import BEYOND, VIEW, ReadyForce, looks_by_camera
 from scenarios.vehicle_check.statics import trim_of, weight_of
 from sim import hydrodynamics
 from sim.interfaces.errors import ConfigurationError
@@ -24,21 +24,25 @@ def preflight(scenario: Scenario, own: OwnVehicle) -> list[str]:
         The lines; none for a sound vehicle, and for a job without the arm.
 
     Raises:
-        ConfigurationError: The job cannot be done: the arm, its tool or the thrusters bear far less than it sets, or
-            the camera sees little but the vehicle itself.
+        ConfigurationError: The job cannot be done: thrusters that leave a direction without thrust, servos for motors,
+            an arm, tool or thrusters that bear far less than it sets, a camera that sees little but the vehicle.
     """
     task, model, vehicle = scenario.task, own.model, own.vehicle
     if not isinstance(task, SurfaceWorkTask | InsertionTask | SeabedSamplingTask) or vehicle.tip < 0:
         return []
     if isinstance(task, SurfaceWorkTask) and task.contactless is not None:
         return []
-    ready, more = ReadyForce.of(scenario, own), f"; uuv check {scenario.vehicle.vehicle} tells more"
+    more = f"; uuv check {scenario.vehicle.vehicle} tells more"
+    for found in (*doubts.thruster_doubts(vehicle), *doubts.motor_doubts(model, vehicle)):
+        if found.level == "fault":
+            raise ConfigurationError(f"the work was not begun: {found.said}{more}")
+    ready = ReadyForce.of(scenario, own)
     if (refused := ready.refusal(scenario, BEYOND)) is not None:
         raise ConfigurationError(f"the work was not begun: {refused[1]}{more}")
     search, lines = PostureSearch(model), []
     home = vehicle.q_home
     blocked, body = search.view_hits(home, doubts.HALF_VIEW)
-    if not task.spares and blocked > VIEW:
+    if looks_by_camera(scenario) and blocked > VIEW:
         raise ConfigurationError(
             f"the work was not begun: {blocked:.0%} of the camera's view is on the vehicle itself, most of it on "
             f"{body}{more}"

@@ -141,9 +141,13 @@ def logs_of(options: WaterOptions, own: ReplayVehicle) -> list[WaterLog]:
     """
     limits = zip(own.joints, own.vehicle.q_limits.tolist(), strict=True)
     joints = {name: (float(low), float(high)) for name, (low, high) in limits}
-    return [
+    logs = [
         _of_run(path, own.names, joints) if path.is_dir() else read_log(path, thrusters=own.names, joints=joints)
         for path in options.log
+    ]
+    names = [log.name for log in logs]  # of the file, which another folder may have too
+    return [
+        replace(log, name=f"{log.name} ({i})") if names.count(log.name) > 1 else log for i, log in enumerate(logs, 1)
     ]
 
 
@@ -177,7 +181,7 @@ def run(options: WaterOptions, console: Console) -> int:
     truth: Array | None = None
     folder: Path
     if logs:
-        hashes = {path.name: _sha256(path) for path in options.log}
+        hashes = {str(path): _sha256(path) for path in options.log}
         _check(own, logs, settings)
         folder = new_folder(COMMAND, options.out, options.seed)
     else:
@@ -350,6 +354,6 @@ def plan_table(ranked: Sequence[Planned]) -> Table:
 
 
 def _sha256(path: Path) -> str:
-    """Hash of a file, or of the figures of a run."""
-    file = path / "metrics.json" if path.is_dir() else path
-    return hashlib.sha256(file.read_bytes()).hexdigest()
+    """Hash of a file, or of the tables of a run one after the other."""
+    files = sorted(path.glob("series_*")) if path.is_dir() else [path]
+    return hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()

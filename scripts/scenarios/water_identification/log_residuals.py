@@ -79,7 +79,17 @@ class LogReplay:
             ConfigurationError: No part of it is long enough for a window.
         """
         self.log, self.settings, self._dt = log, settings, own.timestep
-        self.windows = _windows(log, settings.window)[:: settings.every]
+        cut = _windows(log, settings.window)
+        self.windows = [each for each in cut if _seen(log, *each, self._dt)][:: settings.every]
+        if not self.windows:
+            raise ConfigurationError(f"{log.name}: nothing was measured within its {len(cut)} windows")
+        if curveless := [
+            name for name, has in zip(own.names, own.has_curve, strict=True) if name in log.commands and not has
+        ]:
+            raise ConfigurationError(
+                f"{log.name}: thruster {curveless[0]} has no curve in the vehicle; give thrust.{curveless[0]} [N] in "
+                f"place of thruster.{curveless[0]}"
+            )
         begin = np.array([a for a, _ in self.windows])
         steps = np.array([max(1, int((b - a) / self._dt)) for a, b in self.windows], dtype=np.int64)
         self.first = np.concatenate([[0], np.cumsum(steps + 1)[:-1]]).astype(np.int64)
@@ -119,17 +129,19 @@ class LogReplay:
         self.kinds = tuple(kinds)
         self.kind = np.repeat(np.arange(len(kinds)), widths)[self.order]  # index into `kinds` of each residual
         self.weight = np.ones(len(kinds))  # of each channel's residuals
+        steps_of = [float(np.median(np.diff(log.channels[kind].time))) for kind in kinds]
+        self.a_second = [round(min(settings.rate, 1.0 / step)) for step in steps_of]  # samples, by kind
         self.nuisances = self._nuisances()
 
     def _nuisances(self) -> tuple[NamedParameter, ...]:
         """Numbers of this log that are fitted beside those of the vehicle."""
         settings, name = self.settings, self.log.name
         found = [(f"current {axis}", "m/s", settings.current) for axis in "xyz"]
-        if ATTITUDE in self._samples:
+        if ATTITUDE in self.log.channels:
             found += [(f"mount {axis}", "rad", settings.mount) for axis in ("roll", "pitch")]
-        if RATE in self._samples:
+        if RATE in self.log.channels:
             found += [(f"rate bias {axis}", "rad/s", settings.rate_bias) for axis in "xyz"]
-        if FORCE in self._samples:
+        if FORCE in self.log.channels:
             found += [(f"force bias {axis}", "m/s^2", settings.force_bias) for axis in "xyz"]
         return tuple(
             NamedParameter(name=f"{name}: {word}", unit=unit, nominal=0.0, sigma=sigma)
@@ -283,6 +295,11 @@ class WaterResiduals:
         return [1 if kind == DEPTH else 3 for log in self.logs for kind in log.kinds]
 
     @property
+    def a_second(self) -> list[int]:
+        """Samples in a second of each channel."""
+        return [count for log in self.logs for count in log.a_second]
+
+    @property
     def labels(self) -> list[np.ndarray]:
         """Index into `channels` of each window's residuals."""
         before = np.cumsum([0, *(len(log.kinds) for log in self.logs)])
@@ -418,20 +435,44 @@ def _finite(log: LogReplay, rows: Array, values: Mapping[str, float]) -> Array:
 
 def _windows(log: WaterLog, length: float) -> list[tuple[float, float]]:
     """Begin and end [s] of windows of about this length, none across a gap."""
-    found = []
-    for a, b in log.segments():
+    found, parts = [], _parts(log)
+    for a, b in parts:
         count = max(1, round((b - a) / length))
         if b - a >= 0.4 * length:
             # Windows begin at rows: there commands change, and steps of the replay begin.
             edges = log.time[np.searchsorted(log.time, np.linspace(a, b, count + 1) - 1e-9)]
-            found += [(float(p), float(q)) for p, q in pairwise(edges)]
+            found += [(float(p), float(q)) for p, q in pairwise(edges) if q > p]
     if not found:
-        longest = max(b - a for a, b in log.segments())
+        longest = max((b - a for a, b in parts), default=0.0)
         raise ConfigurationError(
             f"{log.name}: its longest part without a gap lasts {longest:.3g} s; windows of {length:g} s need "
             f"{0.4 * length:g} s"
         )
     return found
+
+
+def _parts(log: WaterLog) -> list[tuple[float, float]]:
+    """Begin and end [s] of each part without a gap: from its first attitude on, and anew from its first position.
+
+    Before those nothing tells where the hull was when a window began.
+    """
+    found = []
+    for a, b in log.segments():
+        first = {}
+        for kind in (ATTITUDE, POSITION):
+            if kind in log.channels:
+                time = log.channels[kind].time
+                first[kind] = float(min(time[(time >= a) & (time <= b)], default=b))
+        begin = first.get(ATTITUDE, a)
+        again = max(begin, first.get(POSITION, begin))
+        found += [(p, q) for p, q in ((begin, again), (again, b)) if q > p]
+    return found
+
+
+def _seen(log: WaterLog, begin: float, end: float, dt: float) -> bool:
+    """True if anything was measured in a window, whose replay ends less than a step before it."""
+    last = begin + max(1, int((end - begin) / dt)) * dt - 1e-9
+    return any(np.any((each.time >= begin) & (each.time <= last)) for each in log.channels.values())
 
 
 def _smooth(time: Array, values: Array, at: Array) -> tuple[Array, Array]:
@@ -452,17 +493,19 @@ def _local(dt: Array, values: Array, t: float, time: Array, every: Array) -> tup
 
 
 def _near(log: WaterLog, kind: str, t: float) -> tuple[Array, Array] | None:
-    """Times from t and values of a channel's samples about t, on t's side of a gap."""
+    """Times from t and values of a channel's samples about t, on t's side of a gap; None if none is near or beyond."""
     if kind not in log.channels:
         return None
     channel = log.channels[kind]
     begin, end = next(part for part in log.segments() if part[0] - 1e-9 <= t <= part[1] + 1e-9)
-    low, high = max(begin, t - _SMOOTHED) - 1e-9, min(end, t + _SMOOTHED) + 1e-9
-    mask = (channel.time >= low) & (channel.time <= high)
-    if mask.sum() < 4:
-        mask = np.zeros(len(channel.time), dtype=bool)
-        mask[np.argsort(np.abs(channel.time - t))[:4]] = True
-    return channel.time[mask] - t, channel.values[mask]
+    inside = np.flatnonzero((channel.time >= begin - 1e-9) & (channel.time <= end + 1e-9))
+    dt, values = channel.time[inside] - t, channel.values[inside]
+    if not len(dt) or dt[0] > _SMOOTHED or dt[-1] < -_SMOOTHED:
+        return None
+    chosen = np.abs(dt) <= _SMOOTHED + 1e-9
+    if chosen.sum() < 4:
+        chosen = np.argsort(np.abs(dt))[:4]
+    return dt[chosen], values[chosen]
 
 
 def _line(found: tuple[Array, Array]) -> tuple[Array, Array]:

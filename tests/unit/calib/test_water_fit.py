@@ -112,7 +112,8 @@ def columns(**changed: Array) -> dict[str, Array]:
         "qz": np.sin(0.2 * np.sin(t)),
         "qw": np.cos(0.2 * np.sin(t)),
     }
-    made |= {"wx": zero, "wy": zero, "wz": 0.4 * np.cos(t), "thruster.bow": 0.5 * np.sin(t), "joint.elbow": np.sin(t)}
+    made |= {"wx": zero, "wy": zero, "wz": 0.4 * np.cos(t), "joint.elbow": np.sin(t)}
+    made |= {"thruster.bow": 0.5 * np.sin(t), "thruster.stern": zero}
     return {**made, **{name.replace("__", "."): values for name, values in changed.items()}}
 
 

@@ -1,10 +1,13 @@
 """Water identification: the replay against the plant, a fit of a simulated log, and the door of the command."""
 
+import json
+from dataclasses import replace
 from typing import Any
 
 import mujoco
 import numpy as np
 import pytest
+import yaml
 from rich.console import Console
 
 import models
@@ -63,8 +66,9 @@ def test_the_replay_moves_as_the_plant(rov):
     found = np.array([np.interp(time[:-2], replay.time, column) for column in rows_of_replay.T]).T
     exact = exact[:-2]
     assert np.abs(exact[-1, :3]).max() > 0.5
-    assert np.abs(found[:, :3] - exact[:, :3]).max() < 5e-3  # measured 5e-4 m
-    assert np.abs(found[:, 7:] - exact[:, 3:]).max() < 2e-2  # measured 2e-3 m/s, rad/s
+    # Steps of the replay are longer than the plant's; the rates differ most just after the thrusters are switched on.
+    assert np.abs(found[:, :3] - exact[:, :3]).max() < 5e-3  # measured 2.5e-3 m
+    assert np.abs(found[:, 7:] - exact[:, 3:]).max() < 2e-2  # measured 1.1e-2 m/s, rad/s
 
 
 def test_a_driven_arm_moves_the_hull_as_momentum_has_it():
@@ -161,6 +165,41 @@ def test_the_door_of_the_command(dive, tmp_path):
     text = dive.read_text().splitlines()
     (tmp_path / "short.csv").write_text("\n".join(text[:20]))
     refused(tmp_path, "4 s are needed", log=(tmp_path / "short.csv",))
+
+
+def test_two_logs_of_one_name_are_two(rov, tmp_path):
+    """From the files to the page: both logs keep their current, sensors that begin late count from there."""
+    rng, flown = np.random.default_rng(2), survey(rov, nominal(rov), 10.0, np.random.default_rng(2))
+    for day, late in (("day1", 0.0), ("day2", 4.5)):
+        log = simulated(rov, nominal(rov), flown, rng=rng)
+        seen = {
+            kind: Channel(time=c.time[c.time >= late], values=c.values[c.time >= late])
+            for kind, c in log.channels.items()
+        }
+        (tmp_path / day).mkdir()
+        write_log(tmp_path / day / "dive.csv", replace(log, channels=seen))
+    logs = (tmp_path / "day1" / "dive.csv", tmp_path / "day2" / "dive.csv")
+    options = WaterOptions(log=logs, window=4.0, out=tmp_path / "out")
+    assert run(options, Console(quiet=True)) == 0
+    written = yaml.safe_load((tmp_path / "out" / "fit.yaml").read_text())
+    assert set(written["logs"]) == {str(each) for each in logs}
+    widened = json.loads((tmp_path / "out" / "metrics.json").read_text())["noise_over_stated"]
+    assert {name.rpartition(":")[0] for name in widened} == {"log dive.csv (1)", "log dive.csv (2)"}
+    assert (tmp_path / "out" / "report.html").is_file()
+
+
+def test_columns_that_stand_alone_are_refused(rov, tmp_path):
+    log = simulated(rov, nominal(rov), survey(rov, nominal(rov), 10.0, np.random.default_rng(3)))
+    first = rov.names[0]
+    half = replace(log, commands={name: each for name, each in log.commands.items() if name != first})
+    write_log(tmp_path / "half.csv", half)
+    refused(tmp_path, f"thruster {first} has no column, others have", log=(tmp_path / "half.csv",))
+    write_log(tmp_path / "place.csv", replace(log, channels={POSITION: log.channels[POSITION]}))
+    refused(tmp_path, "x y z need qx qy qz qw", log=(tmp_path / "place.csv",))
+    pushed = ReplayVehicle(models.load("phoenix_smart3s"))
+    fraction = replace(log, commands={pushed.names[0]: np.ones(len(log.time))}, joints={})
+    with pytest.raises(ConfigurationError, match=r"wrench_surge has no curve .* give thrust\.wrench_surge"):
+        LogReplay(pushed, fraction, FitSettings())
 
 
 def test_a_fitted_vehicle_is_a_vehicle(rov, tmp_path):

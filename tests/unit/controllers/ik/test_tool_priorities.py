@@ -20,17 +20,21 @@ def four() -> Chain:
     return Chain.from_mjcf(models.load("reach_alpha_5").compile(), ARM_BASE_BODY, TIP_SITE)
 
 
-def by_pseudo_inverses(J: Array, z: Array, twist: Array, posture: Array) -> Array:
-    """Joint rates task by task, each in the exact null space of those before it."""
+CLEAR = 0.3  # [-] least singular value from which on the damping does not show
+
+
+def by_pseudo_inverses(J: Array, z: Array, twist: Array, posture: Array) -> tuple[Array, float]:
+    """Joint rates task by task, each in the exact null space of those before it; and the least singular value used."""
     across = np.eye(3) - np.outer(z, z)
     tasks = ((J[:3], twist[:3]), (across @ J[3:], across @ twist[3:]), (z[None] @ J[3:], z[None] @ twist[3:]))
-    rates, free = np.zeros(len(posture)), np.eye(len(posture))
+    rates, free, least = np.zeros(len(posture)), np.eye(len(posture)), np.inf
     for A, wanted in tasks[: 3 if len(posture) >= FULL else 2]:
         left, values, right = np.linalg.svd(A @ free, full_matrices=False)
+        least = min(least, float(values.min(where=values > 1e-6, initial=np.inf)))
         values = np.divide(1.0, values, out=np.zeros_like(values), where=values > 1e-6)
         inverse_of = (right.T * values) @ left.T
         rates, free = rates + inverse_of @ (wanted - A @ rates), free - inverse_of @ (A @ free)
-    return rates + free @ posture
+    return rates + free @ posture, least
 
 
 @pytest.mark.parametrize("n", [3, 4, 5, 6, 7, 9])
@@ -42,9 +46,11 @@ def test_the_rates_are_those_of_pseudo_inverses(rng, within, n):
         z /= np.linalg.norm(z)
         rates = np.empty(n)
         prioritised(J, z, twist, DAMPING, posture, np.zeros(n, dtype=bool), rates)
-        exact = by_pseudo_inverses(J, z, twist, posture)
-        off.append(np.abs(rates - exact).max() / np.abs(exact).max())
-    within("relative error of the rates", np.median(off), 1e-5)
+        exact, least = by_pseudo_inverses(J, z, twist, posture)
+        if least > CLEAR:
+            off.append(np.abs(rates - exact).max() / np.abs(exact).max())
+    assert len(off) > 10
+    within("relative error of the rates", max(off), 2e-5)
 
 
 def test_a_joint_that_is_held_does_not_move_and_the_position_is_kept(rng):

@@ -95,7 +95,7 @@ def test_a_force_beyond_the_drives_is_refused_with_the_joint():
         placed(path, obstacle, force=400.0)
 
 
-def test_an_arm_of_four_joints_tracks_a_pose_that_six_would_meet(rng):
+def test_hull_and_arm_of_four_joints_meet_position_and_axis_of_poses_near_by(rng):
     """Random tool poses before a hull that may move: met in position and axis by hull and arm together."""
     whole, low, high = with_hull(CHAIN, VEHICLE.X_BA), *VEHICLE.q_limits.T
     off, moved = [], []

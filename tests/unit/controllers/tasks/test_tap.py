@@ -40,13 +40,18 @@ class World(Told):
     state: TaskState
     tip: Array
 
-    def run(self, fails_at: float = np.inf) -> "World":
+    def run(self, fails_at: float = np.inf, travel: Array | None = None) -> "World":
         model = models.load("uuv_puma").compile()
         vehicle = Vehicle.of(model)
         chain = Chain.from_mjcf(model, ARM_BASE_BODY, TIP_SITE, exclude=["pad"])
         own = WorkVehicle(vehicle=vehicle, chain=chain, hull_box=np.zeros((2, 3)))
         place = Placement(
-            X_WB=pose(p=[-0.6, 0.0, 0.3]), travel_W=np.zeros(3), roll=0.0, q_start=vehicle.q_ready, margin=1, reached=1
+            X_WB=pose(p=[-0.6, 0.0, 0.3]),
+            travel_W=np.zeros(3) if travel is None else travel,
+            roll=0.0,
+            q_start=vehicle.q_ready,
+            margin=1,
+            reached=1,
         )
         site = WorkSite(own=own, X_WB_scan=pose(p=[-1.0, 0.2, 0.5]), stand=lambda _, path, _current: (place, path, 1.0))
         planner = tap(site, JOB, tuple(HEIGHTS), lambda _: self.tip, hold=2.0)
@@ -86,6 +91,21 @@ def test_every_point_is_touched_with_its_force_for_its_time_and_its_place_noted(
     tips = [r.X_WG[:3, 3] for r in world.references if r.X_WG is not None]
     steps = [float(np.linalg.norm(b - a)) for a, b in pairwise(tips)]
     assert max(steps) <= 1.01 * JOB.approach.speed * PERIOD  # the tool never jumps
+
+
+def test_the_hull_travels_along_from_point_to_point(within):
+    """It stands where the placement has it for the share of the path that lies behind, so the arm keeps its margin."""
+    travel = np.array([0.06, -0.02, 0.01])
+    world = World().run(travel=travel)
+    held = [reference.X_WB[:3, 3] for reference in world.of(WorkState.WORK)]
+    for s in HEIGHTS:
+        there = np.array([-0.6, 0.0, 0.3]) + s / 0.12 * travel
+        within("hull at a point [m]", min(float(np.linalg.norm(p - there)) for p in held), 1e-9)
+    moving = [each for each in world.of(WorkState.CLOSE_IN) if each.X_WG is not None]
+    for now, then in pairwise(moving):
+        step = then.X_WB[:3, 3] - now.X_WB[:3, 3]
+        if now.state is then.state and np.linalg.norm(step) < 1e-2:
+            within("speed of the hull [m/s]", step / PERIOD - 0.5 * (now.v_WB_W + then.v_WB_W), 2e-4)
 
 
 def test_a_tap_that_is_too_hard_ends_the_task_off_the_surface():

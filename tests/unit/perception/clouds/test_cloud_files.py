@@ -82,6 +82,7 @@ def test_file_that_is_cut_short(tmp_path):
         load_cloud(tmp_path / "short.ply")
 
 
+@pytest.mark.long
 def test_awkward_meshes(tmp_path, within):
     """The same pose, whatever is the matter with the mesh: doubled and zero-area faces, a fin, strays, turned in."""
     rock = targets.named("rock")

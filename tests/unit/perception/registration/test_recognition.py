@@ -25,7 +25,9 @@ def recognised(scene, targets):
     return perception.recognise(scene.scan, targets, scene.approach, sensor=scene.sensor.model)
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=[pytest.mark.long] * (name == "manifold")) for name in NAMES]
+)
 def test_the_object_in_the_scene_is_named(name: str):
     scene = object_scene(name, 7000)
     made = recognised(scene, {each: target_of(each) for each in NAMES})

@@ -31,6 +31,7 @@ from scenarios.water_identification.pool_logs import logs_of_trials
 from scenarios.water_identification.vehicle_replay import ReplayVehicle
 from sim.runs.saving import write_json
 
+NORMAL = 1.96  # standard deviations of half a 95 % interval
 POOL_NOISE = {"attitude": 0.005, "depth": 0.005}  # [rad], [m]
 
 
@@ -42,6 +43,8 @@ class Options:
     """Vehicles to draw."""
     draws: int = 100
     """Draws of each vehicle."""
+    seed: int = 0
+    """Seed of the first draw; the others follow."""
     plans: int = 0
     """Plans of each vehicle that are flown."""
     pool: Path | None = None
@@ -52,15 +55,19 @@ class Options:
     """Folder for the results."""
 
     def __post_init__(self) -> None:
-        at_least(self, draws=0, plans=0, workers=1)
+        at_least(self, draws=0, seed=0, plans=0, workers=1)
 
 
 def main() -> int:
     """Draws, plans and reads the pool's trials; returns 0."""
     options, screen = parse(Options), console()
     folder = new_folder("water_identification", options.out)
-    cases = [(vehicle, seed) for seed in range(options.draws) for vehicle in options.vehicles]
-    flown = [(vehicle, seed) for vehicle in options.vehicles for seed in range(options.plans)]
+
+    def seeds(count: int) -> range:
+        return range(options.seed, options.seed + count)
+
+    cases = [(vehicle, seed) for seed in seeds(options.draws) for vehicle in options.vehicles]
+    flown = [(vehicle, seed) for vehicle in options.vehicles for seed in seeds(options.plans)]
     drawn: list[Draw] = []
     kept: list[KeptWord] = []
 
@@ -81,6 +88,7 @@ def main() -> int:
             screen.print(f"interrupted after {len(drawn)} draws and {len(kept)} plans")
     if drawn:
         screen.print(coverage_table(drawn))
+        screen.print(single_table(drawn))
     if kept:
         screen.print(plan_table(kept))
     if options.pool is not None:
@@ -101,6 +109,22 @@ def coverage_table(drawn: list[Draw]) -> Table:
         found = coverage(own)
         cells = [f"{100 * found[g][0]:.1f} % ({100 * found[g][2]:.0f})" if g in found else "" for g in groups]
         table.add_row(name, str(len(own)), *cells, f"{np.median([each.seconds for each in own]):.1f}")
+    return table
+
+
+def single_table(drawn: list[Draw]) -> Table:
+    """Parameters whose intervals cover least, the worst draw, and what normal intervals would cover, by vehicle."""
+    table = Table(title="intervals of single parameters that cover least", title_justify="left")
+    for column in ("vehicle", "least", "worst draw", "all, by normal intervals", "slowest fit [s]"):
+        table.add_column(column, justify="left" if column in ("vehicle", "least") else "right")
+    for name in dict.fromkeys(each.vehicle for each in drawn):
+        own = [each for each in drawn if each.vehicle == name]
+        covered = np.array([np.abs(each.errors) < each.quantile for each in own])
+        by_name = covered.mean(axis=0)
+        least = "; ".join(f"{own[0].names[i]} {100 * by_name[i]:.0f} %" for i in np.argsort(by_name)[:4])
+        normal = np.mean([np.abs(each.errors) < NORMAL for each in own])
+        worst, slowest = covered.mean(axis=1).min(), max(each.seconds for each in own)
+        table.add_row(name, least, f"{100 * worst:.0f} %", f"{100 * normal:.1f} %", f"{slowest:.1f}")
     return table
 
 

@@ -131,20 +131,21 @@ class ModelPath:
         if self.keeps_b and not np.linalg.norm(np.cross(self.a, self.b), axis=1).min() > _LEAST_SINE:
             raise ConfigurationError("model path b: the axis that the tool keeps must not lie along its axis a")
 
-    def turned(self, angle: float, blend: float = 0.0) -> "ModelPath":
+    def turned(self, angle: float, blend: float = 0.0, *, dwell: bool = False) -> "ModelPath":
         """The path of a tool that is not round: its x axis stays at an angle from `b`, right-handed about `a`.
 
         Args:
             angle: [rad] from `b`.
             blend: [m] of the path over which the tool turns at a corner: its angle is averaged over so much, and over
                 _SHORTEST_BLEND at least, which the motion takes as slowly as the tool turns.
+            dwell: the tool stops in a corner and turns there, in place of that.
         """
         b = self.b - np.sum(self.b * self.a, axis=1, keepdims=True) * self.a
         b /= np.linalg.norm(b, axis=1, keepdims=True)
         still = without_turn(b[0], self.a)
         across = np.cross(self.a, still)
         turn = np.unwrap(np.arctan2(np.sum(b * across, axis=1), np.sum(b * still, axis=1)))
-        if np.abs(np.diff(turn)).max() > _CORNER or blend > 0.0:
+        if not dwell and (np.abs(np.diff(turn)).max() > _CORNER or blend > 0.0):
             step = float(np.linalg.norm(np.diff(self.p, axis=0), axis=1).mean())
             width = max(1, round(max(blend, _SHORTEST_BLEND) / step))
             turn = ndimage.uniform_filter1d(turn, width, mode="nearest")[:, None]

@@ -16,6 +16,7 @@ from scipy.interpolate import BSpline, make_interp_spline, make_lsq_spline
 from models.objects.target_model import ModelPath, without_turn
 from perception.registration.identification import Identification
 from perception.toolpath.path_deviation import BESIDE, Deviation, deviate, scanned_axis, tilted_axis
+from perception.toolpath.turns_at_rest import NO_STEPS, Steps, turning_at_rest
 from sim.interfaces.errors import ConfigurationError, PerceptionError
 from sim.interfaces.messages import ToolPath
 from sim.interfaces.spatial import Array, readonly, transform_points
@@ -73,13 +74,13 @@ def plan_path(
     deviation = deviate(found.evidence, found.surface, found.X_sensor_target, dense, max_deviation, bridge)
     p, z = dense.p + deviation.along_o[:, None] * deviation.o, tilted_axis(dense, deviation)
     if not (tool_radius > 0.0 and deviation.on_scan.any()):
-        return _smoothed(p, z, deviation.on_scan, spacing, b)
+        return turning_at_rest(_smoothed(p, z, deviation.on_scan, spacing, b))
     p, z = rolled(dense, deviation, tool_radius)
     axes, scanned = scanned_axis(found.evidence, p, z)
     path_found = _smoothed(p, _towards(axes, z, p), deviation.on_scan, spacing, b)
     at = np.linspace(0.0, 1.0, len(path_found.s))
     seen = np.interp(at, np.linspace(0.0, 1.0, len(p)), scanned.astype(float)) > 0.5
-    return workable(path_found, tool_radius, seen)
+    return turning_at_rest(workable(path_found, tool_radius, seen))
 
 
 def path_on_model(X_AT: Array, path: ModelPath, *, spacing: float = 0.0015) -> ToolPath:
@@ -98,7 +99,7 @@ def path_on_model(X_AT: Array, path: ModelPath, *, spacing: float = 0.0015) -> T
     """
     carried = carry(X_AT, densified(path))
     seen = np.zeros(len(carried.p), dtype=bool)
-    return _smoothed(carried.p, carried.a, seen, spacing, carried.b if carried.keeps_b else None)
+    return turning_at_rest(_smoothed(carried.p, carried.a, seen, spacing, carried.b if carried.keeps_b else None))
 
 
 def _towards(axes: Array, z: Array, p: Array) -> Array:
@@ -189,9 +190,12 @@ def densified(path: ModelPath) -> ModelPath:
         raise ConfigurationError(f"tool path: points {int(chord.argmin())} and {int(chord.argmin()) + 1} coincide")
     u = np.concatenate([[0.0], np.cumsum(chord)])
     fine = np.linspace(0.0, u[-1], max(8, 1 + round(u[-1] / _DENSE)))
-    p, a, b = (make_interp_spline(u, values, k=3)(fine) for values in (path.p, path.a, path.b))
+    steps = Steps.of(path.a, path.b) if path.keeps_b else NO_STEPS
+    smooth = steps.taken_out(path.a, path.b)
+    p, a, b = (make_interp_spline(u, values, k=3)(fine) for values in (path.p, path.a, smooth))
     a /= np.linalg.norm(a, axis=1, keepdims=True)
-    return replace(path, p=p, a=a, b=b / np.linalg.norm(b, axis=1, keepdims=True))
+    b = steps.put_back(a, b / np.linalg.norm(b, axis=1, keepdims=True), np.interp(fine, u, np.arange(len(u))))
+    return replace(path, p=p, a=a, b=b)
 
 
 def _smoothed(p: Array, z: Array, on_scan: np.ndarray, spacing: float, b: Array | None = None) -> ToolPath:
@@ -208,9 +212,11 @@ def _smoothed(p: Array, z: Array, on_scan: np.ndarray, spacing: float, b: Array 
     at = np.interp(s, length, fine)
     points, tool = curve(at), axis(at)
     tool /= np.linalg.norm(tool, axis=1, keepdims=True)
-    x = curve.derivative()(at) if b is None else _spline(u, b)(at)
+    steps = NO_STEPS if b is None else Steps.of(z, b)
+    x = curve.derivative()(at) if b is None else _spline(u, steps.taken_out(z, b))(at)
     x -= np.einsum("ij,ij->i", x, tool)[:, None] * tool
     x /= np.linalg.norm(x, axis=1, keepdims=True)
+    x = steps.put_back(tool, x, np.interp(at, u, np.arange(len(u))))
     if b is None:
         free = without_turn(x[0], tool)
         if np.einsum("ij,ij->i", free, x).min() < _TURNS:

@@ -66,7 +66,7 @@ class ContactOptions(VehicleOptions):
     """Options that all contact scenarios share."""
 
     groups: ClassVar[Mapping[str, str]] = {
-        "work": "forces speed contactless turn blend least_chance range",
+        "work": "forces speed contactless turn blend dwell least_chance range",
         "object": "path length arc rise azimuth height corner object scale line least fouled dented",
         "sensing": "sensor target_pose looks follow arm_camera",
         "control": "controller without published ik calibrated arm",
@@ -83,6 +83,8 @@ class ContactOptions(VehicleOptions):
     default: the tool is round."""
     blend: float = 0.0
     """Length [m] of the path over which a tool with --turn turns at a corner; at least 0.04."""
+    dwell: bool = False
+    """A tool with --turn stops at a corner and turns there, pressing on, in place of --blend."""
     fouled: float = 0.0
     """Growth on the object along the path, up to this height [m]; the vehicle knows the clean object only."""
     dented: float = 0.0
@@ -129,19 +131,23 @@ class ContactOptions(VehicleOptions):
         Raises:
             ConfigurationError: An option is out of range.
         """
-        if self.turn is None and self.blend:
-            raise ConfigurationError(f"--blend {self.blend:g}: a round tool does not turn in a corner; give --turn too")
+        if self.turn is None and (self.blend or self.dwell):
+            said = "--dwell" if self.dwell else f"--blend {self.blend:g}"
+            raise ConfigurationError(f"{said}: a round tool does not turn in a corner; give --turn too")
         if self.target_pose == "known" and (self.sensor, self.looks) != ("camera", 1):
             raise ConfigurationError("--target-pose known: nothing looks for the object, so no --sensor and --looks")
         if self.target_pose == "known" and "identification" in self.published:
             raise ConfigurationError("--target-pose known and --published identification: one of the two")
+        turn = None
+        if self.turn is not None:
+            turn = ToolTurn(angle=float(np.radians(self.turn)), blend=self.blend, dwell=self.dwell)
         return Scenario(
             name=name,
             seed=self.seed,
             site=self.site(of),
             task=SurfaceWorkTask(
                 path=path,
-                turn=None if self.turn is None else ToolTurn(angle=float(np.radians(self.turn)), blend=self.blend),
+                turn=turn,
                 forces=self.forces or forces,
                 speed=self.speed,
                 contactless=self.contactless,

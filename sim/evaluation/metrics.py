@@ -348,7 +348,7 @@ class PathError:
 
 
 def path_error(recording: RecordedSeries) -> PathError | None:
-    """Error of the tip on its path; None if the run never reached the work state."""
+    """Error of the tip on its path; None if it never moved along one in the work state."""
     work = recording.within(WorkState.WORK)
     velocity = recording["v_command"].value[work]
     speed = np.linalg.norm(velocity, axis=1)
@@ -380,8 +380,9 @@ def path_error(recording: RecordedSeries) -> PathError | None:
 def tool_figures(recording: Recording, truth: TrueObject) -> ToolMetrics:
     """Errors of the true tip: from the commanded path, the ideal path on the true object, and its surface normal."""
     error = path_error(recording)
-    if error is None:
-        return unmeasured(ToolMetrics)
+    if error is None:  # a tool that rests on the surface has no path, but an attitude
+        tilt = tool_tilt(recording, truth)[1]
+        return unmeasured(ToolMetrics, tilt_max_rad=float(tilt.max()) if tilt.size else None)
     work = recording.within(WorkState.WORK)
     tip_T = _in_object(recording, truth, np.flatnonzero(work), _path_pose(recording, truth))[0]
     path = truth.model.path(truth.path)

@@ -264,7 +264,7 @@ class StateEstimate:
 class ToolPath:
     """Tool path on the real surface, sampled densely over its arc length."""
 
-    s: Array  # (N,) [m] arc length, from 0, increasing
+    s: Array  # (N,) [m] arc length, from 0, increasing; it goes on where the tool turns at rest: 2 cm for 1 rad
     p: Array  # (N, 3) [m] points of the tool tip
     z: Array  # (N, 3) unit tool axis, into the surface
     x: Array  # (N, 3) unit axis across the tool axis, along the path unless `keeps_x`

@@ -13,10 +13,12 @@ pytestmark = pytest.mark.long
 
 
 @pytest.mark.parametrize(
-    ("turn", "blend"), [(None, 0.0), (0.0, 0.0), (0.0, 0.08)], ids=["round tool", "turns in the corner", "blended"]
+    ("turn", "blend", "dwell"),
+    [(None, 0.0, False), (0.0, 0.0, False), (0.0, 0.08, False), (0.0, 0.0, True)],
+    ids=["round tool", "turns in the corner", "blended", "dwells"],
 )
-def test_a_corner_of_90_degrees_on_the_barrel_is_worked(turn, blend):
-    ran = run(BarrelOptions(path="corner", turn=turn, blend=blend, seed=1, forces=(60.0,)).scenario())
+def test_a_corner_of_90_degrees_on_the_barrel_is_worked(turn, blend, dwell):
+    ran = run(BarrelOptions(path="corner", turn=turn, blend=blend, dwell=dwell, seed=1, forces=(60.0,)).scenario())
     recording, tool = ran.recording, ran.assessment.metrics["tool"]
     assert ran.assessment.accepted
     assert tool["object_deviation_max_m"] < 0.003

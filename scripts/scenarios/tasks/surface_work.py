@@ -43,10 +43,13 @@ class ToolTurn:
 
     angle: float = 0.0  # [rad] of its x axis from the path, kept along it
     blend: float = 0.0  # [m] of the path over which it turns at a corner; at least 0.04
+    dwell: bool = False  # it stops at a corner and turns there
 
     def __post_init__(self) -> None:
         finite_number(self.angle, "--turn [rad]", least=-np.pi, most=np.pi)
         finite_number(self.blend, "--blend [m]", least=0.0, most=1.0)
+        if self.dwell and self.blend:
+            raise ConfigurationError(f"--dwell and --blend {self.blend:g}: in a corner the tool does one of the two")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -76,7 +79,8 @@ class SurfaceWorkTask(Task):
         workpiece: Workpiece = object_of(scenario, Workpiece)
         target, path = workpiece.target(self.path)
         if self.turn is not None:
-            target = target.with_path(path, target.path(path).turned(self.turn.angle, self.turn.blend))
+            turned = target.path(path).turned(self.turn.angle, self.turn.blend, dwell=self.turn.dwell)
+            target = target.with_path(path, turned)
         X_WT = scenario.site.pose(rng)
         approach_W, orientation_W = coarse_detection(X_WT, rng)
         there = workpiece.as_it_is(target, path, rng)

@@ -13,10 +13,11 @@ import numpy as np
 from scipy import ndimage
 from scipy.interpolate import BSpline, make_interp_spline, make_lsq_spline
 
+from models.objects.axis_steps import NO_STEPS, Steps
 from models.objects.target_model import ModelPath, without_turn
 from perception.registration.identification import Identification
 from perception.toolpath.path_deviation import BESIDE, Deviation, deviate, scanned_axis, tilted_axis
-from perception.toolpath.turns_at_rest import NO_STEPS, Steps, turning_at_rest
+from perception.toolpath.turns_at_rest import turning_at_rest
 from sim.interfaces.errors import ConfigurationError, PerceptionError
 from sim.interfaces.messages import ToolPath
 from sim.interfaces.spatial import Array, readonly, transform_points

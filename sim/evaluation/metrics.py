@@ -13,7 +13,8 @@ import numpy as np
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
-from models.objects.target_model import PATH_STEP, TargetModel
+from models.objects.axis_steps import Steps
+from models.objects.target_model import PATH_STEP, ModelPath, TargetModel
 from sim.evaluation.mesh_surface import Surface, closest_on_curve
 from sim.evaluation.run_metrics import EveryRun, RunMetrics, Timings, run_schema
 from sim.evaluation.schemas import unmeasured
@@ -443,29 +444,32 @@ def tool_twist(recording: Recording, truth: TrueObject) -> tuple[Array, Array]:
 
     Returns:
         Times (N,) [s] and angles (N,) [rad], right-handed about the tool axis; the smallest of those to the points of
-        the path within CORNER: in a corner the tool may be turned like either side, or as between them.
+        the path within CORNER of its nearest: in a corner the tool may be turned like either side, or as between them.
     """
     rows, X_WT, path = _rows_at_work(recording), _path_pose(recording, truth), truth.model.path(truth.path)
     tip_T, R = _in_object(recording, truth, rows, X_WT)
     axis, x = (_turned_back(R, recording[name].value[rows]) for name in ("tool_axis", "tool_x"))
-    p, b_at, reach = _finely(path.p, path.b)
-    nearest = cKDTree(p).query(tip_T)[1]
-    least, most = np.full(len(rows), np.inf), np.full(len(rows), -np.inf)
-    for off in range(-reach, reach + 1):
-        b = b_at[np.clip(nearest + off, 0, len(p) - 1)]
-        flat = b - np.sum(b * axis, axis=1, keepdims=True) * axis
-        angle = np.arctan2(np.sum(np.cross(flat, x) * axis, axis=1), np.sum(flat * x, axis=1))
-        least, most = np.minimum(least, angle), np.maximum(most, angle)
+    p, b_at = _finely(path)
+    tree = cKDTree(p)
+    near = tree.query_ball_point(p[tree.query(tip_T)[1]], CORNER)
+    first = np.cumsum([0, *(len(each) for each in near[:-1])])
+    row, point = np.repeat(np.arange(len(near)), [len(each) for each in near]), np.concatenate(near).astype(np.int64)
+    b, axis, x = b_at[point], axis[row], x[row]
+    flat = b - np.sum(b * axis, axis=1, keepdims=True) * axis
+    angle = np.arctan2(np.sum(np.cross(flat, x) * axis, axis=1), np.sum(flat * x, axis=1))
+    least, most = np.minimum.reduceat(angle, first), np.maximum.reduceat(angle, first)
     angle = np.where((least < 0.0) & (most > 0.0), 0.0, np.where(np.abs(least) < np.abs(most), least, most))
     return recording["tool_x"].time[rows], angle
 
 
-def _finely(p: Array, b: Array) -> tuple[Array, Array, int]:
-    """Points and second axes of a path at a tenth of its points' distance, and how many of them lie within CORNER."""
-    s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(p, axis=0), axis=1))])
+def _finely(path: ModelPath) -> tuple[Array, Array]:
+    """Points and second axes of a path at a tenth of its points' distance."""
+    s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path.p, axis=0), axis=1))])
     fine = np.linspace(0.0, s[-1], 1 + 10 * (len(s) - 1))
-    dense_p, dense_b = (np.column_stack([np.interp(fine, s, column) for column in each.T]) for each in (p, b))
-    return dense_p, dense_b, int(CORNER / fine[1])
+    steps = Steps.of(path.a, path.b)
+    smooth = steps.taken_out(path.a, path.b)
+    p, a, b = (np.column_stack([np.interp(fine, s, column) for column in each.T]) for each in (path.p, path.a, smooth))
+    return p, steps.put_back(a, b, np.interp(fine, s, np.arange(len(s))))
 
 
 def joint_figures(recording: Recording) -> JointMetrics:

@@ -156,8 +156,12 @@ class Assessment:
             real_time_factor=recording.duration / wall_s if wall_s > 0.0 else None,
             identification_s=identification_s,
         )
-        checks = (*checks, Requirement("collision", run.collision_s, 0.0, "s"))
-        failed = [*filter(None, (check.failure for check in checks)), *others]
+        collision = Requirement("collision", run.collision_s, 0.0, "s")
+        failed = [check.failure for check in checks if check.failure]
+        if collision.failure:
+            failed.append(f"{collision.failure}: {recording.collided}" if recording.collided else collision.failure)
+        failed += others
+        checks = (*checks, collision)
         if recording.interrupted:
             failed.insert(0, f"the run was interrupted {note}")
         elif final.state is WorkState.ABORT and len(recording.events) > 1:

@@ -134,6 +134,7 @@ class Recording(RecordedSeries):
     clouds: Mapping[str, Array]  # (N, 3) [m] in W, added by the scenario
     substeps: int = 1  # physics steps per step of the loop
     interrupted: str = ""  # cause of an early end, e.g. SIGTERM
+    collided: str = ""  # what collided first, and when; empty: nothing did
 
     def digest(self, names: Iterable[str] = EVERY_STEP) -> str:
         """SHA-256 over times and values of the series `names`, bit for bit; by default over the whole trajectory.
@@ -150,6 +151,12 @@ class Recording(RecordedSeries):
                 exact[np.isnan(exact)] = np.nan
                 digest.update(exact.data)
         return digest.hexdigest()
+
+
+def _of_geom(model: mujoco.MjModel, geom: int) -> str:
+    """A geom by its name, if it has one, and by its body."""
+    name, body = model.geom(geom).name, model.body(int(model.geom_bodyid[geom])).name
+    return repr(name or body) if name in ("", body) or body == "world" else f"{name!r} of {body!r}"
 
 
 class _Block:
@@ -243,6 +250,7 @@ class Recorder:
         self._substeps = ticks_per_period(self._timestep, float(model.opt.timestep), "recorder's timestep")
         self._vehicle = vehicle = Vehicle.of(model)
         self._bodies = tuple(model.body(b).name for b in range(model.nbody))
+        self._geoms = tuple(_of_geom(model, g) for g in range(model.ngeom))
         self._full = full
         self._ticks = ticks_per_period(period, self._timestep, "recorder's period")
         self._pose_ticks = ticks_per_period(pose_period, self._timestep, "recorder's pose period")
@@ -382,7 +390,14 @@ class Recorder:
             clouds=MappingProxyType(dict(self._clouds)),
             substeps=self._substeps,
             interrupted=interrupted,
+            collided=self._first_collision(),
         )
+
+    def _first_collision(self) -> str:
+        own, other, time = self._truth.collided.tolist()
+        if own < 0.0:
+            return ""
+        return f"{self._geoms[int(own)]} met {self._geoms[int(other)]} at {time:.1f} s"
 
     def _bind(self, truth: Any) -> None:
         """Cache the views of `truth`; they stay valid while the plant returns the same object."""

@@ -35,6 +35,7 @@ class Truth:
         "acceleration",
         "arm_wrench_B",
         "armature",
+        "collided",
         "collision",
         "contact_force_W",
         "contact_least",
@@ -91,6 +92,7 @@ class Truth:
     contact_most: float  # [N] largest sum of a substep
     contact_force_W: Array  # (3,) [N] of the world on the pad, mean over the substeps
     collision: bool  # another part of the vehicle touched the world in any substep
+    collided: Array  # (3,) geoms of vehicle and world that did so first, and when [s]; negative: none did yet
     vehicle: Vehicle
 
     @classmethod
@@ -132,6 +134,7 @@ class Truth:
         truth.R_WG = data.site_xmat[vehicle.tip].reshape(3, 3) if armed else truth.R_WB
         truth.p_pad = data.site_xpos[pad_site] if pad_site >= 0 else truth.p_WB
         truth.contact_force_W = contacts[FORCE : FORCE + 3]
+        truth.collided = np.full(3, -1.0)
         return truth
 
 
@@ -223,6 +226,7 @@ class Plant:
             tau_friction=truth.tau_friction,
             frictionloss=model.dof_frictionloss,
             contacts=self._contacts,
+            collided=truth.collided,
         )
         self._drive = Drive(
             curves=self._thrusters.curves,
@@ -291,6 +295,7 @@ class Plant:
         self._tick = 0
         gears_and_contacts(self._as_tuples[1], 0, 1)
         truth.tau_friction[:] = self._contacts[:] = 0.0  # none yet, whatever constraints `data` still has
+        truth.collided[:] = -1.0
         self.publish(0)
 
     def observe(self) -> Truth:

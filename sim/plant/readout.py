@@ -87,7 +87,7 @@ def _compare(names: tuple[str, ...]) -> None:
 
 
 class Readout(NamedTuple):
-    """Gears and contacts of one plant; the last three are outputs."""
+    """Gears and contacts of one plant; the last four are outputs."""
 
     places: np.ndarray  # (18,) of `places_of`
     gears: np.ndarray  # (n,) row of each joint's gear among the friction constraints, -1: no friction; or (0,)
@@ -99,6 +99,7 @@ class Readout(NamedTuple):
     tau_friction: Array  # (n,) [N m] friction torque on each joint
     frictionloss: Array  # (nv,) [N m] friction bounds of the next substep
     contacts: Array  # (CONTACTS,) accumulated over the substeps
+    collided: Array  # (3,) geoms of the vehicle and of the world that collided first, and when [s]; negative: none yet
 
 
 @numba.njit(cache=True)
@@ -113,7 +114,7 @@ def gears_and_contacts(readout, substep, substeps):
         substep: Index of the substep, from 0.
         substeps: Number of substeps.
     """
-    places, rows, dof, friction, qd, own_geom, added, tau_friction, frictionloss, contacts = readout
+    places, rows, dof, friction, qd, own_geom, added, tau_friction, frictionloss, contacts, collided = readout
     d = places[DATA]
     efc_force = pointer(d, places[EFC_FORCE])
     first, end = i32(d + places[NE], 0), i32(d + places[NEFC], 0)
@@ -147,6 +148,9 @@ def gears_and_contacts(readout, substep, substeps):
                     total[FORCE + k] += sign * turned
             else:
                 contacts[COLLISION] = 1.0
+                if collided[0] < 0.0:
+                    collided[0], collided[1] = (one, two) if own_geom[one] else (two, one)
+                    collided[2] = f64(d + places[TIME], 0)
         here += places[SIZE]
     for k in range(4):
         total[k] += added[k]

@@ -351,7 +351,9 @@ def test_check_that_could_not_be_made_is_null():
 def test_collision_is_not_accepted():
     collision = np.zeros(STEPS)
     collision[7] = 1.0
-    assert not assessed(recorded(collision=collision)).accepted
+    assert assessed(recorded(collision=collision)).failed == ("collision: 0.002 s, allowed 0 s",)
+    met = replace(recorded(collision=collision), collided="'elbow' of 'forearm' met 'target' at 7.0 s")
+    assert assessed(met).failed == (f"collision: 0.002 s, allowed 0 s: {met.collided}",)
 
 
 def test_object_must_have_the_path():

@@ -31,6 +31,7 @@ class Run:
             contact_most=0.0,
             saturated=False,
             collision=False,
+            collided=np.full(3, -1.0),
             p_pad=np.zeros(3),
             R_WG=np.eye(3),
             p_WB=np.zeros(3),
@@ -115,6 +116,14 @@ def test_commanded_tip_is_carried_on_between_references():
     recording = recorded(23)
     command = recording["p_command"]
     assert np.allclose(command.value, np.column_stack([command.time, np.full(23, 2.0), np.full(23, 3.0)]))
+
+
+def test_the_first_collision_is_told_by_names():
+    recorder, run = Recorder(MODEL), Run()
+    run.show(recorder, 3)
+    assert recorder.recording().collided == ""
+    run.truth.collided[:] = MODEL.geom("pad").id, 0, 1.26
+    assert recorder.recording().collided == "'pad' met 'hull_box' of 'hull' at 1.3 s"
 
 
 def test_slow_series_keep_their_rates():

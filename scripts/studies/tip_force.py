@@ -1,4 +1,4 @@
-"""Study: error of the tip force estimated from joint torques, for each estimator, torque source and three arms.
+"""Study: error of the tip force estimated from joint torques, for each estimator, torque source and four arms.
 
 `./uvw run scripts/studies/tip_force.py` draws postures and forces, corrupts the torques with errors of sensors and
 gears, and prints one table. It covers statics only; errors due to water and motion show in the closed loop.
@@ -21,7 +21,7 @@ class Options(StudyOptions):
     noise: float = 0.01
     """Noise of the torque sensors, share of the reading."""
     bias: float = 0.5
-    """Bias of the torque sensors [N m], uniform in +-, where no tare removes it."""
+    """Bias of the torque sensors [N m], uniform in +-, where no tare removes it; a tenth on the small arm."""
 
 
 def main() -> int:

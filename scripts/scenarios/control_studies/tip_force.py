@@ -5,24 +5,30 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+import models
 from controllers.estimation.force_from_torques import tip_force, tip_force_closed_form, tip_wrench
-from models.arms import published_arms
+from models.arms import dh_geometry, published_arms
 from models.arms.serial_arm import SerialArm
+from models.naming import ARM_BASE_BODY, TIP_SITE
 from models.vehicles import uuv_puma
 from scenarios.study import Row, Summary, Table
 from sim.interfaces.spatial import Array
 
 KEPT = 0.3  # share of white noise that passes the 12 ms filter of the felt force
 LEAST = 1e-3  # [N m] least standard deviation of any torque: a reading of zero is not exact
+FORCE = 90.0  # [N] largest component of the drawn forces
 WEIGHT = 50.0  # [N] weight at the tip, which the sensors read besides the contact
 MOMENT = 3.0  # [N m] largest component of the drawn moments
 KNOWN = 0.8  # share of the dry friction that identification removes
-# Torque limits of the joints [N m]: the default vehicle's asset; Universal Robots and Franka Emika, technical data.
+# Torque limits of the joints [N m]: the vehicles' assets; Universal Robots and Franka Emika, technical data.
+ALPHA = "reach_alpha_5"
 LIMITS = {
     "default": (150, 200, 120, 60, 30, 15),
     "ur10e": (330, 330, 150, 56, 56, 56),
     "panda": (87, 87, 87, 87, 12, 12, 12),
+    ALPHA: (10, 10, 10, 0.6),
 }
+SIZE = {ALPHA: 0.1}  # [-] of forces, moments, weight and bias, over those of the others
 SLIDING = 0.04  # sliding friction of the default vehicle, share of the limit; stiction is 1.3 times that
 
 
@@ -64,6 +70,7 @@ SOURCES = (
 
 def sources(case: ForceCase) -> dict[str, tuple[Errors, Doubt]]:
     """Error model of each torque source, and the standard deviations that the estimator assumes for it."""
+    bias = case.bias * SIZE.get(case.arm, 1.0)
 
     def of_sensors(bias: float) -> Callable[[Array, Array], Array]:
         return lambda reading, _: np.hypot(KEPT * case.noise * np.abs(reading) + LEAST, bias / np.sqrt(3.0))
@@ -72,17 +79,21 @@ def sources(case: ForceCase) -> dict[str, tuple[Errors, Doubt]]:
         return lambda _, sliding: share * sliding
 
     return {
-        "sensor, tared": (sensors(case, True), of_sensors(0.0)),
-        "sensor, bias": (sensors(case, False), of_sensors(case.bias)),
+        "sensor, tared": (sensors(case, 0.0), of_sensors(0.0)),
+        "sensor, bias": (sensors(case, bias), of_sensors(bias)),
         "observer, friction known to 20 %": (motors(1.0 - KNOWN, False), of_friction(1.0 - KNOWN)),
         "observer, friction not known": (motors(1.0, False), of_friction(1.0)),
         "observer, joints at rest": (motors(1.0, True), of_friction(1.3 / np.sqrt(3.0))),
     }
 
 
-def default_arm() -> SerialArm:
-    """The default vehicle's arm."""
-    return replace(SerialArm.from_dh(uuv_puma.DH), limits=np.tile([-2.0, 2.0], (6, 1)))
+def arm_of(name: str) -> SerialArm:
+    """An arm of LIMITS."""
+    if name == "default":
+        return replace(SerialArm.from_dh(uuv_puma.DH), limits=np.tile([-2.0, 2.0], (6, 1)))
+    if name == ALPHA:
+        return dh_geometry.read(models.load(ALPHA).compile(), ARM_BASE_BODY, TIP_SITE)
+    return published_arms.load(name)
 
 
 def jacobian(arm: SerialArm, q: Array) -> Array:
@@ -94,12 +105,18 @@ def jacobian(arm: SerialArm, q: Array) -> Array:
     return np.vstack([R.T @ linear.T, R.T @ axes.T])
 
 
-def sensors(case: ForceCase, tared: bool) -> Errors:
-    """Error model of torque sensors: a function of generator, reading (n,) [N m] and sliding friction (n,) [N m]."""
+def sensors(case: ForceCase, bias: float) -> Errors:
+    """Error model of torque sensors: a function of generator, reading (n,) [N m] and sliding friction (n,) [N m].
+
+    Args:
+        case: Tells the noise.
+        bias: [N m] uniform in +-; 0 after a tare.
+    """
 
     def errors(rng: np.random.Generator, reading: Array, _: Array) -> Array:
-        bias = 0.0 if tared else rng.uniform(-case.bias, case.bias, len(reading))
-        return KEPT * case.noise * np.abs(reading) * rng.standard_normal(len(reading)) + bias
+        return KEPT * case.noise * np.abs(reading) * rng.standard_normal(len(reading)) + rng.uniform(
+            -bias, bias, len(reading)
+        )
 
     return errors
 
@@ -127,10 +144,11 @@ def run(case: ForceCase) -> Row:
     """Force errors over random postures.
 
     Returns:
-        Median and RMS error [N] over the nine tenths of the postures far from singular; median error [N] over the tenth
-        nearest to singular; normalised estimation error squared over 3.
+        Median and RMS error [N] over the nine tenths of the postures far from singular; RMS error [N] there along each
+        axis of the tool, and the standard deviation [N] stated for it; median error [N] over the tenth nearest to
+        singular; normalised estimation error squared over 3.
     """
-    arm = default_arm() if case.arm == "default" else published_arms.load(case.arm)
+    arm, size = arm_of(case.arm), SIZE.get(case.arm, 1.0)
     wrong, doubt = sources(case)[case.source]
     rng = np.random.default_rng([case.seed, len(case.form), arm.n])
     sliding = SLIDING * np.array(LIMITS[case.arm], dtype=np.float64)
@@ -141,9 +159,11 @@ def run(case: ForceCase) -> Row:
         if case.form == "closed form":
             q[4:] = 0.0  # the closed form assumes it
         J = jacobian(arm, q)
-        wrench = rng.uniform(-1.0, 1.0, 6) * np.repeat([90.0, MOMENT if case.form == "force and moment" else 0.0], 3)
+        wrench = rng.uniform(-1.0, 1.0, 6) * np.repeat(
+            [size * FORCE, size * MOMENT if case.form == "force and moment" else 0.0], 3
+        )
         tau_e = J.T @ wrench
-        weight = arm.joint_frames(q)[-1][:3, :3].T @ [0.0, 0.0, -WEIGHT]
+        weight = arm.joint_frames(q)[-1][:3, :3].T @ [0.0, 0.0, -size * WEIGHT]
         reading = J[:3].T @ weight - tau_e
         felt = tau_e + wrong(rng, reading, sliding)
         sigma, weakest = doubt(reading, sliding), float(np.linalg.svd(J[:3])[1][-1])
@@ -160,15 +180,17 @@ def run(case: ForceCase) -> Row:
             axes = np.column_stack([c * ahead + s * up, out, -s * ahead + c * up])
             force = arm.joint_frames(q)[-1][:3, :3].T @ axes @ tip_force_closed_form(felt, q, (0.6, 0.5, 0.22))
         elif case.form == "force and moment":
-            found = tip_wrench(felt, J, sigma, moment_prior=MOMENT)
+            found = tip_wrench(felt, J, sigma, moment_prior=size * MOMENT)
             force, covariance = found.wrench[:3], found.covariance[:3, :3]
+        elif case.form == "least squares":  # without the deviations of the torques it states none
+            force = tip_force(felt, J[:3], np.ones(arm.n))[0]
         else:
-            force, covariance = tip_force(felt, J[:3], np.ones(arm.n) if case.form == "least squares" else sigma)
+            force, covariance = tip_force(felt, J[:3], sigma)
         error = force - wrench[:3]
-        squared = 0.0
-        if covariance is not None and case.form != "least squares":
-            squared = float(error @ np.linalg.solve(covariance, error))
-        rows.append((weakest, float(error @ error), squared))
+        squared, stated = 0.0, np.full(3, np.nan)
+        if covariance is not None:
+            squared, stated = float(error @ np.linalg.solve(covariance, error)), np.diag(covariance)
+        rows.append((weakest, float(error @ error), squared, *error**2, *stated))
     table = np.array(rows)
     near = table[:, 0] <= np.quantile(table[:, 0], 0.1)
     return {
@@ -177,6 +199,8 @@ def run(case: ForceCase) -> Row:
         "form": case.form,
         "median_n": np.sqrt(np.median(table[~near, 1])),
         "rms_n": np.sqrt(np.mean(table[~near, 1])),
+        "axes_rms_n": np.sqrt(np.mean(table[~near, 3:6], axis=0)).tolist(),
+        "axes_stated_n": None if np.isnan(table[:, 6:]).any() else np.sqrt(np.mean(table[~near, 6:9], axis=0)).tolist(),
         "near_singular_median_n": np.sqrt(np.median(table[near, 1])),
         "nees_share": np.mean(table[:, 2]) / 3.0 if table[:, 2].any() else None,
     }
@@ -190,15 +214,24 @@ def summarise(rows: list[Row]) -> Summary:
             row["source"],
             row["form"],
             f"{row['median_n']:.2f} {row['rms_n']:9.2f}",
+            _by_axis(row),
             f"{row['near_singular_median_n']:.1f}",
             "" if row["nees_share"] is None else f"{row['nees_share']:.2f}",
         )
         for row in rows
     ]
     table = Table(
-        title="Error of the felt force [N], forces to 90 N a component",
-        columns=("arm", "torques", "form", "median, RMS", "median near singular", "NEES / 3"),
+        title=f"Error of the felt force [N], forces to {FORCE:g} N a component, {SIZE[ALPHA] * FORCE:g} N on {ALPHA}",
+        columns=("arm", "torques", "form", "median, RMS", "x, y, z (stated)", "median near singular", "NEES / 3"),
         rows=cells,
         labels=3,
     )
     return Summary(metrics={"rows": rows}, tables=[table])
+
+
+def _by_axis(row: Row) -> str:
+    """Error along each axis of the tool, and in brackets what was stated for it."""
+    errors, stated = row["axes_rms_n"], row["axes_stated_n"]
+    if stated is None:
+        return ", ".join(f"{error:.2f}" for error in errors)
+    return ", ".join(f"{error:.2f} ({sigma:.2f})" for error, sigma in zip(errors, stated, strict=True))

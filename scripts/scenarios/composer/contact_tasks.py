@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 from dm_control.utils import rewards
@@ -104,9 +103,18 @@ class ContactTask(VehicleTask):
 class PressPoint(ContactTask):
     """Press at a point with a set force: done once it has been held for HELD within the jobs' bounds."""
 
-    def __init__(self, *given: Any, **options: Any) -> None:
+    def __init__(
+        self,
+        sea: Sea,
+        vehicle: VehicleEntity,
+        actions: Actions,
+        place: WorkPlace,
+        *,
+        force: float,
+        sparse: bool = False,
+    ) -> None:
         """As `ContactTask`; the point is the path's begin."""
-        super().__init__(*given, **options)
+        super().__init__(sea, vehicle, actions, place, force=force, sparse=sparse)
         whole = self.place.path
         point = replace(whole, s=whole.s[:1], p=whole.p[:1], z=whole.z[:1], x=whole.x[:1])
         self._judge = PressedAt(SetForce(point, self.force), HELD)
@@ -127,9 +135,18 @@ class WipePath(ContactTask):
 
     AHEAD = 0.01  # [m] of the place reached
 
-    def __init__(self, *given: Any, **options: Any) -> None:
+    def __init__(
+        self,
+        sea: Sea,
+        vehicle: VehicleEntity,
+        actions: Actions,
+        place: WorkPlace,
+        *,
+        force: float,
+        sparse: bool = False,
+    ) -> None:
         """As `ContactTask`."""
-        super().__init__(*given, **options)
+        super().__init__(sea, vehicle, actions, place, force=force, sparse=sparse)
         self._judge = WipedAlong(SetForce(self.place.path, self.force))
 
     @property
@@ -151,9 +168,19 @@ class WipePath(ContactTask):
 class TapPoints(ContactTask):
     """Touch points of a path one after another with a set force, leaving the surface in between."""
 
-    def __init__(self, *given: Any, points: Sequence[float], **options: Any) -> None:
+    def __init__(
+        self,
+        sea: Sea,
+        vehicle: VehicleEntity,
+        actions: Actions,
+        place: WorkPlace,
+        *,
+        force: float,
+        points: Sequence[float],
+        sparse: bool = False,
+    ) -> None:
         """As `ContactTask`; `points` are arc lengths [m] from 0 on."""
-        super().__init__(*given, **options)
+        super().__init__(sea, vehicle, actions, place, force=force, sparse=sparse)
         self.points = tuple(points)
         self._judge = TappedAt(SetForce(self.place.path, self.force), self.points, TOUCHED)
 

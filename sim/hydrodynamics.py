@@ -221,12 +221,16 @@ def doubts(model: mujoco.MjModel) -> list[str]:
 
     - Movable bodies with mass and shape but no coefficients, in one tree with bodies that have them.
     - A body whose mass over volume is outside DENSITIES.
+
+    Bodies that are fixed to each other count as one: the water of all may be that of one of them.
+
     - Coefficients whose linear and angular parts look swapped. A body of about 1 m cannot show this.
     - Cross terms that feed energy in, beside the other damping of their body, at a motion that sampling found.
     - Force and torque sensors, which do not measure the water.
     """
     wet = _bodies(model)
-    trees = {int(model.body_treeid[i]) for i in wet}
+    trees, fixed = {int(model.body_treeid[i]) for i in wet}, np.asarray(model.body_weldid)
+    watered = {int(fixed[i]) for i in wet}
     names = [model.body(i).name or f"body {i}" for i in range(model.nbody)]
     dry = [
         names[i]
@@ -234,14 +238,16 @@ def doubts(model: mujoco.MjModel) -> list[str]:
         if model.body_treeid[i] in trees
         and model.body_mass[i] > 0.0
         and model.body_geomnum[i] > 0
-        and not carries(model.body_user[i])
+        and int(fixed[i]) not in watered
     ]
     found = [f"movable bodies without water: {', '.join(dry)}"] if dry else []
     for i, body in wet.items():
         mass = float(model.body_mass[i])
-        if body.volume > 0.0 and not DENSITIES[0] <= mass / body.volume <= DENSITIES[1]:
+        together = float(np.sum(model.body_mass[fixed == fixed[i]]))
+        volume = sum(other.volume for j, other in wet.items() if fixed[j] == fixed[i])
+        if body.volume > 0.0 and not DENSITIES[0] <= together / volume <= DENSITIES[1]:
             found.append(
-                f"{names[i]}: {mass:.4g} kg in {body.volume:.4g} m^3 make {mass / body.volume:.3g} kg/m^3, outside "
+                f"{names[i]}: {together:.4g} kg in {volume:.4g} m^3 make {together / volume:.3g} kg/m^3, outside "
                 f"{DENSITIES[0]:g} to {DENSITIES[1]:g}; volume is in m^3"
             )
         gyration = math.sqrt(_largest_inertia(model, i) / mass) if mass > 0.0 else math.inf  # [m]

@@ -4,6 +4,7 @@ import mujoco
 import numpy as np
 
 from models.naming import ARM_BASE_BODY, CAMERA_SITE, HOME_KEY, HULL_BODY, READY_KEY, TIP_SITE, TOOL_GEOM
+from models.own.hull_box import hull_box
 from models.own.postures import FoundPosture, PostureSearch
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import quat_wxyz_from_rotation
@@ -90,12 +91,6 @@ def _add_key(spec: mujoco.MjSpec, search: PostureSearch, name: str, found: Found
 def _bow(spec: mujoco.MjSpec) -> list[float]:
     """Place [m] in hull axes just before the middle of the bow of the hull's shapes."""
     model = spec.compile()
-    hull = model.body(HULL_BODY).id
-    ahead = [0.0]
-    for g in range(model.ngeom):
-        if model.geom_bodyid[g] == hull:
-            R = np.empty(9)
-            mujoco.mju_quat2Mat(R, model.geom_quat[g])
-            box = model.geom_aabb[g]
-            ahead.append(float(model.geom_pos[g, 0] + (R.reshape(3, 3) @ box[:3])[0] + np.abs(R[:3]) @ box[3:]))
-    return [max(ahead) + _BEFORE, 0.0, 0.0]
+    arm_base = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, ARM_BASE_BODY)
+    box = hull_box(model, model.body(HULL_BODY).id, arm_base)
+    return [max(0.0, float(box[1, 0])) + _BEFORE, 0.0, 0.0]

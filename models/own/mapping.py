@@ -176,7 +176,10 @@ def _add_site(
 
 
 def _drive(spec: mujoco.MjSpec, joints: Mapping[str, float | None], name: str) -> None:
-    """Give each joint of the arm one motor, gear 1, with its torque limit; joints that are not named are locked."""
+    """Give each joint of the arm one motor, gear 1, with its torque limit; those not named are locked at zero.
+
+    That holds for all joints that the hull carries, but for those on springs: of a second arm, a gripper, a camera's pan.
+    """
     there = {joint.name: joint for joint in spec.joints if joint.type in _TURNING}
     for wanted in joints:
         if wanted not in there:
@@ -188,16 +191,29 @@ def _drive(spec: mujoco.MjSpec, joints: Mapping[str, float | None], name: str) -
             f"{name}: joints: must be those from {ARM_BASE_BODY} to {TIP_SITE} in this order, {', '.join(chain)}; got "
             f"{', '.join(joints)}"
         )
-    locked = [there[joint] for joint in chain if joint not in joints]
+    carried = next((body.find_all(mujoco.mjtObj.mjOBJ_JOINT) for body in spec.bodies if body.name == HULL_BODY), [])
+    locked = [each for each in carried if each.type in _TURNING and each.name not in joints and not each.stiffness[0]]
     if locked:
         with keyframes_kept(spec):
             for joint in locked:
-                for actuator in list(spec.actuators):
-                    if actuator.target == joint.name and actuator.trntype == mujoco.mjtTrn.mjTRN_JOINT:
-                        spec.delete(actuator)
-                spec.delete(joint)
+                _lock(spec, joint)
     for wanted, limit in joints.items():
         add_motor(spec, there[wanted], limit, name)
+
+
+def _lock(spec: mujoco.MjSpec, joint: mujoco.MjsJoint) -> None:
+    """Delete a joint, with what drives it or holds it to another."""
+    for actuator in list(spec.actuators):
+        if actuator.target == joint.name and actuator.trntype == mujoco.mjtTrn.mjTRN_JOINT:
+            spec.delete(actuator)
+    for equality in list(spec.equalities):
+        if equality.type == mujoco.mjtEq.mjEQ_JOINT and joint.name in (equality.name1, equality.name2):
+            spec.delete(equality)
+    of_joint = (mujoco.mjtObj.mjOBJ_JOINT,)
+    for sensor in list(spec.sensors):
+        if sensor.objtype in of_joint and sensor.objname == joint.name:
+            spec.delete(sensor)
+    spec.delete(joint)
 
 
 _TURNING = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)

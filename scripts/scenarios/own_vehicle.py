@@ -5,11 +5,11 @@ from dataclasses import dataclass, replace
 from typing import Self
 
 import mujoco
-import numpy as np
 
 from controllers.mkps import Chain
 from controllers.planning.work_vehicle import WorkVehicle
 from models.naming import ARM_BASE_BODY, CAMERA_SITE, TIP_SITE, TOOL_GEOM, check_parts, find
+from models.own.hull_box import hull_box
 from models.site import scenes
 from models.tools import attachment
 from models.tools.tools import TOOLS
@@ -31,7 +31,7 @@ class OwnVehicle:
 
     model: mujoco.MjModel
     vehicle: Vehicle
-    hull_box: Array  # (2, 3) [m] corners in B of the box around the hull's own geoms
+    hull_box: Array  # (2, 3) [m] corners in B of the box around the hull's geoms and those fixed to it
 
     @classmethod
     def of(cls, spec: mujoco.MjSpec, but: Collection[str] = ()) -> Self:
@@ -43,7 +43,7 @@ class OwnVehicle:
         model = spec.compile()
         check_parts(model, but)
         vehicle = Vehicle.of(model)
-        return cls(model=model, vehicle=vehicle, hull_box=_hull_box(model, vehicle))
+        return cls(model=model, vehicle=vehicle, hull_box=hull_box(model, vehicle.hull, vehicle.arm_base))
 
     def chain(self) -> Chain:
         """Kinematics of the arm from its base to the tip; springs and pads are left out."""
@@ -108,18 +108,3 @@ def with_tool(spec: mujoco.MjSpec, tool: str | None, needs: str | None = None) -
         if own is None or own != _SHAPES.get(needs):
             attachment.attach(spec, TOOLS.load(needs))
     return spec
-
-
-def _hull_box(own: mujoco.MjModel, vehicle: Vehicle) -> Array:
-    geoms = [g for g in range(own.ngeom) if own.geom_bodyid[g] == vehicle.hull]
-    if not geoms:
-        return np.zeros((2, 3))
-    centre = np.array([own.geom_pos[g] for g in geoms])
-    reach = np.empty_like(centre)
-    for row, g in enumerate(geoms):
-        R = np.empty(9)
-        mujoco.mju_quat2Mat(R, own.geom_quat[g])
-        box = own.geom_aabb[g]
-        centre[row] += R.reshape(3, 3) @ box[:3]
-        reach[row] = np.abs(R.reshape(3, 3)) @ box[3:]
-    return np.array([(centre - reach).min(axis=0), (centre + reach).max(axis=0)])

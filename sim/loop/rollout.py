@@ -98,7 +98,10 @@ def ticks_per_period(period: float, timestep: float, name: str) -> int:
     ratio = period / timestep
     ticks = round(ratio)
     if ticks < 1 or abs(ratio - ticks) > 1e-6 * ratio:
-        raise ConfigurationError(f"{name}: period {period} s is not a whole multiple of the physics step {timestep} s")
+        raise ConfigurationError(
+            f"{name}: period {period:g} s is not a whole multiple of the physics step {timestep:g} s; set the model's "
+            f'<option timestep="{period:g}"/>, or a whole part of it'
+        )
     return ticks
 
 

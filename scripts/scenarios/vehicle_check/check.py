@@ -34,7 +34,7 @@ from scenarios.vehicle_check.statics import (
 from sim import hydrodynamics
 from sim.interfaces.errors import ConfigurationError, HydrodynamicsError, PhysicsWarning, UuvError, did_you_mean
 
-_OF_ARM = ("motor", "thruster-rank")  # faults that leave station keeping to its simulation
+_OF_ARM = ("motor", "thruster-rank", "timestep")  # faults that leave station keeping to its simulation
 
 
 def check_vehicle(
@@ -159,6 +159,7 @@ class _Check:
 
     def _described(self, model: mujoco.MjModel, vehicle: Vehicle, wet: bool) -> None:
         """Trim, thrust and step, and doubts about them."""
+        self._findings += doubts.step_doubts(model)
         self._findings += doubts.inertia_doubts(model)
         self._findings += doubts.thruster_doubts(vehicle)
         if wet:
@@ -169,6 +170,7 @@ class _Check:
                 if each.code != "coefficients" or each.said.partition(":")[0] not in doubted  # told by the inertia
             ]
             self._findings += doubts.stiff_contact(model)
+            self._findings += doubts.gravity_doubts(model, vehicle)
         wet = wet and coefficients.carries(model.body_user[vehicle.hull])  # else trim and currents mean nothing
         if wet:
             weight = weight_of(model, vehicle)
@@ -254,7 +256,7 @@ class _Check:
             if fault.level == "fault" and (job in ARM_JOBS or fault.code not in _OF_ARM):
                 return JobVerdict(job=job, promised=False, code=fault.code, said=fault.said, figure=fault.figure)
         if job in HOVERING:
-            return hover_verdict(job, model)[0]
+            return hover_verdict(job, model)
         assert job in ARM_JOBS
         return self._jobs.verdict(job, blocked, self._spec if self._given else None)
 

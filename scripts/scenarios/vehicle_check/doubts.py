@@ -13,7 +13,10 @@ from models.vehicle import Vehicle, pose_in_body
 from scenarios.vehicle_check.findings import VehicleFinding
 from scenarios.vehicle_check.statics import AXES, TipForce, Trim, authority
 from sim import hydrodynamics
+from sim.interfaces.errors import ConfigurationError
+from sim.loop.rollout import ticks_per_period
 from sim.sensors.depth_camera import OPTICS
+from sim.sensors.proprioception import Encoders
 
 HEAVY = 0.005  # share of the weight that may be left over at rest
 LEAST_HEAVY = 5.0  # [N] that may be left over in any case
@@ -92,12 +95,13 @@ def inertia_doubts(model: mujoco.MjModel) -> Iterator[VehicleFinding]:
 
 def water_doubts(model: mujoco.MjModel, vehicle: Vehicle) -> Iterator[VehicleFinding]:
     """Missing and implausible coefficients, and the room of the time step."""
+    watered = {int(model.body_weldid[b]) for b in range(1, model.nbody) if coefficients.carries(model.body_user[b])}
     dry = [
         model.body(b).name or f"body {b}"
         for b in range(1, model.nbody)
         if int(model.body_rootid[b]) == int(model.body_rootid[vehicle.hull])
         and float(model.body_mass[b]) > 0.0
-        and not coefficients.carries(model.body_user[b])
+        and int(model.body_weldid[b]) not in watered
     ]
     if dry:
         yield VehicleFinding(
@@ -120,6 +124,36 @@ def water_doubts(model: mujoco.MjModel, vehicle: Vehicle) -> Iterator[VehicleFin
                 f"{hydrodynamics.DRAG_SPEED:g} m/s, at most {STEP:.0%}: use {1e3 * STEP / rate:.2g} ms or less",
                 figure=share,
             )
+
+
+def step_doubts(model: mujoco.MjModel) -> Iterator[VehicleFinding]:
+    """A time step into which the period of sensors and control does not divide."""
+    try:
+        ticks_per_period(Encoders().period, float(model.opt.timestep), "time step")
+    except ConfigurationError as error:
+        yield VehicleFinding(code="timestep", level="fault", said=str(error), figure=float(1e3 * model.opt.timestep))
+
+
+def gravity_doubts(model: mujoco.MjModel, vehicle: Vehicle) -> Iterator[VehicleFinding]:
+    """Bodies whose weight MuJoCo takes away beside their buoyancy, and gravity that does not point down."""
+    root = int(model.body_rootid[vehicle.hull])
+    light = [b for b in range(1, model.nbody) if model.body_rootid[b] == root and model.body_gravcomp[b] != 0.0]
+    if light:
+        names = ", ".join(model.body(b).name or f"body {b}" for b in light)
+        yield VehicleFinding(
+            code="gravcomp",
+            level="fault",
+            said=f"gravcomp takes the weight of {names} away, though buoyancy bears it: remove gravcomp",
+            figure=float(model.body_gravcomp[light].max()),
+        )
+    if not model.opt.gravity[2] < 0.0:
+        yield VehicleFinding(
+            code="gravity",
+            level="doubt",
+            said=f"gravity is {' '.join(f'{g:g}' for g in model.opt.gravity)} m/s^2; here z points up and a scene has "
+            "0 0 -9.81: is the file forward-starboard-down?",
+            figure=float(model.opt.gravity[2]),
+        )
 
 
 def drag_rate(model: mujoco.MjModel) -> float:

@@ -7,6 +7,7 @@ import numpy as np
 
 from controllers.arm.inverse_dynamics import ArmDynamics
 from controllers.hull.hull_control import HullControl
+from controllers.tasks.hull_phases import RestLimits
 from sim.interfaces.errors import HydrodynamicsError
 from sim.interfaces.messages import Command, Reference, StateEstimate, WorkState
 from sim.interfaces.spatial import Array, pose
@@ -27,6 +28,8 @@ class HoverFigures:
     drift: float  # [m] largest distance from the place to hold
     tilt: float  # [rad] largest tilt of the hull
     saturated: float  # share of the time at which a thruster was at its limit
+    rest: float = 0.0  # [s] longest time at rest, as a job wants it before it begins
+    turn: float = 0.0  # [rad/s] largest rate of the hull over the last half
     said: str = ""  # what broke it off
 
 
@@ -48,8 +51,9 @@ def hover(model: mujoco.MjModel, current_W: tuple[float, float, float] = (0.0, 0
     arm_B = ArmDynamics(model).wrench_at_rest(q) if armed else np.zeros(6)
     control = HullControl(model, period=_PERIOD)
     state, ticks = control.init(), max(1, round(_PERIOD / plant.timestep))
-    drift = tilt = 0.0
+    drift = tilt = turn = rest = quiet = 0.0
     saturated = steps = 0
+    limits = RestLimits()
     thrusters = np.zeros(len(vehicle.thruster_names))
     try:
         for tick in range(round(SECONDS / plant.timestep)):
@@ -63,12 +67,17 @@ def hover(model: mujoco.MjModel, current_W: tuple[float, float, float] = (0.0, 0
             away = float(np.linalg.norm(true.p_WB))
             if not away < _LOST:
                 return HoverFigures(drift=away, tilt=np.pi, saturated=saturated / steps, said="it was driven away")
+            speed, rate = float(np.linalg.norm(true.v_WB_W)), float(np.linalg.norm(true.w_WB_B))
+            at_rest = speed <= limits.speed and rate <= limits.turn and away <= limits.error
+            quiet = quiet + plant.timestep if at_rest else 0.0
+            rest = max(rest, quiet)
             if true.time > _LATE * SECONDS:
+                turn = max(turn, rate)
                 drift = max(drift, away)
                 tilt = max(tilt, float(np.arccos(np.clip(true.R_WB[2, 2], -1.0, 1.0))))
     except HydrodynamicsError as error:
         return HoverFigures(drift=np.inf, tilt=np.pi, saturated=saturated / max(steps, 1), said=str(error))
-    return HoverFigures(drift=drift, tilt=tilt, saturated=saturated / steps)
+    return HoverFigures(drift=drift, tilt=tilt, saturated=saturated / steps, rest=rest, turn=turn)
 
 
 def _seen(true: Truth, q: Array) -> StateEstimate:

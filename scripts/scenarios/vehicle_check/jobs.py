@@ -15,6 +15,7 @@ import numpy as np
 
 from controllers.hull.thrust_margin import ThrustMargin
 from controllers.planning.arm_size import FULL
+from controllers.tasks.hull_phases import RestLimits
 from controllers.tasks.insertion import HoleInsertion, InsertionJob, axis_path
 from controllers.tasks.seabed_work import SeabedWork
 from controllers.tasks.surface_work import SurfaceWork
@@ -34,6 +35,7 @@ from scenarios.tasks.task import PlacedTask
 from scenarios.vehicle_check.findings import JobVerdict
 from scenarios.vehicle_check.hover import HoverFigures, hover
 from scenarios.vehicle_check.statics import tip_force
+from sim import hydrodynamics
 from sim.interfaces.errors import ConfigurationError, ReachError, StrongCurrentError, UuvError
 from sim.interfaces.messages import Target, ToolPath
 from sim.interfaces.spatial import Array, quat_wxyz_from_rotation, transform_points
@@ -87,19 +89,44 @@ HOVERING = {"hover": (0.0, 0.0, 0.0), "hover-current": CURRENT}
 JOBS = (*HOVERING, *ARM_JOBS)
 
 
-def hover_verdict(name: str, model: mujoco.MjModel) -> tuple[JobVerdict, HoverFigures | None]:
-    """Verdict on station keeping, by simulation; and its figures."""
+def hover_verdict(name: str, model: mujoco.MjModel) -> JobVerdict:
+    """Verdict on station keeping, by simulation."""
+    kept = _hovering(model, HOVERING[name])
+    return replace(kept, job=name) if isinstance(kept, JobVerdict) else _kept(name, kept)
+
+
+def _hovering(model: mujoco.MjModel, current: tuple[float, float, float]) -> HoverFigures | JobVerdict:
+    """Figures of station keeping; a refusal where the vehicle cannot be steered at all."""
     try:
-        kept = hover(model, HOVERING[name])
+        return hover(model, current)
     except UuvError as error:
-        return JobVerdict(job=name, promised=False, code="thrust", said=str(error)), None
+        return JobVerdict(job="hover", promised=False, code="thrust", said=str(error))
+
+
+def _kept(name: str, kept: HoverFigures) -> JobVerdict:
     figures = f"{1e3 * kept.drift:.0f} mm off, {np.degrees(kept.tilt):.1f} deg, {kept.saturated:.0%} saturated"
     if kept.said:
-        return JobVerdict(job=name, promised=False, code="hover", said=kept.said, figure=kept.drift), kept
+        return JobVerdict(job=name, promised=False, code="hover", said=kept.said, figure=kept.drift)
     bounds = ((kept.drift, DRIFT), (kept.tilt, TILT), (kept.saturated, SATURATED))
     good = all(value <= most for value, most in bounds)
     said = figures if good else f"{figures}; at most {1e3 * DRIFT:.0f} mm, {np.degrees(TILT):.0f} deg, {SATURATED:.0%}"
-    return JobVerdict(job=name, promised=good, code="ok" if good else "hover", said=said, figure=kept.drift), kept
+    return JobVerdict(job=name, promised=good, code="ok" if good else "hover", said=said, figure=kept.drift)
+
+
+def _restless(name: str, model: mujoco.MjModel, current: tuple[float, float, float]) -> JobVerdict | None:
+    """Refusal of a vehicle that keeps no station, or never comes to rest, in the current of a job of the arm."""
+    kept, speed = _hovering(model, current), float(np.linalg.norm(current))
+    verdict = kept if isinstance(kept, JobVerdict) else _kept(name, kept)
+    if not verdict.promised:
+        return _refused(name, verdict.code, f"it keeps no station in {speed:.2f} m/s: {verdict.said}", verdict.figure)
+    limits = RestLimits()
+    if isinstance(kept, HoverFigures) and kept.rest < limits.time:
+        said = (
+            f"in {speed:.2f} m/s it never rests for {limits.time:g} s: it turns by up to {kept.turn:.2g} rad/s, at "
+            f"most {limits.turn:g} is rest; least thrust or dead band of the thrusters?"
+        )
+        return _refused(name, "rest", said, kept.turn)
+    return None
 
 
 class ArmJobs:
@@ -116,6 +143,7 @@ class ArmJobs:
         """
         self._vehicle, self._tool = vehicle, tool
         self._parts, self.forces = parts, tuple(forces)
+        self._rest: dict[Any, JobVerdict | None] = {}  # by tools and current: station keeping is simulated once
 
     def scenario(self, name: str) -> Scenario:
         """Scenario of a job for the vehicle."""
@@ -149,7 +177,14 @@ class ArmJobs:
             own = OwnVehicle.of(spec, task.spares)
             if (refused := ReadyForce.of(scenario, own).refusal(scenario, BEYOND)) is not None:
                 return _refused(name, *refused)
-            return _view(name, scenario, blocked) or _planned(name, scenario, own)
+            if (hidden := _view(name, scenario, blocked)) is not None:
+                return hidden
+            key = setup.tool, task.tool, scenario.site.current
+            if key not in self._rest:
+                self._rest[key] = _restless(name, hydrodynamics.compile(spec.copy()), scenario.site.current)
+            if (restless := self._rest[key]) is not None:
+                return replace(restless, job=name)
+            return _planned(name, scenario, own)
         except UuvError as error:
             return _refused(name, "parts", str(error))
 

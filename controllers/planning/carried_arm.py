@@ -26,6 +26,7 @@ from controllers.planning.hull_path import hull_gap, skin_of
 from controllers.planning.path_poses import STANDOFF_STEPS, samples_along, tool_loads, tool_poses
 from controllers.planning.placement import Placement, PlacementSearch, Surroundings, out_of_reach
 from models.vehicle import Vehicle
+from sim.interfaces.errors import ReachError
 from sim.interfaces.messages import ToolPath
 from sim.interfaces.spatial import Array, exp_so3, pose, readonly
 
@@ -99,7 +100,8 @@ class CarriedArm:
         on_path, middle = poses[STANDOFF_STEPS:-STANDOFF_STEPS], len(shares) // 2
         most = -np.inf
         best, furthest = cast("Placement | None", None), cast("Dropped | None", None)
-        for start in self._starts(whole, on_path[middle], skin):
+        met: list[Array] = []
+        for start in self._starts(whole, on_path[middle], skin, met):
             if most >= _ENOUGH:
                 break
             hulls = self._along(whole, on_path, middle, start, keeps_x=path.keeps_x)
@@ -132,12 +134,20 @@ class CarriedArm:
                 reached=1.0,
                 way=_way(shares, hulls),
             )
+        if best is None and not met:
+            raise ReachError(
+                "the tool path is out of reach: within the limits of its joints the arm turns the tool nowhere so; the "
+                "hull stays level"
+            )
         if best is None:
             raise out_of_reach(shares, furthest, arm, held=self.holding is not None)
         return best
 
-    def _starts(self, whole: Chain, X_WG: Array, skin: Array) -> Iterator[Array]:
-        """Joint values (4 + n,) of hull and arm for the middle of the path, the roomiest postures of the arm first."""
+    def _starts(self, whole: Chain, X_WG: Array, skin: Array, met: list[Array]) -> Iterator[Array]:
+        """Joint values (4 + n,) of hull and arm for the middle of the path, the roomiest postures of the arm first.
+
+        `met` collects those that meet it, with room for the hull or without.
+        """
         low, high = self.vehicle.q_limits.T
         span = high - low
         even = qmc.Halton(len(low), scramble=False).random(_POSTURES)
@@ -163,9 +173,14 @@ class CarriedArm:
             for yaw in self._yaws(X_BG[:3, 2], z_W):
                 R_WB = exp_so3([0.0, 0.0, yaw])
                 near = np.concatenate([X_WG[:3, 3] - R_WB @ X_BG[:3, 3], [yaw], q])
-                met = solve(whole, self._round(whole, near, X_WG), near, _POSITION, _TILT, "priority", options=_STEPS)
-                if met.converged and self._has_room(hull_pose(met.q), skin):
-                    yield met.q
+                result = solve(
+                    whole, self._round(whole, near, X_WG), near, _POSITION, _TILT, "priority", options=_STEPS
+                )
+                if not result.converged:
+                    continue
+                met.append(result.q)
+                if self._has_room(hull_pose(result.q), skin):
+                    yield result.q
                     fits = True
             kept += fits
             if kept >= _KEPT:

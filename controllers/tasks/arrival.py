@@ -311,6 +311,21 @@ def around(own: WorkVehicle, model: TargetModel) -> Callable[[Target], HullPath]
     return lambda target: HullPath(own.vehicle, own.chain, own.hull_box, transform_points(target.X_WT, model.vertices))
 
 
+def lifted(own: WorkVehicle, X_WB_work: Array, X_WB: Array, lift: float) -> Array:
+    """Hull pose (4, 4) before the work pose, along the axis of the arm's base, at which the arm unfolds.
+
+    Args:
+        own: the vehicle.
+        X_WB_work: (4, 4) hull pose at work.
+        X_WB: (4, 4) hull pose now; if that is farther away along the axis, so is the result.
+        lift: [m] least distance between both.
+    """
+    before = np.array(X_WB_work)
+    away = -base_axis(own.chain, own.vehicle.q_ready) * (X_WB_work @ own.vehicle.X_BA)[:3, 2]
+    before[:3, 3] += away * max(lift, float(away @ (X_WB - before)[:3, 3]))
+    return before
+
+
 def arrival(
     site: WorkSite,
     limits: ArrivalLimits,
@@ -366,11 +381,7 @@ def arrival(
         if not placement.held:
             held.note = "the thrusters may not hold the hull against friction at the set force"
         held.line, held.depth = ToolLine(path, placement, offset), depth
-        before = np.array(placement.X_WB)
-        own = site.own
-        to_work = base_axis(own.chain, own.vehicle.q_ready)
-        away = -to_work * (placement.X_WB @ own.vehicle.X_BA)[:3, 2]  # along the arm base's axis
-        before[:3, 3] += away * max(limits.lift, float(away @ (held.X_WB - before)[:3, 3]))
+        before = lifted(site.own, placement.X_WB, held.X_WB, limits.lift)
         held.way = [before] if site.around is None else site.around(target).way(held.X_WB, before)
 
     again = "settle" if site.come_near is None else "settled"

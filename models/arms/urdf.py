@@ -30,6 +30,7 @@ LONGEST = 1e4  # [m] or [rad] largest number accepted: more is a slip, or millim
 _DRIVEN = {"revolute": "r", "continuous": "r", "prismatic": "p"}
 _UNSOLVED = ("floating", "planar")
 _JOINTS = (*_DRIVEN, "fixed", *_UNSOLVED)
+_XACRO = "{http://www.ros.org/wiki/xacro}", "{http://ros.org/wiki/xacro}", "{http://wiki.ros.org/xacro}"  # tags
 _HEAD = 20_000  # [bytes] within which a URDF under another name has its root element
 
 
@@ -340,6 +341,8 @@ def _parsed(urdf: Any, name: str) -> Element:
         raise ConfigurationError(f"{name}: no XML ({error})") from error
     if xml.tag != "robot":
         raise ConfigurationError(f"{name}: the root element must be <robot>, got <{xml.tag}>")
+    if any(str(element.tag).startswith(_XACRO) for element in xml.iter()):
+        raise ConfigurationError(f"{name}: it is xacro, of which a URDF is made first: xacro FILE > rov.urdf")
     return xml
 
 

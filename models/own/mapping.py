@@ -160,7 +160,12 @@ def _add_site(
         sites[usual].name = f"{usual}_of_the_model"
     if isinstance(where, str):
         if where not in sites:
-            raise _missing(name, "site", where, list(sites))
+            hint = ""
+            if any(body.name == where for body in spec.bodies):
+                hint = f"; a body is called so: {usual}: {{body: {where}}}"
+            elif any(camera.name == where for camera in spec.cameras):
+                hint = f"; a <camera> is called so: give its place, {usual}: {{body: NAME, pos: [x, y, z]}}"
+            raise ConfigurationError(f"{_missing(name, 'site', where, list(sites))}{hint}")
         own = sites[where]
         added = own.parent.add_site(name=usual, pos=own.pos, quat=own.quat, group=4)
         added.alt = own.alt
@@ -178,7 +183,7 @@ def _add_site(
 def _drive(spec: mujoco.MjSpec, joints: Mapping[str, float | None], name: str) -> None:
     """Give each joint of the arm one motor, gear 1, with its torque limit; those not named are locked at zero.
 
-    That holds for all joints that the hull carries, but for those on springs: of a second arm, a gripper, a camera's pan.
+    That holds for all joints that the hull carries but those on springs: of a second arm, a gripper, a camera's pan.
     """
     there = {joint.name: joint for joint in spec.joints if joint.type in _TURNING}
     for wanted in joints:

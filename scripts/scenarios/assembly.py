@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from models.vehicle import Vehicle
 from perception.navigation.raw_navigation import RawNavigation
 from perception.navigation.strapdown_filter import Navigation
 from scenarios.arm_camera import arm_camera, believed_mount
@@ -12,6 +13,7 @@ from scenarios.contact_parts import believed_and_built, controller
 from scenarios.own_vehicle import OwnVehicle
 from scenarios.perturbations.perturbation import Loop, perturb
 from scenarios.scenario import Scenario
+from scenarios.start_place import check_start
 from scenarios.tasks.task import PlacedTask
 from sim import hydrodynamics
 from sim.interfaces.spatial import Array, exp_so3, pose
@@ -80,6 +82,7 @@ def assemble(scenario: Scenario, *, full: bool = False) -> Assembly:
     model = hydrodynamics.compile(scene)
     offset = pose(exp_so3([0.0, 0.0, start.uniform(-0.02, 0.02)]), start.uniform(-0.03, 0.03, 3))
     X_WB = placed.X_WB if placed.exact_start else placed.X_WB @ offset
+    check_start(model, Vehicle.of(model), X_WB)
     plant = Plant(
         model,
         current=Current(scenario.site.current),

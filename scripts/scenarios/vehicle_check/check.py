@@ -213,9 +213,11 @@ class _Check:
             if number >= 0:
                 postures[key] = np.array(model.key_qpos[number][vehicle.qpos])
         limits = ", ".join(
-            f"{name} {np.degrees(low):.0f} to {np.degrees(high):.0f} deg {most:.3g} N m"
-            for name, most, (low, high) in zip(
-                vehicle.joint_names, vehicle.torque_limits, vehicle.q_limits, strict=True
+            f"{name} {low:.2f} to {high:.2f} m {most:.3g} N"
+            if model.jnt_type[j] == mujoco.mjtJoint.mjJNT_SLIDE
+            else f"{name} {np.degrees(low):.0f} to {np.degrees(high):.0f} deg {most:.3g} N m"
+            for j, name, most, (low, high) in zip(
+                vehicle.joints, vehicle.joint_names, vehicle.torque_limits, vehicle.q_limits, strict=True
             )
         )
         self._figure(f"{len(vehicle.joints)} joints", limits)

@@ -28,6 +28,7 @@ BULKY = 1.5  # largest, alike
 FLIPPED = 0.5  # share to which touching falls if a joint's axis is likely turned round
 OFTEN = 0.2  # share of postures that touch, from which on a turned axis is looked for
 JERKY = 30.0  # [rad/s] that a joint may gain at full torque in one time step
+MIXED = 0.2  # share of the largest part of an undriven direction from which on another axis is named too
 STEP = 0.5  # of the time step at which drag would become unstable, from which on it is named
 
 HALF_VIEW = float(np.arctan(0.5 * OPTICS.width / OPTICS.focal))  # [rad] of the depth camera
@@ -194,12 +195,15 @@ def thruster_doubts(vehicle: Vehicle) -> Iterator[VehicleFinding]:
         return
     rank = int(np.linalg.matrix_rank(B, tol=1e-6))
     if rank < 6:
-        free = [axis for i, axis in enumerate(AXES) if max(authority(vehicle, i)) < 1e-6]
+        missing = [
+            " with ".join(AXES[i] for i in np.argsort(-np.abs(v)) if abs(v[i]) > MIXED * np.abs(v).max())
+            for v in np.linalg.svd(B)[0].T[rank:]
+        ]
         yield VehicleFinding(
             code="thruster-rank",
             level="fault",
-            said=f"the {B.shape[1]} thrusters span {rank} of 6 directions; without thrust of their own: "
-            f"{', '.join(free) or 'a combination of axes'}",
+            said=f"the {B.shape[1]} thrusters span {rank} of 6 directions; nothing drives {', '.join(missing)}, and a "
+            "righting moment does not stand for a thruster here",
             figure=float(rank),
         )
     now = [max(authority(vehicle, axis)) for axis in range(6)]

@@ -15,6 +15,7 @@ import numpy as np
 
 from controllers.hull.thrust_margin import ThrustMargin
 from controllers.planning.arm_size import FULL
+from controllers.tasks.arrival import around, lifted
 from controllers.tasks.hull_phases import RestLimits
 from controllers.tasks.insertion import HoleInsertion, InsertionJob, axis_path
 from controllers.tasks.seabed_work import SeabedWork
@@ -27,6 +28,7 @@ from perception.toolpath.path_planner import path_on_model
 from scenarios.options import BarrelOptions, InsertionOptions, PileOptions, SeabedOptions
 from scenarios.own_vehicle import OwnVehicle, vehicle_spec, with_tool
 from scenarios.scenario import Scenario
+from scenarios.start_place import check_start
 from scenarios.tasks.insertion import PlacedInsertion
 from scenarios.tasks.seabed_sampling import PlacedSampling, SeabedSamplingTask, sonar_on_hull
 from scenarios.tasks.surface_work import TAP_FORCE, TAPPED, PlacedSurfaceWork, SurfaceWorkTask
@@ -113,7 +115,7 @@ def _kept(name: str, kept: HoverFigures) -> JobVerdict:
     return JobVerdict(job=name, promised=good, code="ok" if good else "hover", said=said, figure=kept.drift)
 
 
-def _restless(name: str, model: mujoco.MjModel, current: tuple[float, float, float]) -> JobVerdict | None:
+def restless(name: str, model: mujoco.MjModel, current: tuple[float, float, float]) -> JobVerdict | None:
     """Refusal of a vehicle that keeps no station, or never comes to rest, in the current of a job of the arm."""
     kept, speed = _hovering(model, current), float(np.linalg.norm(current))
     verdict = kept if isinstance(kept, JobVerdict) else _kept(name, kept)
@@ -181,10 +183,10 @@ class ArmJobs:
                 return hidden
             key = setup.tool, task.tool, scenario.site.current
             if key not in self._rest:
-                self._rest[key] = _restless(name, hydrodynamics.compile(spec.copy()), scenario.site.current)
-            if (restless := self._rest[key]) is not None:
-                return replace(restless, job=name)
-            return _planned(name, scenario, own)
+                self._rest[key] = restless(name, hydrodynamics.compile(spec.copy()), scenario.site.current)
+            if (moving := self._rest[key]) is not None:
+                return replace(moving, job=name)
+            return _planned(name, scenario, own, spec)
         except UuvError as error:
             return _refused(name, "parts", str(error))
 
@@ -281,9 +283,14 @@ def looks_by_camera(scenario: Scenario) -> bool:
     return not scenario.task.spares and scenario.sensing.sensor == "camera"
 
 
-def _planned(name: str, scenario: Scenario, own: OwnVehicle) -> JobVerdict:
+def _planned(name: str, scenario: Scenario, own: OwnVehicle, spec: mujoco.MjSpec) -> JobVerdict:
     """Verdict by the job's own planner, for the object at its true pose."""
     placed = scenario.task.place(scenario, own, np.random.default_rng(scenario.seed))
+    scene = placed.scene(spec.copy()).compile()
+    try:
+        check_start(scene, Vehicle.of(scene), placed.X_WB)
+    except ConfigurationError as error:
+        return _refused(name, "start", str(error))
     current = np.array(scenario.site.current)
     speed = float(np.linalg.norm(current))
     try:
@@ -354,7 +361,10 @@ def _stand(placed: PlacedTask, current: Array) -> tuple[float, float]:
         else:
             assert isinstance(planner, SurfaceWork)
             stand = planner.stand
-        found = stand(_target(X_WT, path), path, current)
+        target = _target(X_WT, path)
+        found, own = stand(target, path, current), placed.own.at_work()
+        before = lifted(own, found[0].X_WB, placed.X_WB, placed.job().arrival.lift)
+        around(own, placed.target)(target).way(placed.X_WB, before)  # or the refusal
     elif isinstance(placed, PlacedInsertion):
         assert isinstance(planner, HoleInsertion)
         path = axis_path(placed.X_WT, placed.bore, placed.task.depth)

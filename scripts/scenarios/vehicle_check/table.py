@@ -13,6 +13,7 @@ COMMANDS = {  # of `uuv run`, by job; those that hover are simulated by the chec
     "insertion": "insert-sampler",
     "seabed-core": "sample-seabed",
 }
+OWN_TOOL = {"insert-sampler", "sample-seabed"}  # bring their tool and force
 _COLOURS = {
     "note": "cyan",
     "doubt": "yellow",
@@ -51,9 +52,11 @@ def print_check(check: VehicleCheck, console: Console) -> None:
             verdict = Text("promised", "green") if each.promised else Text(f"refused: {each.code}", "red")
             table.add_row(each.job, verdict, each.said)
         console.print(table)
-        if runs := sorted({COMMANDS[each.job] for each in check.jobs if each.promised and each.job in COMMANDS}):
-            said = f"to run what is promised, with the same --vehicle, --tool and --forces: uuv run {', '.join(runs)}"
-            console.print(Text(said, style="dim"))
+        promised = {COMMANDS[each.job] for each in check.jobs if each.promised and each.job in COMMANDS}
+        for runs, same in ((promised - OWN_TOOL, "--vehicle, --tool and --forces"), (promised & OWN_TOOL, "--vehicle")):
+            if runs:
+                said = f"to run what is promised, with the same {same}: uuv run {', '.join(sorted(runs))}"
+                console.print(Text(said, style="dim"))
 
 
 def _parts(check: VehicleCheck) -> Text:

@@ -19,6 +19,7 @@ from scenarios.own_vehicle import OwnVehicle, vehicle_spec
 from scenarios.vehicle_check.check import check_vehicle
 from scenarios.vehicle_check.doubts import inertia_doubts
 from scenarios.vehicle_check.findings import VehicleCheck
+from scenarios.vehicle_check.jobs import restless
 from scenarios.vehicle_check.preflight import preflight
 from scenarios.vehicle_check.table import print_check
 from sim import hydrodynamics as hydrodynamics_of
@@ -182,6 +183,44 @@ def test_verdicts_name_what_decides(
     verdict = check_vehicle(spec, jobs=(job,)).verdict(job)
     assert (verdict.code, verdict.promised) == (code, code == "ok")
     assert re.search(r"\d", verdict.said.replace("joint2", "")) or code == "contract"
+
+
+def test_what_begins_or_hovers_badly_is_refused(sound: dict[str, mujoco.MjSpec]) -> None:
+    """Each by its own figure: the step, weight taken away, a start in the seabed."""
+    late, light, low = (sound["uuv_puma"].copy() for _ in range(3))
+    late.option.timestep = 0.003
+    light.body(HULL_BODY).gravcomp = 1.0
+    low.site(CAMERA_SITE).pos = np.array([0.9, 0.0, 1.6])
+    for spec, code, said in (
+        (late, "timestep", 'set the model\'s <option timestep="0.002"/>'),
+        (light, "gravcomp", "gravcomp takes the weight of hull away"),
+        (low, "start", "m deep in 'seabed' with"),
+    ):
+        verdict = check_vehicle(spec, jobs=("barrel-longitudinal",)).verdict("barrel-longitudinal")
+        assert (verdict.code, verdict.promised) == (code, False), verdict.said
+        assert said in verdict.said
+
+
+def test_a_hull_that_swings_about_its_place_is_no_base_for_work(sound: dict[str, mujoco.MjSpec]) -> None:
+    """Without the tool's weight the small vehicle balances on its thrusters' least thrust; 3 m/s carry it away."""
+    still, gone = (hydrodynamics_of.compile(vehicle_spec("bluerov2_heavy_alpha5", None)) for _ in range(2))
+    swings = restless("tap", still, (0.0, 0.0, 0.0))
+    assert swings is not None
+    assert (swings.code, swings.promised) == ("rest", False)
+    assert "at most 0.02 is rest" in swings.said
+    away = restless("tap", gone, (0.0, 3.0, 0.0))
+    assert away is not None
+    assert away.code == "hover"
+    assert restless("tap", hydrodynamics_of.compile(sound["uuv_puma"].copy()), (0.15, 0.0, 0.0)) is None
+
+
+def test_water_of_welded_links_counts_as_one(sound: dict[str, mujoco.MjSpec]) -> None:
+    spec = sound["uuv_puma"].copy()
+    hull = spec.body(HULL_BODY)
+    hull.mass -= 40.0
+    ballast = hull.add_body(name="ballast", mass=40.0, inertia=[1.0, 1.0, 1.0], explicitinertial=True)
+    ballast.add_geom(size=[0.1, 0.1, 0.1], mass=0.0)
+    assert not codes(check_vehicle(spec, jobs=())) & {"no-water", "density"}
 
 
 def test_a_fault_refuses_jobs(sound: dict[str, mujoco.MjSpec]) -> None:

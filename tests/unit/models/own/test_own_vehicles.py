@@ -1,5 +1,6 @@
 """Vehicles of a user's own: a URDF with a mapping is the vehicle of an MJCF, and what is absent is computed."""
 
+import re
 from pathlib import Path
 
 import mujoco
@@ -9,6 +10,7 @@ import pytest
 import models
 from models.naming import CAMERA_SITE, HOME_KEY, READY_KEY, TIP_SITE, TOOL_GEOM
 from models.own.complete import complete, computed
+from models.own.hull_box import hull_box
 from models.own.mounting import mount_arm
 from models.own.parts_file import PartPlace, read_parts
 from models.own.postures import PostureSearch
@@ -129,6 +131,46 @@ def test_a_mapping_can_lock_a_joint_and_replace_a_servo(tmp_path: Path) -> None:
     assert vehicle.torque_limits == pytest.approx([4.0])
     assert model.njnt == 2
     assert model.actuator("bend").biastype[0] == mujoco.mjtBias.mjBIAS_NONE
+
+
+SECOND_ARM = """<body name="port" pos="0.15 0.2 -0.14">
+      <joint name="port_lift" axis="0 1 0"/><geom size="0.03" mass="0.2"/>
+      <body name="finger" pos="0 0 -0.1"><joint name="grip" type="slide" axis="0 1 0"/><geom size="0.01" mass="0.02"/>
+      <joint name="soft" type="slide" stiffness="100"/></body></body>"""
+DRIVEN = """<actuator><motor name="lifter" joint="port_lift"/></actuator>
+  <equality><joint joint1="port_lift" joint2="grip"/></equality>
+  <sensor><jointpos joint="port_lift"/></sensor></mujoco>"""
+
+
+def test_joints_of_a_second_arm_are_locked_but_for_its_springs(tmp_path: Path) -> None:
+    both = MJCF.replace('<body name="bracket"', f'{SECOND_ARM}<body name="bracket"').replace("</mujoco>", DRIVEN)
+    model = vehicle_spec(written(tmp_path, ".xml", both)).compile()
+    assert [model.joint(j).name for j in range(model.njnt)] == ["", "soft", "lift", "bend"]
+    assert (model.neq, model.nsensor) == (0, 0)
+    assert "lifter" not in [model.actuator(i).name for i in range(model.nu)]
+
+
+def test_a_name_of_another_kind_is_told_as_what_it_is(tmp_path: Path) -> None:
+    with pytest.raises(ConfigurationError, match=r"no site 'lower'.*a body is called so: tip: \{body: lower\}"):
+        vehicle_spec(written(tmp_path, ".xml", MJCF, re.sub("tip: {.*", "tip: lower", PARTS)))
+    filmed = MJCF.replace('<body name="bracket"', '<camera name="front"/><body name="bracket"')
+    with pytest.raises(ConfigurationError, match=r"no site 'front'.*a <camera> is called so: give its place, camera:"):
+        vehicle_spec(written(tmp_path, ".xml", filmed, re.sub("camera: {.*", "camera: front", PARTS)))
+    macro = URDF.replace("<robot ", '<robot xmlns:xacro="http://www.ros.org/wiki/xacro" ', 1)
+    macro = macro.replace("</robot>", '<xacro:property name="m" value="3"/></robot>')
+    with pytest.raises(ConfigurationError, match="it is xacro, of which a URDF is made first"):
+        vehicle_spec(written(tmp_path, ".urdf", macro))
+
+
+def test_the_hull_is_as_large_as_what_is_fixed_to_it(tmp_path: Path) -> None:
+    """A URDF has the hull's shapes on links of their own; the arm's base does not count."""
+    quarter = 'quat="0.7071068 0 0 0.7071068"'
+    skid = f'<body name="skid" pos="0 0 -0.3" {quarter}><geom type="box" size="0.1 0.4 0.05"/></body>'
+    base = '<body name="bracket" pos="0.15 0 -0.14" quat="0 1 0 0"><geom size="0.5" mass="0"/>'
+    mjcf = re.sub('<body name="bracket" .*?>', skid + base, MJCF)
+    model = vehicle_spec(written(tmp_path, ".xml", mjcf)).compile()
+    box = hull_box(model, model.body("hull").id, model.body("arm_base").id)
+    assert box == pytest.approx(np.array([[-0.4, -0.25, -0.35], [0.4, 0.25, 0.1]]), abs=1e-6)
 
 
 def test_a_hull_without_a_joint_floats(tmp_path: Path) -> None:

@@ -200,7 +200,7 @@ class UrdfRobot:
             base=start,
             tip=tip,
             joints=tuple(joints),
-            X_parent_child=tuple(_origin(joint, self.name) for joint in joints),
+            X_parent_child=tuple(origin_of(joint, self.name) for joint in joints),
         )
         if not chain.driven:
             raise ConfigurationError(f"{self.name}: no driven joint between links {start!r} and {tip!r}")
@@ -346,7 +346,7 @@ def _parsed(urdf: Any, name: str) -> Element:
     return xml
 
 
-def _origin(joint: Element, name: str) -> Array:
+def origin_of(joint: Element, name: str) -> Array:
     """Pose (4, 4) of the child link in the parent link, at zero."""
     element = joint.find("origin")
     if element is None:

@@ -11,6 +11,7 @@ import mujoco
 import numpy as np
 
 from models.arms import urdf
+from models.arms.floating_root import with_floating_root
 from models.naming import HULL_BODY
 from models.own.mapping import add_motor
 from sim.interfaces.errors import ConfigurationError
@@ -35,8 +36,14 @@ def spec_of_urdf(file: str | Path) -> tuple[mujoco.MjSpec, list[str]]:
     """
     name = f"vehicle {shown(str(file))}"
     existing_file(file, "vehicle")
-    robot = urdf.parse(Path(file), name)
-    notes = []
+    robot, notes = with_floating_root(urdf.parse(Path(file), name))
+    unweighed = [
+        link.get("name", "")
+        for link in robot.xml.findall("link")
+        if link.find("inertial") is None and any(link.find(shape) is not None for shape in ("visual", "collision"))
+    ]
+    if unweighed:
+        notes.append(f"links without <inertial> weigh as their shapes filled with water: {', '.join(unweighed)}")
     left_out = sorted(set(_resolve_meshes(robot.xml, Path(file).resolve().parent)))
     if left_out:
         notes.append(f"meshes left out, not found or not of {', '.join(urdf.MESHES)}: {', '.join(left_out)}")

@@ -11,6 +11,7 @@ from xml.etree import ElementTree
 import mujoco
 
 from models import hydrodynamics, sidecar
+from models.arms.floating_root import with_floating_root
 from models.arms.urdf import MESHES, UrdfRobot, couple, is_urdf, mesh_file, parse, take_mimics
 from models.mjcf_files import read_mjcf
 from models.wet.wetting import Wetted
@@ -133,8 +134,10 @@ def make_neutral(spec: mujoco.MjSpec) -> None:
 
 def _of_urdf(path: Path, free: bool) -> tuple[mujoco.MjSpec, list[str]]:
     """Spec of a URDF, its welded links kept."""
-    robot = parse(path, f"model {shown(str(path))}")
-    notes = _found_meshes(robot, path)
+    robot, notes = parse(path, f"model {shown(str(path))}"), []
+    if free:
+        robot, notes = with_floating_root(robot)
+    notes += _found_meshes(robot, path)
     mimics = take_mimics(robot)
     extension = robot.xml.find("mujoco")
     extension = ElementTree.SubElement(robot.xml, "mujoco") if extension is None else extension

@@ -6,6 +6,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 import models
 from models.naming import CAMERA_SITE, HOME_KEY, READY_KEY, TIP_SITE, TOOL_GEOM
@@ -160,6 +161,33 @@ def test_a_name_of_another_kind_is_told_as_what_it_is(tmp_path: Path) -> None:
     macro = macro.replace("</robot>", '<xacro:property name="m" value="3"/></robot>')
     with pytest.raises(ConfigurationError, match="it is xacro, of which a URDF is made first"):
         vehicle_spec(written(tmp_path, ".urdf", macro))
+
+
+ROS = """<robot name="rov"><link name="world"/>
+  <joint name="float" type="floating"><parent link="world"/><child link="base"/></joint>
+  <link name="base"/>
+  <joint name="j" type="fixed"><origin xyz="0.2 -0.1 0.3" rpy="0.4 -0.3 1.2"/>
+    <parent link="base"/><child link="heavy"/></joint>
+  <link name="heavy"><inertial><origin xyz="0.1 0 -0.2" rpy="-0.2 0.5 0.3"/><mass value="30"/>
+    <inertia ixx="3" iyy="2" izz="1.5" ixy="0.1" ixz="-0.2" iyz="0.3"/></inertial></link></robot>"""
+
+
+def test_a_root_of_ros_floats_with_the_mass_that_is_fixed_to_it(tmp_path: Path, within) -> None:
+    (tmp_path / "rov.urdf").write_text(ROS, encoding="utf-8")
+    spec = vehicle_spec(tmp_path / "rov.urdf")
+    model, said = spec.compile(), computed(spec)
+    assert said["note_1"] == "link world left out: base floats"
+    assert "it takes that of 'heavy'" in said["note_2"]
+    joint, inertial = (Rotation.from_euler("xyz", angles) for angles in ([0.4, -0.3, 1.2], [-0.2, 0.5, 0.3]))
+    place = np.array([0.2, -0.1, 0.3]) + joint.apply([0.1, 0.0, -0.2])
+    R = (joint * inertial).as_matrix()
+    tensor = R @ np.array([[3.0, 0.1, -0.2], [0.1, 2.0, 0.3], [-0.2, 0.3, 1.5]]) @ R.T
+    axes = np.empty(9)
+    mujoco.mju_quat2Mat(axes, model.body_iquat[1])
+    axes = axes.reshape(3, 3)
+    assert model.body_mass[1] == 30.0
+    within("centre of mass [m]", model.body_ipos[1] - place, 1e-12)
+    within("inertia [kg m^2]", axes * model.body_inertia[1] @ axes.T - tensor, 1e-12)
 
 
 def test_the_hull_is_as_large_as_what_is_fixed_to_it(tmp_path: Path) -> None:

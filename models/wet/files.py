@@ -23,7 +23,7 @@ _DIRECTIVES = {"discardvisual": "false", "strippath": "false", "fusestatic": "fa
 
 
 def read_model(
-    file: str | os.PathLike[str], *, free: bool = False, scale: float | None = None
+    file: str | os.PathLike[str], *, free: bool = False, scale: float | None = None, visual: bool = True
 ) -> tuple[mujoco.MjSpec, list[str]]:
     """Read a model, whatever its format.
 
@@ -31,6 +31,7 @@ def read_model(
         file: URDF, MJCF, or a mesh (STL, OBJ, MSH), which becomes one floating body of the water's density.
         free: a URDF's root link floats; else it is fixed to the world, as MuJoCo has it.
         scale: [m] of a mesh file's unit: 0.001 for millimetres. URDF and MJCF state it themselves.
+        visual: the visual meshes of a URDF are needed; False: those that cannot be read are left out.
 
     Returns:
         The spec, and notes on what was left out.
@@ -51,7 +52,7 @@ def read_model(
             f"scale: for a mesh file only; {shown(path.name)} states the scale of its meshes itself"
         )
     if of_urdf:
-        return _of_urdf(path, free)
+        return _of_urdf(path, free, visual)
     spec, _ = read_mjcf(path, "model")
     sidecar.attach_beside(spec, path)  # thrusters, and water that is to be replaced
     return spec, []
@@ -132,12 +133,12 @@ def make_neutral(spec: mujoco.MjSpec) -> None:
     spec.geoms[0].mass = water.volume * hydrodynamics.density_of(spec)
 
 
-def _of_urdf(path: Path, free: bool) -> tuple[mujoco.MjSpec, list[str]]:
+def _of_urdf(path: Path, free: bool, visual: bool) -> tuple[mujoco.MjSpec, list[str]]:
     """Spec of a URDF, its welded links kept."""
     robot, notes = parse(path, f"model {shown(str(path))}"), []
     if free:
         robot, notes = with_floating_root(robot)
-    notes += _found_meshes(robot, path)
+    notes += _found_meshes(robot, path, visual)
     mimics = take_mimics(robot)
     extension = robot.xml.find("mujoco")
     extension = ElementTree.SubElement(robot.xml, "mujoco") if extension is None else extension
@@ -155,8 +156,11 @@ def _of_urdf(path: Path, free: bool) -> tuple[mujoco.MjSpec, list[str]]:
     return _compiling(spec, robot.name), notes
 
 
-def _found_meshes(robot: UrdfRobot, path: Path) -> list[str]:
-    """Put the places of mesh files into a robot's XML; visual meshes that MuJoCo does not read are taken out."""
+def _found_meshes(robot: UrdfRobot, path: Path, visual: bool) -> list[str]:
+    """Put the places of mesh files into a robot's XML; visual meshes that MuJoCo does not read are taken out.
+
+    `visual` False: those of links without another shape, and those that are not there, as well.
+    """
     left_out = []
     extension = robot.xml.find("mujoco/compiler")
     folder = path.parent / (extension.get("meshdir", "") if extension is not None else "")
@@ -169,13 +173,18 @@ def _found_meshes(robot: UrdfRobot, path: Path) -> list[str]:
             name = mesh.get("filename", "")
             if not name:
                 raise ConfigurationError(f"{said}: it has no filename")
+            spared = part.tag == "visual" and not visual
             if Path(name).suffix.lower() not in MESHES:
-                if part.tag == "collision" or link.find("collision") is None:
+                if not spared and (part.tag == "collision" or link.find("collision") is None):
                     raise ConfigurationError(f"{said} {shown(name)}: MuJoCo reads {', '.join(MESHES)}; convert it")
                 link.remove(part)
                 left_out.append(name)
                 continue
             found = mesh_file(name, folder)
+            if found is None and spared:
+                link.remove(part)
+                left_out.append(name)
+                continue
             if found is None:
                 raise ConfigurationError(
                     f"{said} {shown(name)}: there is no such file (looked in {shown(str(folder))})"
@@ -184,7 +193,8 @@ def _found_meshes(robot: UrdfRobot, path: Path) -> list[str]:
     if not left_out:
         return []
     endings = ", ".join(sorted({Path(name).suffix or name for name in left_out}))
-    return [f"{len(left_out)} visual meshes left out: MuJoCo does not read {endings}; collision geoms stand for them"]
+    why = f"MuJoCo does not read {endings}" if visual else f"not there, or of no format that MuJoCo reads ({endings})"
+    return [f"{len(left_out)} visual meshes left out: {why}; collision geoms stand for them"]
 
 
 def _compiling(spec: mujoco.MjSpec, said: str) -> mujoco.MjSpec:

@@ -72,6 +72,8 @@ def wet(
 ) -> Wetted:
     """Attach the water of every moving body of a model, from its geoms.
 
+    What stood for it is switched off: `gravcomp`, and density and viscosity of MuJoCo's own fluid.
+
     Args:
         spec: changed in place; bodies without a name get one.
         geoms: which displace water: "visual" those that do not collide, "collision" the others, "all" of them once, or
@@ -123,6 +125,9 @@ def wet(
     if not bodies:
         raise ConfigurationError(f"no moving body has geoms to displace water: {'; '.join(dry)}")
     hydrodynamics.attach(spec, bodies, density)
+    spec.option.density = spec.option.viscosity = 0.0
+    for body in spec.bodies[1:]:
+        body.gravcomp = 0.0
     if metacentric_height is not None:
         name, row = _trimmed(spec, model, bodies, metacentric_height)
         bodies[name] = hydrodynamics.attached(spec)[name]

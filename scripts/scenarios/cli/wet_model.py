@@ -61,7 +61,8 @@ def main(verb: str, args: Sequence[str]) -> int:
 
 def wet_model(options: WetOptions, console: Console) -> int:
     """Writes the model and prints the table; returns the exit code."""
-    spec, notes = read_model(options.model, free=options.free, scale=options.scale)
+    visual = options.geoms != "collision"
+    spec, notes = read_model(options.model, free=options.free, scale=options.scale, visual=visual)
     out = options.model.with_suffix(".wet.xml") if options.out is None else options.out
     if not out.parent.is_dir():
         raise ConfigurationError(f"--out {out}: there is no folder {str(out.parent)!r}")

@@ -126,6 +126,26 @@ def test_foam_makes_it_neutral():
     assert "5.268 l of foam added" in made.origins[0].origin
 
 
+def test_what_stood_for_the_water_is_switched_off():
+    spec = spec_of('<geom type="box" size=".2 .15 .1" mass="30"/>')
+    spec.option.density, spec.option.viscosity, spec.body("a").gravcomp = 1025.0, 1e-3, 1.0
+    wet(spec, panels=FAST)
+    assert (spec.option.density, spec.option.viscosity, spec.body("a").gravcomp) == (0.0, 0.0, 0.0)
+
+
+def test_visual_meshes_are_not_needed_for_collision_geoms(tmp_path: Path):
+    file = tmp_path / "r.urdf"
+    there, gone = (
+        f'<visual><geometry><mesh filename="package://p/x.{e}"/></geometry></visual>' for e in ("dae", "stl")
+    )
+    file.write_text(urdf(there + gone + BOX.format("collision")))
+    with pytest.raises(ConfigurationError, match=r"x.stl': there is no such file"):
+        read_model(file)
+    spec, notes = read_model(file, visual=False)
+    assert notes[0].startswith("2 visual meshes left out: not there, or of no format that MuJoCo reads")
+    assert 1e3 * wet(spec, geoms="collision", panels=FAST).bodies["arm"].volume == pytest.approx(4.0, rel=1e-5)
+
+
 def test_links_of_a_urdf_that_are_welded_are_one(tmp_path: Path):
     file = tmp_path / "r.urdf"
     file.write_text(urdf(BOX.format("visual") + BOX.format("collision"), more=BOX.format("collision")))

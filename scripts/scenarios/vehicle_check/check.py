@@ -120,6 +120,11 @@ class _Check:
                 self._note(
                     "missing", "doubt", f"{word} {name} ({use})" if name != "thrusters" else "thrusters (hold the hull)"
                 )
+        if any(part.state == "missing" for part in found):
+            said = (
+                "the model's own names for what is missing go into NAME.parts.yaml beside it, see docs/own_vehicle.md"
+            )
+            self._note("mapping", "note", said)
         for name, line in added.items():
             self._note(f"computed-{name}" if not name.startswith("note") else "file", "note", line)
         return found

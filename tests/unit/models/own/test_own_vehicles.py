@@ -222,6 +222,11 @@ def test_a_hull_without_a_joint_floats(tmp_path: Path) -> None:
         ("pos: [0, 0.2, 0]", "body: nowhere, pos: [0, 0.2, 0]", "no body 'nowhere'"),
         (", direction: [2, 0, 0]", "", "thruster 1: direction: three numbers are missing"),
         ("kind: {forward: 30, reverse: 20}", "kind: {forwrd: 30}", "thruster 2: kind: .*forwrd"),
+        (
+            "kind: {forward: 30, reverse: 20}",
+            "kind: t500",
+            "thruster 2: kind: t200 is the only one by name, got 't500'",
+        ),
         ("pos: [-0.2, 0, 0.05]", "pos: [.nan, 0, 0.05]", "thruster 1: pos"),
         ("hull: base_link", "trim: -1", "trim"),
         ("name: up_port", "name: ahead", "repeated name 'thruster_ahead'"),

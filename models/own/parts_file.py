@@ -185,7 +185,7 @@ def _thruster(value: Any, number: int, hull: str | None, name: str) -> MappedThr
 def _kind(value: Any, said: str) -> Thruster:
     if isinstance(value, str) and value != "t200":
         raise ConfigurationError(
-            f"{said}: t200 is the only one by name, got {value!r}; others by their figures: {{forward: N, reverse: N}}, "
+            f"{said}: t200 is the only one by name, got {value!r}; others by figures: {{forward: N, reverse: N}}, "
             "{of_table: ...} or {of_polynomial: ...}"
         )
     return thruster_of(_T200 if value == "t200" else value, said)

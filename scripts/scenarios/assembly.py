@@ -13,7 +13,7 @@ from scenarios.contact_parts import believed_and_built, controller
 from scenarios.own_vehicle import OwnVehicle
 from scenarios.perturbations.perturbation import Loop, perturb
 from scenarios.scenario import Scenario
-from scenarios.start_place import check_start
+from scenarios.tasks.start_place import check_start
 from scenarios.tasks.task import PlacedTask
 from sim import hydrodynamics
 from sim.interfaces.spatial import Array, exp_so3, pose

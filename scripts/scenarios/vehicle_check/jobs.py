@@ -28,9 +28,9 @@ from perception.toolpath.path_planner import path_on_model
 from scenarios.options import BarrelOptions, InsertionOptions, PileOptions, SeabedOptions
 from scenarios.own_vehicle import OwnVehicle, vehicle_spec, with_tool
 from scenarios.scenario import Scenario
-from scenarios.start_place import check_start
 from scenarios.tasks.insertion import PlacedInsertion
 from scenarios.tasks.seabed_sampling import PlacedSampling, SeabedSamplingTask, sonar_on_hull
+from scenarios.tasks.start_place import check_start
 from scenarios.tasks.surface_work import TAP_FORCE, TAPPED, PlacedSurfaceWork, SurfaceWorkTask
 from scenarios.tasks.tapping import PlacedTapping, TappingTask
 from scenarios.tasks.task import PlacedTask

@@ -282,6 +282,7 @@ def _thruster(spec: mujoco.MjSpec, mapped: MappedThruster, renamed: dict[str | N
     if mapped.actuator is not None:
         if mapped.actuator not in actuators:
             raise _missing(name, "actuator", mapped.actuator, list(actuators))
+        _make_plain(actuators[mapped.actuator])
         thrusters.attach(spec, {mapped.actuator: mapped.thruster})
         return
     site = mapped.site
@@ -297,6 +298,16 @@ def _thruster(spec: mujoco.MjSpec, mapped: MappedThruster, renamed: dict[str | N
     along = np.array([1.0, 0.0, 0.0]) if mapped.direction is None else np.array(mapped.direction)
     actuator.gear = [*along, 0.0, 0.0, 0.0]
     thrusters.attach(spec, {actuator.name: mapped.thruster})
+
+
+def _make_plain(actuator: mujoco.MjsActuator) -> None:
+    """Make an actuator on a site one whose control is its thrust [N]: its kind in the mapping has limits and curve."""
+    length = float(np.linalg.norm(actuator.gear[:3]))
+    if actuator.trntype != mujoco.mjtTrn.mjTRN_SITE or actuator.refsite or not length > 0.0:
+        return  # refused, with the reason, where its table is attached
+    actuator.set_to_motor()
+    actuator.gear[:3] = np.array(actuator.gear[:3]) / length
+    actuator.ctrllimited = actuator.forcelimited = mujoco.mjtLimited.mjLIMITED_FALSE
 
 
 def _along_x(direction: Array) -> Array:

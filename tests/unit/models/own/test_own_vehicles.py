@@ -201,6 +201,26 @@ def test_the_hull_is_as_large_as_what_is_fixed_to_it(tmp_path: Path) -> None:
     assert box == pytest.approx(np.array([[-0.4, -0.25, -0.35], [0.4, 0.25, 0.1]]), abs=1e-6)
 
 
+PROPELLER = """<actuator><general name="prop" site="stern" gear="0 0 40 0 0 0" ctrlrange="-1 1" gainprm="3"
+  biastype="affine" biasprm="0 0 1" dyntype="filter" dynprm="0.1" forcerange="-3 3"/></actuator></mujoco>"""
+
+
+def test_an_actuator_of_the_model_becomes_a_thruster_of_its_kind(tmp_path: Path) -> None:
+    """Its own gain, limits and dynamics give way; it pushes along its gear."""
+    mjcf = MJCF.replace('<body name="bracket"', '<site name="stern"/><body name="bracket"').replace(
+        "</mujoco>", PROPELLER
+    )
+    parts = PARTS + "  - {actuator: prop, kind: {forward: 30, reverse: 20}}\n"
+    model = vehicle_spec(written(tmp_path, ".xml", mjcf, parts)).compile()
+    vehicle = Vehicle.of(model)
+    column = vehicle.thruster_wrench[:, vehicle.thruster_names.index("prop")]
+    assert column[:3] == pytest.approx([0.0, 0.0, 1.0])
+    data = mujoco.MjData(model)
+    data.actuator("prop").ctrl = 12.0
+    mujoco.mj_forward(model, data)
+    assert data.qfrc_actuator[:3] == pytest.approx([0.0, 0.0, 12.0])
+
+
 def test_a_hull_without_a_joint_floats(tmp_path: Path) -> None:
     held = MJCF.replace("<freejoint/>", "")
     model = vehicle_spec(written(tmp_path, ".xml", held)).compile()

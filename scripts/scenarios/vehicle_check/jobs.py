@@ -15,12 +15,14 @@ import numpy as np
 
 from controllers.hull.thrust_margin import ThrustMargin
 from controllers.planning.arm_size import FULL
+from controllers.planning.placement import Placement
 from controllers.tasks.arrival import around, lifted
 from controllers.tasks.hull_phases import RestLimits
 from controllers.tasks.insertion import HoleInsertion, InsertionJob, axis_path
 from controllers.tasks.seabed_work import SeabedWork
 from controllers.tasks.surface_work import SurfaceWork
 from models.naming import TOOL_GEOM, lacks
+from models.own.postures import PostureSearch
 from models.vehicle import Vehicle
 from perception.seabed.terrain_path import core_path
 from perception.target_finder import PATH_SPACING
@@ -294,7 +296,7 @@ def _planned(name: str, scenario: Scenario, own: OwnVehicle, spec: mujoco.MjSpec
     current = np.array(scenario.site.current)
     speed = float(np.linalg.norm(current))
     try:
-        margin, share = _stand(placed, current)
+        placement, share = _stand(placed, current)
     except StrongCurrentError as error:
         return _refused(name, "current", str(error), speed)
     except ReachError as error:
@@ -303,6 +305,7 @@ def _planned(name: str, scenario: Scenario, own: OwnVehicle, spec: mujoco.MjSpec
         joints = len(own.vehicle.joints)
         more = f"; the arm has {joints} joints" if joints < FULL else ""
         return _refused(name, "reach", f"{_short(str(error))}{more}", float(joints) if more else None)
+    margin = placement.margin
     if isinstance(placed, PlacedSampling) and (hidden := _hidden(placed, own)) > HIDDEN:
         said = f"the vehicle hides {hidden:.0%} of the ground about the target from its sonar, at most {HIDDEN:.0%}"
         return _refused(name, "view", said, hidden)
@@ -317,9 +320,17 @@ def _planned(name: str, scenario: Scenario, own: OwnVehicle, spec: mujoco.MjSpec
         job=name,
         promised=True,
         code="ok",
-        said=f"margin {margin:.2f} (1 is roomy, 0 at a limit) at {push_of(scenario):.0f} N in {speed:.2f} m/s{part}",
+        said=f"margin {margin:.2f} (1 is roomy, 0 at a limit) at {push_of(scenario):.0f} N in {speed:.2f} m/s{part}"
+        + _touching(own, placement.q_start),
         figure=margin,
     )
+
+
+def _touching(own: OwnVehicle, q: Array) -> str:
+    """Parts of the vehicle whose shapes touch at joint angles `q` (n,); a coarse hull may, and no planner looks."""
+    pairs = PostureSearch(own.model).touching(q)
+    named = sorted(f"{own.model.body(a).name} and {own.model.body(b).name}" for a, b in pairs)
+    return f"; where the work begins {', '.join(named)} touch" if named else ""
 
 
 def _hidden(placed: PlacedSampling, own: OwnVehicle) -> float:
@@ -350,8 +361,8 @@ def _short(said: str) -> str:
     return f"at best {share}% of the path is within reach{why}" if found else said
 
 
-def _stand(placed: PlacedTask, current: Array) -> tuple[float, float]:
-    """Margin [-] of the best place of the hull, and the share of the path that is worked from it."""
+def _stand(placed: PlacedTask, current: Array) -> tuple[Placement, float]:
+    """The best place of the hull, and the share of the path that is worked from it."""
     planner = placed.planner()
     if isinstance(placed, PlacedSurfaceWork):
         X_WT = placed.truth.X_WT
@@ -377,7 +388,7 @@ def _stand(placed: PlacedTask, current: Array) -> tuple[float, float]:
         found = planner.stand(replace(_target(np.eye(4), path), ground=_points(placed, B)), path, current)
     else:
         raise ConfigurationError(f"no rule for {type(placed).__name__}")
-    return float(found[0].margin), float(found[2])
+    return found[0], float(found[2])
 
 
 def _points(placed: PlacedSampling, B: Array) -> Array:

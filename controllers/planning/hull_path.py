@@ -11,7 +11,6 @@ from controllers.mkps import Chain
 from controllers.planning.arm_size import size
 from controllers.planning.trajectories import PoseMove
 from models.vehicle import Vehicle
-from sim.interfaces.errors import ReachError
 from sim.interfaces.spatial import Array, exp_so3, pose, transform_points
 
 CLEARANCE = 0.2  # [m] of hull, joints and tip to the object; covers the tool's size, marine growth and tracking lag
@@ -63,9 +62,6 @@ class HullPath:
 
         A straight path if it keeps CLEARANCE, scaled to the arm's size, or as much as either end has. Otherwise the
         first detour that does, the shortest detours first. If none does, the path with the largest clearance.
-
-        Raises:
-            ReachError: Every path leads through the object.
         """
         wanted = min(self._clearance, self.gap(X_from), self.gap(X_to))
         best, widest = [X_to], -np.inf
@@ -75,11 +71,6 @@ class HullPath:
                 best, widest = way, gap
             if gap >= wanted - 1e-9:
                 break
-        if widest < 0.0:
-            raise ReachError(
-                f"no way to the work: hull or folded arm would reach {-widest:.2f} m into the object; does keyframe "
-                "home fold the arm close to the hull?"
-            )
         return best
 
     def _ways(self, X_from: Array, X_to: Array) -> Iterator[list[Array]]:

@@ -296,7 +296,7 @@ def _planned(name: str, scenario: Scenario, own: OwnVehicle, spec: mujoco.MjSpec
     current = np.array(scenario.site.current)
     speed = float(np.linalg.norm(current))
     try:
-        placement, share = _stand(placed, current)
+        placement, share, gap = _stand(placed, current)
     except StrongCurrentError as error:
         return _refused(name, "current", str(error), speed)
     except ReachError as error:
@@ -321,7 +321,8 @@ def _planned(name: str, scenario: Scenario, own: OwnVehicle, spec: mujoco.MjSpec
         promised=True,
         code="ok",
         said=f"margin {margin:.2f} (1 is roomy, 0 at a limit) at {push_of(scenario):.0f} N in {speed:.2f} m/s{part}"
-        + _touching(own, placement.q_start),
+        + _touching(own, placement.q_start)
+        + (f"; on the way in the folded arm or the hull reaches {-gap:.2f} m into its outline" if gap < 0.0 else ""),
         figure=margin,
     )
 
@@ -361,9 +362,12 @@ def _short(said: str) -> str:
     return f"at best {share}% of the path is within reach{why}" if found else said
 
 
-def _stand(placed: PlacedTask, current: Array) -> tuple[Placement, float]:
-    """The best place of the hull, and the share of the path that is worked from it."""
-    planner = placed.planner()
+def _stand(placed: PlacedTask, current: Array) -> tuple[Placement, float, float]:
+    """The best place of the hull, the share of the path that is worked from it, and the least gap [m] on the way in.
+
+    The gap is that of hull and folded arm to the convex hull of the object.
+    """
+    planner, gap = placed.planner(), np.inf
     if isinstance(placed, PlacedSurfaceWork):
         X_WT = placed.truth.X_WT
         path = path_on_model(X_WT, placed.target.path(placed.truth.path), spacing=PATH_SPACING)
@@ -375,7 +379,8 @@ def _stand(placed: PlacedTask, current: Array) -> tuple[Placement, float]:
         target = _target(X_WT, path)
         found, own = stand(target, path, current), placed.own.at_work()
         before = lifted(own, found[0].X_WB, placed.X_WB, placed.job().arrival.lift)
-        around(own, placed.target)(target).way(placed.X_WB, before)  # or the refusal
+        path_in = around(own, placed.target)(target)
+        gap = path_in.least_gap([placed.X_WB, *path_in.way(placed.X_WB, before)])
     elif isinstance(placed, PlacedInsertion):
         assert isinstance(planner, HoleInsertion)
         path = axis_path(placed.X_WT, placed.bore, placed.task.depth)
@@ -388,7 +393,7 @@ def _stand(placed: PlacedTask, current: Array) -> tuple[Placement, float]:
         found = planner.stand(replace(_target(np.eye(4), path), ground=_points(placed, B)), path, current)
     else:
         raise ConfigurationError(f"no rule for {type(placed).__name__}")
-    return found[0], float(found[2])
+    return found[0], float(found[2]), gap
 
 
 def _points(placed: PlacedSampling, B: Array) -> Array:

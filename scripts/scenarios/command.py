@@ -125,10 +125,9 @@ def command(
     if stop.asked is not None:
         raise stop.asked
     if not result.recording.within(*placed.begun).any():
-        raise ConfigurationError(
-            f"the work could not begin: {result.last.reference.note or f'not within {placed.longest:.0f} s'} "
-            f"(uuv check {scenario.vehicle.vehicle})"
-        )
+        why = result.last.reference.note or f"not within {placed.longest:.0f} s"
+        met = f"; before that {result.recording.collided}" if result.recording.collided else ""
+        raise ConfigurationError(f"the work could not begin: {why}{met} (uuv check {scenario.vehicle.vehicle})")
     return 0 if assessment.accepted else NOT_ACCEPTED
 
 

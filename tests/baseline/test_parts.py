@@ -10,7 +10,7 @@ import holding
     [
         "identification_barrel",
         "identification_valve",
-        "identification_rock",
+        pytest.param("identification_rock", marks=pytest.mark.long),
         "calibration",
         "inverse_kinematics",
         "hover_envelope",

@@ -133,7 +133,7 @@ def test_with_a_camera_on_the_arm_the_tool_keeps_its_place(request: pytest.Fixtu
     [
         pytest.param(("--forces", "20"), id="small force"),
         pytest.param(("--speed", "0.05"), id="fast", marks=pytest.mark.long),
-        pytest.param(("--wave", "0", "0.1", "0", "--wave-frequency", "0.15"), id="wave across"),
+        pytest.param(("--wave", "0", "0.1", "0", "--wave-frequency", "0.15"), id="wave across", marks=pytest.mark.long),
     ],
 )
 def test_the_tool_stays_in_contact(request: pytest.FixtureRequest, tmp_path: Path, options: tuple[str, ...], within):

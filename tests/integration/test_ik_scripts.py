@@ -21,6 +21,7 @@ def test_the_gimbal_lock_is_passed_within_the_speed_limit(script, tmp_path: Path
     assert {"run.rrd", "track_singularity.png"} <= {file.name for file in tmp_path.iterdir()}
 
 
+@pytest.mark.long
 def test_the_servo_arm_does_all_three_experiments(script, tmp_path: Path) -> None:
     done = script("papers.servo_arm", "--quick", "--out", tmp_path)
     assert done.returncode == 0, done.stdout + done.stderr

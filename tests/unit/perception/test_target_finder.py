@@ -76,6 +76,7 @@ def test_all_looks_are_less_noisy_evidence_of_the_same_pose():
     assert of_all.evidence.sensor.disparity_sigma < 0.6 * found.evidence.sensor.disparity_sigma
 
 
+@pytest.mark.long
 def test_covariance_is_that_of_the_errors_in_the_world(within):
     """Sixteen frames with drawn errors of the believed hull pose: mean NEES over its degrees of freedom 1, 16 % by
     chance; the hull's part is told apart from that of the registration."""

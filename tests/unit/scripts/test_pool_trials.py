@@ -50,6 +50,7 @@ def made(name: str, seed: int, deviations: Array) -> PoolTrial:
     )
 
 
+@pytest.mark.long
 def test_the_fit_finds_the_vehicle_that_made_the_trials():
     index = {each.name: i for i, each in enumerate(PARAMETERS)}
     true = np.zeros(len(PARAMETERS))

@@ -18,7 +18,7 @@ from scenarios.options import barrel
 from scenarios.own_vehicle import OwnVehicle, vehicle_spec
 from scenarios.vehicle_check.check import check_vehicle
 from scenarios.vehicle_check.doubts import inertia_doubts
-from scenarios.vehicle_check.findings import VehicleCheck
+from scenarios.vehicle_check.findings import JobVerdict, VehicleCheck
 from scenarios.vehicle_check.jobs import restless
 from scenarios.vehicle_check.preflight import preflight
 from scenarios.vehicle_check.table import print_check
@@ -310,3 +310,21 @@ def test_a_job_far_beyond_a_vehicle_is_not_begun(sound: dict[str, mujoco.MjSpec]
     assert re.fullmatch(r"doubtful: .* the job sets 80 N; --forces \d+ may do|doubtful: 80 N .* of a thruster.*", said)
     with pytest.raises(ConfigurationError, match="the tool's spring is at its end at 100 N, the job sets 110 N"):
         preflight(barrel(vehicle="bluerov2_heavy_alpha5", forces=(110.0,)), small)
+
+
+def test_gravity_that_points_up_is_said(sound: dict[str, mujoco.MjSpec]) -> None:
+    spec = sound["uuv_puma"].copy()
+    spec.option.gravity = [0.0, 0.0, G]
+    found = check_vehicle(spec, jobs=()).found("gravity")
+    assert found is not None
+    assert (found.figure, "forward-starboard-down" in found.said) == (G, True)
+
+
+def test_commands_behind_a_check_say_what_stays_the_same() -> None:
+    """Insertion and seabed work bring their own tool and force."""
+    jobs = [JobVerdict(job=job, promised=True, code="ok", said="") for job in ("pile", "insertion", "seabed-core")]
+    said = StringIO()
+    print_check(VehicleCheck(vehicle="rov", jobs=tuple(jobs)), Console(width=200, file=said))
+    told = said.getvalue()
+    assert "with the same --vehicle, --tool and --forces: uuv run clean-pile\n" in told
+    assert "with the same --vehicle: uuv run insert-sampler, sample-seabed\n" in told

@@ -66,6 +66,12 @@ def find(model: mujoco.MjModel, kind: mujoco.mjtObj, name: str) -> int:
     return index
 
 
+def of_geom(model: mujoco.MjModel, geom: int) -> str:
+    """A geom in a message: by its name, if it has one, and by its body."""
+    name, body = model.geom(geom).name, model.body(int(model.geom_bodyid[geom])).name
+    return repr(name or body) if name in ("", body) or body == "world" else f"{name!r} of {body!r}"
+
+
 def parts(model: mujoco.MjModel) -> list[tuple[str, str, str, bool]]:
     """Kind, name and use of each part that a job of the arm needs, thrusters first, and whether `model` has it."""
     driven = any(thrusters.carries(row) for row in np.asarray(model.actuator_user))

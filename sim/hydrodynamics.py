@@ -219,11 +219,10 @@ def check_wet(model: mujoco.MjModel, data: mujoco.MjData) -> None:
 def doubts(model: mujoco.MjModel) -> list[str]:
     """List implausible properties of a wet model, one line each; empty for a model without coefficients.
 
-    - Movable bodies with mass and shape but no coefficients, in one tree with bodies that have them.
-    - A body whose mass over volume is outside DENSITIES.
-
     Bodies that are fixed to each other count as one: the water of all may be that of one of them.
 
+    - Movable bodies with mass and shape but no coefficients, in one tree with bodies that have them.
+    - A body whose mass over volume is outside DENSITIES.
     - Coefficients whose linear and angular parts look swapped. A body of about 1 m cannot show this.
     - Cross terms that feed energy in, beside the other damping of their body, at a motion that sampling found.
     - Force and torque sensors, which do not measure the water.

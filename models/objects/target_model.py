@@ -138,7 +138,8 @@ class ModelPath:
             angle: [rad] from `b`.
             blend: [m] of the path over which the tool turns at a corner: its angle is averaged over so much, and over
                 _SHORTEST_BLEND at least, which the motion takes as slowly as the tool turns.
-            dwell: the tool stops in a corner and turns there, in place of that.
+            dwell: the tool stops in a corner and turns there, in place of that, where the corner has
+                `models.objects.axis_steps.STEP` or more.
         """
         b = self.b - np.sum(self.b * self.a, axis=1, keepdims=True) * self.a
         b /= np.linalg.norm(b, axis=1, keepdims=True)

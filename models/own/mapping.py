@@ -214,9 +214,8 @@ def _lock(spec: mujoco.MjSpec, joint: mujoco.MjsJoint) -> None:
     for equality in list(spec.equalities):
         if equality.type == mujoco.mjtEq.mjEQ_JOINT and joint.name in (equality.name1, equality.name2):
             spec.delete(equality)
-    of_joint = (mujoco.mjtObj.mjOBJ_JOINT,)
     for sensor in list(spec.sensors):
-        if sensor.objtype in of_joint and sensor.objname == joint.name:
+        if sensor.objtype == mujoco.mjtObj.mjOBJ_JOINT and sensor.objname == joint.name:
             spec.delete(sensor)
     spec.delete(joint)
 

@@ -15,6 +15,7 @@ import numba
 import numpy as np
 from numpy.typing import ArrayLike
 
+from models.naming import of_geom
 from models.site.sliding_contact import TARGET_BODY
 from models.vehicle import Vehicle
 from sim.interfaces.errors import ConfigurationError
@@ -153,12 +154,6 @@ class Recording(RecordedSeries):
         return digest.hexdigest()
 
 
-def _of_geom(model: mujoco.MjModel, geom: int) -> str:
-    """A geom by its name, if it has one, and by its body."""
-    name, body = model.geom(geom).name, model.body(int(model.geom_bodyid[geom])).name
-    return repr(name or body) if name in ("", body) or body == "world" else f"{name!r} of {body!r}"
-
-
 class _Block:
     """Table of fixed width that grows by doubling; its first column is the time."""
 
@@ -250,7 +245,7 @@ class Recorder:
         self._substeps = ticks_per_period(self._timestep, float(model.opt.timestep), "recorder's timestep")
         self._vehicle = vehicle = Vehicle.of(model)
         self._bodies = tuple(model.body(b).name for b in range(model.nbody))
-        self._geoms = tuple(_of_geom(model, g) for g in range(model.ngeom))
+        self._geoms = tuple(of_geom(model, g) for g in range(model.ngeom))
         self._full = full
         self._ticks = ticks_per_period(period, self._timestep, "recorder's period")
         self._pose_ticks = ticks_per_period(pose_period, self._timestep, "recorder's pose period")

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import cached_property
 
 import numpy as np
 from dm_control.utils import rewards
@@ -103,25 +104,15 @@ class ContactTask(VehicleTask):
 class PressPoint(ContactTask):
     """Press at a point with a set force: done once it has been held for HELD within the jobs' bounds."""
 
-    def __init__(
-        self,
-        sea: Sea,
-        vehicle: VehicleEntity,
-        actions: Actions,
-        place: WorkPlace,
-        *,
-        force: float,
-        sparse: bool = False,
-    ) -> None:
-        """As `ContactTask`; the point is the path's begin."""
-        super().__init__(sea, vehicle, actions, place, force=force, sparse=sparse)
+    @cached_property
+    def _judge(self) -> PressedAt:
         whole = self.place.path
         point = replace(whole, s=whole.s[:1], p=whole.p[:1], z=whole.z[:1], x=whole.x[:1])
-        self._judge = PressedAt(SetForce(point, self.force), HELD)
+        return PressedAt(SetForce(point, self.force), HELD)
 
     @property
     def judge(self) -> PressedAt:
-        """The force held at the point."""
+        """The force held at the path's begin."""
         return self._judge
 
     def shaped(self, truth: Truth) -> float:
@@ -135,19 +126,9 @@ class WipePath(ContactTask):
 
     AHEAD = 0.01  # [m] of the place reached
 
-    def __init__(
-        self,
-        sea: Sea,
-        vehicle: VehicleEntity,
-        actions: Actions,
-        place: WorkPlace,
-        *,
-        force: float,
-        sparse: bool = False,
-    ) -> None:
-        """As `ContactTask`."""
-        super().__init__(sea, vehicle, actions, place, force=force, sparse=sparse)
-        self._judge = WipedAlong(SetForce(self.place.path, self.force))
+    @cached_property
+    def _judge(self) -> WipedAlong:
+        return WipedAlong(SetForce(self.place.path, self.force))
 
     @property
     def judge(self) -> WipedAlong:
@@ -157,12 +138,12 @@ class WipePath(ContactTask):
     def next_s(self) -> float:
         """A little ahead of the place reached."""
         end = float(self.place.path.s[-1])
-        return min(self._judge.s + self.AHEAD, end) if self._judge.s > 0.0 else 0.0
+        return min(self.judge.s + self.AHEAD, end) if self.judge.s > 0.0 else 0.0
 
     def shaped(self, truth: Truth) -> float:
         """A third each for being there, for the force there, and for the share of the path that is done."""
         there = self.nearness(truth)
-        return (there + there * self.pressing(truth) + self._judge.s / float(self.place.path.s[-1])) / 3.0
+        return (there + there * self.pressing(truth) + self.judge.s / float(self.place.path.s[-1])) / 3.0
 
 
 class TapPoints(ContactTask):

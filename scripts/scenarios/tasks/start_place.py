@@ -3,11 +3,22 @@
 import mujoco
 import numpy as np
 
+from models.naming import of_geom
 from models.vehicle import Vehicle
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array, quat_wxyz_from_rotation
 
 _DEEP = 0.005  # [m] in something; contact of less is left to the physics
+
+
+def folded_at(model: mujoco.MjModel, vehicle: Vehicle, X_WB: Array) -> mujoco.MjData:
+    """State of a model with the hull at X_WB (4, 4) and the arm at home, its kinematics computed."""
+    data = mujoco.MjData(model)
+    data.qpos[vehicle.hull_qpos : vehicle.hull_qpos + 3] = X_WB[:3, 3]
+    data.qpos[vehicle.hull_qpos + 3 : vehicle.hull_qpos + 7] = quat_wxyz_from_rotation(X_WB[:3, :3])
+    data.qpos[vehicle.qpos] = vehicle.q_home
+    mujoco.mj_kinematics(model, data)
+    return data
 
 
 def check_start(model: mujoco.MjModel, vehicle: Vehicle, X_WB: Array) -> None:
@@ -21,11 +32,7 @@ def check_start(model: mujoco.MjModel, vehicle: Vehicle, X_WB: Array) -> None:
     Raises:
         ConfigurationError: It does; the message says which parts, and how deep.
     """
-    data = mujoco.MjData(model)
-    data.qpos[vehicle.hull_qpos : vehicle.hull_qpos + 3] = X_WB[:3, 3]
-    data.qpos[vehicle.hull_qpos + 3 : vehicle.hull_qpos + 7] = quat_wxyz_from_rotation(X_WB[:3, :3])
-    data.qpos[vehicle.qpos] = vehicle.q_home
-    mujoco.mj_kinematics(model, data)
+    data = folded_at(model, vehicle, X_WB)
     mujoco.mj_collision(model, data)
     root = np.asarray(model.body_rootid)[np.asarray(model.geom_bodyid)]
     ours = root == model.body_rootid[vehicle.hull]
@@ -38,10 +45,6 @@ def check_start(model: mujoco.MjModel, vehicle: Vehicle, X_WB: Array) -> None:
         return
     own, other = sorted(deepest.geom.tolist(), key=lambda geom: not ours[geom])
     raise ConfigurationError(
-        f"the vehicle would begin {-deepest.dist:.2f} m deep in {_named(model, other)} with {_named(model, own)}; its "
-        "camera's place and tilt, and --range, decide where it looks from"
+        f"the vehicle would begin {-deepest.dist:.2f} m deep in {of_geom(model, other)} with {of_geom(model, own)}; "
+        "its camera's place and tilt, and --range, decide where it looks from"
     )
-
-
-def _named(model: mujoco.MjModel, geom: int) -> str:
-    return repr(model.geom(geom).name or model.body(int(model.geom_bodyid[geom])).name)

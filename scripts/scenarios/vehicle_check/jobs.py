@@ -32,7 +32,7 @@ from scenarios.own_vehicle import OwnVehicle, vehicle_spec, with_tool
 from scenarios.scenario import Scenario
 from scenarios.tasks.insertion import PlacedInsertion
 from scenarios.tasks.seabed_sampling import PlacedSampling, SeabedSamplingTask, sonar_on_hull
-from scenarios.tasks.start_place import check_start
+from scenarios.tasks.start_place import check_start, folded_at
 from scenarios.tasks.surface_work import TAP_FORCE, TAPPED, PlacedSurfaceWork, SurfaceWorkTask
 from scenarios.tasks.tapping import PlacedTapping, TappingTask
 from scenarios.tasks.task import PlacedTask
@@ -42,7 +42,7 @@ from scenarios.vehicle_check.statics import tip_force
 from sim import hydrodynamics
 from sim.interfaces.errors import ConfigurationError, ReachError, StrongCurrentError, UuvError
 from sim.interfaces.messages import Target, ToolPath
-from sim.interfaces.spatial import Array, quat_wxyz_from_rotation, transform_points
+from sim.interfaces.spatial import Array, transform_points
 
 DRIFT = 0.1  # [m] at most, of a vehicle that keeps station
 TILT = float(np.radians(10.0))  # [rad] at most
@@ -337,11 +337,7 @@ def _touching(own: OwnVehicle, q: Array) -> str:
 def _hidden(placed: PlacedSampling, own: OwnVehicle) -> float:
     """Share of the ground about the first target that the vehicle's own shape hides from its sonar at the start."""
     model, vehicle = own.model, own.vehicle
-    data = mujoco.MjData(model)
-    data.qpos[vehicle.hull_qpos : vehicle.hull_qpos + 3] = placed.start[:3, 3]
-    data.qpos[vehicle.hull_qpos + 3 : vehicle.hull_qpos + 7] = quat_wxyz_from_rotation(placed.start[:3, :3])
-    data.qpos[vehicle.qpos] = vehicle.q_home
-    mujoco.mj_kinematics(model, data)
+    data = folded_at(model, vehicle, placed.start)
     p_W = (placed.start @ sonar_on_hull(own.hull_box))[:3, 3]
     B = np.array(placed.B_W[0])
     B[2] = float(placed.ground.height(B[None])[0])

@@ -25,7 +25,8 @@ def preflight(scenario: Scenario, own: OwnVehicle) -> list[str]:
 
     Raises:
         ConfigurationError: The job cannot be done: thrusters that leave a direction without thrust, servos for motors,
-            an arm, tool or thrusters that bear far less than it sets, a camera that sees little but the vehicle.
+            weight that MuJoCo takes away, an arm, tool or thrusters that bear far less than it sets, a camera that sees
+            little but the vehicle.
     """
     task, model, vehicle = scenario.task, own.model, own.vehicle
     if not isinstance(task, SurfaceWorkTask | InsertionTask | SeabedSamplingTask) or vehicle.tip < 0:
@@ -33,7 +34,11 @@ def preflight(scenario: Scenario, own: OwnVehicle) -> list[str]:
     if isinstance(task, SurfaceWorkTask) and task.contactless is not None:
         return []
     more = f"; uuv check {scenario.vehicle.vehicle} tells more"
-    for found in (*doubts.thruster_doubts(vehicle), *doubts.motor_doubts(model, vehicle)):
+    for found in (
+        *doubts.thruster_doubts(vehicle),
+        *doubts.motor_doubts(model, vehicle),
+        *doubts.gravity_doubts(model, vehicle),
+    ):
         if found.level == "fault":
             raise ConfigurationError(f"the work was not begun: {found.said}{more}")
     ready = ReadyForce.of(scenario, own)

@@ -63,7 +63,7 @@ class SideDisplacement(Protocol):
         """True while the loop is closed under `reference`."""
         ...
 
-    def step(self, state: Any, f_tip_W: Array, z_WG: Array, dt: float) -> Array:
+    def step(self, state: Any, f_tip_W: Array, z_WG: Array, dt: float, *, gently: bool = False) -> Array:
         """Displacement (3,) [m], W, with the loop closed.
 
         Args:
@@ -71,6 +71,7 @@ class SideDisplacement(Protocol):
             f_tip_W: (3,) [N] force of the world on the tip, W.
             z_WG: (3,) unit tool axis, W.
             dt: [s] since the last step.
+            gently: the tool stands on a surface, whose friction it is to unload slowly.
         """
         ...
 
@@ -211,7 +212,8 @@ class ToolControl:
         else:
             state.k = self.force_law.release(state.force, dt, inwards=False)
         if self.compliance.acts(reference):
-            offset_W = self.compliance.step(state.compliance, force.force_W, X_WG[:3, 2], dt)
+            z_WG, gently = X_WG[:3, 2], reference.standing
+            offset_W = self.compliance.step(state.compliance, force.force_W, z_WG, dt, gently=gently)
         else:
             offset_W = self.compliance.release(state.compliance, dt)
         solved, X_AG = track_tool(

@@ -177,9 +177,10 @@ class ComplianceTuning:
     limit: float = tuned(0.012, "[m] largest offset")
     speed: float = tuned(0.02, "[m/s] largest speed of the offset")
     release_speed: float = tuned(0.01, "[m/s] at which the offset returns to zero")
+    gentle_speed: float = tuned(0.005, "[m/s] largest speed, either way, of a tool that stands on a surface")
 
     def __post_init__(self) -> None:
-        positive = ("admittance", "limit", "speed", "release_speed")
+        positive = ("admittance", "limit", "speed", "release_speed", "gentle_speed")
         check(self, "compliance", positive=positive, not_negative=("dead_band",))
 
 

@@ -106,7 +106,7 @@ class TangentialForceLoop(PublishedForceTuning):
         """True while the force is controlled."""
         return reference.force_control
 
-    def step(self, state: TangentialState, f_tip_W: Array, z_WG: Array, dt: float) -> Array:
+    def step(self, state: TangentialState, f_tip_W: Array, z_WG: Array, dt: float, *, gently: bool = False) -> Array:
         """Offset of the tool for the measured contact force.
 
         Args:
@@ -114,10 +114,12 @@ class TangentialForceLoop(PublishedForceTuning):
             f_tip_W: (3,) [N] force of the world on the tip, W: minus the tool's on the object.
             z_WG: (3,) unit tool axis, W.
             dt: [s] since the last step.
+            gently: without effect; it yields all the time.
 
         Returns:
             The offset (3,) [m], W.
         """
+        del gently
         error = f_tip_W - (f_tip_W @ z_WG) * z_WG
         rate = np.zeros(3) if state.error_W is None else (error - state.error_W) / dt
         state.error_W = error

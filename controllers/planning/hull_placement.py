@@ -44,6 +44,7 @@ from sim.interfaces.errors import ReachError, StrongCurrentError
 from sim.interfaces.messages import Target, ToolPath
 from sim.interfaces.spatial import Array, exp_so3, inverse, pose, readonly, transform_points
 
+MOST_THRUST = 0.95  # share of full thrust that push and steady current may take
 _TRAVELS = (0.0, 0.5, 1.0, 1.4)  # travels of the hull that are tried, as shares of the line between the path's ends
 _SHORTER = 0.04  # share of a path by which it is shortened per try, where it is too long
 _STILL = readonly(np.zeros(3))
@@ -236,7 +237,7 @@ class StandingLimits:
     roomy: float = 0.8  # placement margin under which the hull travels with the tool
     cramped: float = 0.6  # placement margin under which part of the path is left out
     spared: float = 0.7  # share of full thrust for push and steady current up to which the hull is not turned
-    thrust: float = 0.95  # share that they may take at most
+    thrust: float = MOST_THRUST  # share that they may take at most
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -9,6 +9,7 @@ from controllers.planning.path_poses import stretches
 from controllers.planning.trajectories import BEND, Progress, SpeedLaw, progress_along
 from controllers.tasks.arrival import Since
 from controllers.tasks.phase import ZERO, Abort, Context, Held, Outcome, Phase, PhaseEvent, Setpoint, towards, way_back
+from controllers.tasks.stops import StopLimits, Stops
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import AbortCode, StateEstimate
 from sim.interfaces.spatial import Array, finite_number
@@ -216,6 +217,7 @@ class FollowLimits:
     linger: float = 0.5  # [s] at its end
     paused_force: float = 0.5  # share of the set force during a pause
     pace_time: float = 0.5  # [s] for motion along the path to stop, and to resume
+    stops: StopLimits | None = None  # of a pressed tool, for navigation; None: it does not stop
 
 
 @dataclass(slots=True)
@@ -227,6 +229,7 @@ class FollowState:
     begin: float = 0.0  # [m] arc length where it starts
     pace: float = 1.0  # speed along the path as a share of that planned
     v_WB_W: Array = field(default_factory=lambda: ZERO)  # (3,) [m/s] of the hull, which travels with the tool
+    stops: Stops | None = None
 
 
 class FollowPath(Phase):
@@ -253,13 +256,15 @@ class FollowPath(Phase):
         if self._forces:
             end = min(last for _, last in stretches(path) if last > held.s)
         progress = progress_along(path, held.s, end, speed=path.pace * limits.speed, ramp=limits.ramp, bend=limits.bend)
-        return FollowState(progress, now.time, held.s)
+        stops = Stops(limits.stops) if limits.stops and self._forces and limits.stops.help(held.promise) else None
+        return FollowState(progress, now.time, held.s, stops=stops)
 
     def step(self, state: FollowState, held: Held, now: Context) -> Outcome:
         """Done at the end of the path; more at the end of any other stretch."""
         assert held.line is not None
         limits, progress, length = self._limits, state.progress, float(held.line.path.s[-1])
-        state.pace = towards(state.pace, 0.0 if now.paused else 1.0, now.period / limits.pace_time)
+        stopping = state.stops is not None and state.stops.step(state.pace, now)
+        state.pace = towards(state.pace, 0.0 if now.paused or stopping else 1.0, now.period / limits.pace_time)
         state.since += (1.0 - state.pace) * now.period
         done, rate = progress.at(now.time - state.since)
         held.s = state.begin + done
@@ -278,6 +283,7 @@ class FollowPath(Phase):
         """The tool on the path."""
         rate = state.progress.at(now.time - state.since)[1] * state.pace
         X_WG, tangent, turn = held.tool()
+        standing = state.stops is not None and state.stops.standing
         return Setpoint(
             X_WG=X_WG,
             v_WG_W=rate * tangent,
@@ -285,6 +291,9 @@ class FollowPath(Phase):
             v_WB_W=state.v_WB_W,
             force=held.force,
             force_control=bool(self._forces),
+            compliant=standing,
+            standing=standing,
+            at_rest=None if state.stops is None else state.stops.said,
         )
 
 

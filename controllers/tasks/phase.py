@@ -15,7 +15,7 @@ import numpy as np
 from controllers.planning.path_poses import tool_pose
 from controllers.planning.placement import Placement
 from sim.interfaces.errors import ConfigurationError, ReachError, StrongCurrentError
-from sim.interfaces.messages import AbortCode, Command, Promise, StateEstimate, Target, ToolPath
+from sim.interfaces.messages import AbortCode, Command, Promise, StateEstimate, Target, ToolAtRest, ToolPath
 from sim.interfaces.spatial import Array, readonly
 
 ZERO = readonly(np.zeros(3))
@@ -170,7 +170,9 @@ class Setpoint:
     tare: bool = False
     scan: bool = False
     compliant: bool = False
+    standing: bool = False
     touch: int | None = None
+    at_rest: ToolAtRest | None = None
 
 
 Outcome = PhaseEvent | Abort | None  # of a period; None: the phase goes on

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from controllers.hull.thrust_margin import ThrustMargin
-from controllers.planning.hull_placement import PathStanding, StandingLimits
+from controllers.planning.hull_placement import MOST_THRUST, PathStanding, StandingLimits
 from controllers.planning.placement import PlacementSearch
 from controllers.planning.promise import PromiseLimits
 from controllers.planning.work_vehicle import WorkVehicle
@@ -45,6 +45,7 @@ from controllers.tasks.monitors import (
     uncertain_force,
 )
 from controllers.tasks.phase import Context, Held, Hold, HoldTool, PhaseEvent
+from controllers.tasks.stops import StopLimits
 from controllers.tasks.task import TaskPlanner, TaskRow
 from models.objects.targets import TargetModel
 from sim.interfaces.errors import ConfigurationError
@@ -75,6 +76,7 @@ class SurfaceTaskConfig:
     speed: float = 0.02  # [m/s] along the path
     force_rate: float = 60.0  # [N/s] at which a set force changes
     least_share: float = 1.0  # share of the path that must be reached; the rest is cut off equally at both ends
+    most_thrust: float = MOST_THRUST  # share of full thrust that push and steady current may take at most
     force_control: bool = True  # False: work begins after `press.within` at any force (ablation)
     contactless: float | None = None  # [m] distance at which the tool works without contact; None: it presses
     arrival: ArrivalLimits = field(default_factory=ArrivalLimits)
@@ -83,6 +85,7 @@ class SurfaceTaskConfig:
     contact: ContactLimits = field(default_factory=ContactLimits)
     escape: EscapeLimits = field(default_factory=EscapeLimits)
     promise: PromiseLimits = field(default_factory=PromiseLimits)
+    stops: StopLimits | None = None  # of the pressed tool on its path; None: it does not stop
 
     def __post_init__(self) -> None:
         if not self.forces:
@@ -148,7 +151,12 @@ class SurfaceWork(TaskPlanner):
             chain=own.chain,
             model=target,
             hull_box=own.hull_box,
-            limits=StandingLimits(force=max(job.forces), standoff=job.approach.standoff, least_share=job.least_share),
+            limits=StandingLimits(
+                force=max(job.forces),
+                standoff=job.approach.standoff,
+                least_share=job.least_share,
+                thrust=job.most_thrust,
+            ),
             floor=floor,
             search=search,
             holding=holding if job.contactless is None else None,
@@ -175,7 +183,8 @@ def surface_rows(site: WorkSite, job: SurfaceTaskConfig) -> Iterable[tuple[str, 
     """
     approach, states = job.approach, WorkState
     press = Press(job.press, job.forces[0], job.force_rate, insist=job.force_control, tip=site.own.tip)
-    follow = FollowPath(FollowLimits(speed=job.speed), job.forces if job.contactless is None else (), job.force_rate)
+    along = FollowLimits(speed=job.speed, stops=job.stops)
+    follow = FollowPath(along, job.forces if job.contactless is None else (), job.force_rate)
     tare = CertainPlace(TareSensors(), job.promise, job.speed)
     stand_off = -approach.standoff
     yield from arrival(site, job.arrival, then="approach", depth=0.0, offset=stand_off, broken=BREAK_OFF, tare=tare)

@@ -160,6 +160,7 @@ class TaskPlanner:
             force=asked.force,
             force_control=asked.force_control,
             compliant=asked.compliant,
+            standing=asked.standing,
             tare=asked.tare,
             scan=asked.scan,
             touch=asked.touch,
@@ -170,4 +171,5 @@ class TaskPlanner:
             lost_thrust=tuple(fault.thrust for fault in state.lost_thrusters),
             target=held.target,
             promise=held.promise,
+            at_rest=asked.at_rest,
         )

@@ -54,7 +54,7 @@ from perception.navigation.filter_kernel import (
     take_sample,
 )
 from perception.navigation.fixes import Fixes, FixMonitor
-from perception.navigation.surface_track import CameraMount, SurfaceTrack
+from perception.navigation.surface_track import SurfaceTrack, TrackMount
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import (
     DvlMeasurement,
@@ -65,6 +65,7 @@ from sim.interfaces.messages import (
     Measurement,
     StateEstimate,
     SurfaceMotionMeasurement,
+    ToolAtRest,
     TorqueMeasurement,
     VisionMeasurement,
     VisionNoise,
@@ -131,7 +132,8 @@ class Navigation:
     release: tuple[float, float, float, float] = (16.0, 2.0, 12.0, 5e-3)
     """Of held corrections: pace over the filter's own, slowest and fastest [rad/s], largest distance that pulls [m]."""
     acceleration_time: float = 0.02  # [s] time constant of the output acceleration
-    arm_camera: CameraMount | None = None  # camera on the arm; None: there is none
+    arm_camera: TrackMount | None = None  # camera on the arm; None: there is none
+    standing: TrackMount | None = None  # tip of a tool that stops on its path; None: it does not, or a camera sees more
 
     def init(self, first: Sequence[Measurement]) -> NavigationState:
         """Initial state from the first measurements of every sensor; velocity zero without a DVL.
@@ -161,7 +163,7 @@ class Navigation:
             if not (math.isfinite(m.time) and all(_sound(v) for v in values)):
                 raise ConfigurationError(f"navigation needs a first {type(m).__name__} that is finite, got {values}")
         stated = imu.noise or self.imu, vision.noise or self.vision, speed.noise or self.dvl if speed else self.dvl
-        memory = np.zeros(1, FILTER)
+        memory, mount = np.zeros(1, FILTER), self.arm_camera or self.standing
         f = memory[0]
         self._set_constants(f, *stated)
         _set_states(f, first=(imu, vision, speed), stated=stated)
@@ -173,7 +175,7 @@ class Navigation:
             joints=joint_record(n),
             estimate=estimate_record(n),
             fixes=Fixes(memory, self.gate, self.adapt, (FixMonitor(vision.p_WB, vision.time), last_dvl)),
-            track=SurfaceTrack(memory, self.gate, self.arm_camera) if self.arm_camera else None,
+            track=SurfaceTrack(memory, self.gate, mount) if mount else None,
         )
         for record in (state.joints, state.estimate):
             record.q[:], record.qd[:], record.tau[:] = encoders.q, encoders.qd, torque.tau
@@ -188,9 +190,9 @@ class Navigation:
             f.layout[AT_DVL_BIAS], n = n, n + 3
         if vision.wander > 0.0:
             f.layout[AT_WANDER], n = n, n + 3
-        if self.arm_camera is not None:
+        if self.arm_camera is not None or self.standing is not None:
             f.layout[AT_TRACK], n = n, n + 3
-            f.by_track = vision.wander > 0.0
+            f.by_track = self.arm_camera is not None and vision.wander > 0.0
         f.layout[STATES] = n
         f.walks[:] = self.bias_walk**2, vision.wander**2, vision.wander_time
         f.acceleration, f.rate, f.attitude = imu.acceleration, imu.rate**2, imu.attitude**2
@@ -211,7 +213,7 @@ class Navigation:
         """
         memory, sample, joints = state.memory, state.sample, state.joints
         packed_sample, packed_joints, packed_estimate = state.packed
-        fixes: list[VisionMeasurement | DvlMeasurement | SurfaceMotionMeasurement] = []
+        fixes: list[VisionMeasurement | DvlMeasurement | SurfaceMotionMeasurement | ToolAtRest] = []
         newest, sampled = -math.inf, False
         for m in measurements:  # the frequent types first
             if isinstance(m, EncoderMeasurement):
@@ -223,7 +225,7 @@ class Navigation:
                     take_imu(memory, packed_sample)
                 sample.time[0], sampled = m.time, True
                 sample.specific_force_B[:], sample.w_WB_B[:], sample.R_WB[:] = m.specific_force_B, m.w_WB_B, m.R_WB
-            elif isinstance(m, (VisionMeasurement, DvlMeasurement, SurfaceMotionMeasurement)):
+            elif isinstance(m, (VisionMeasurement, DvlMeasurement, SurfaceMotionMeasurement, ToolAtRest)):
                 fixes.append(m)
                 continue  # fixes do not set the clock: a wrong time stamp on a picture must not
             if m.time > newest:
@@ -238,8 +240,11 @@ class Navigation:
             if isinstance(m, VisionMeasurement):
                 state.fixes.take(VISION, m.time, m.p_WB, (m.noise or self.vision).white)
             elif isinstance(m, SurfaceMotionMeasurement):
-                if state.track is not None:
+                if state.track is not None and self.arm_camera is not None:
                     state.track.take(m)
+            elif isinstance(m, ToolAtRest):
+                if state.track is not None and self.standing is not None:
+                    state.track.take_rest(m)
             else:
                 state.fixes.take(DVL, m.time, m.v_WB_B, (m.noise or self.dvl).white)
         put_out(memory, packed_joints, packed_estimate)

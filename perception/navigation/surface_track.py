@@ -27,7 +27,7 @@ from perception.navigation.filter_kernel import (
     replay,
     row_at,
 )
-from sim.interfaces.messages import SurfaceMotionMeasurement
+from sim.interfaces.messages import SurfaceMotionMeasurement, ToolAtRest
 from sim.interfaces.spatial import Array
 
 _MOST_REFUSED = 5  # refused readings in a row, after which a new track begins
@@ -35,7 +35,7 @@ _SHARE = 1e-9  # of the largest information: a direction with less was not obser
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class CameraMount:
+class TrackMount:
     """The camera on the arm as the vehicle believes it to be mounted."""
 
     arm: SerialArm  # from its base to the tool frame G
@@ -63,7 +63,7 @@ class SurfaceTrack:
 
     memory: np.ndarray  # (1,) of `filter_kernel.FILTER`, changed in place
     gate: float  # [-] chi-square with 3 degrees of freedom beyond which a reading is refused
-    mount: CameraMount
+    mount: TrackMount
     key_time: float = math.nan  # [s] of the present key K
     R_WK: Array = field(default_factory=lambda: np.eye(3))
     p_WK: Array = field(default_factory=lambda: np.zeros(3))  # (3,) [m] by the track
@@ -89,6 +89,14 @@ class SurfaceTrack:
             self.refused_in_row += 1
             if self.refused_in_row >= _MOST_REFUSED:
                 self._begin(m, at)
+
+    def take_rest(self, m: ToolAtRest) -> None:
+        """Take what the planner says of a tool at rest as a reading of a camera that has not moved."""
+        known = np.eye(3) / max(m.slip_sigma, 1e-6) ** 2
+        still = SurfaceMotionMeasurement(
+            time=m.time, key_time=m.since, p_KC=np.zeros(3), R_KC=np.eye(3), information_K=known, q=m.q
+        )
+        self.take(still)
 
     def _goes_on(self, key_time: float) -> bool:
         """Take the last reading for the key if it is of that time; False if the track breaks off."""

@@ -3,14 +3,16 @@
 from dataclasses import dataclass
 
 import mujoco
+import numpy as np
 
 from models.arms import dh_geometry
 from models.naming import ARM_BASE_BODY, TIP_SITE
 from models.site.sliding_contact import TARGET_BODY
-from perception.navigation.surface_track import CameraMount
+from perception.navigation.surface_track import TrackMount
 from scenarios.own_vehicle import OwnVehicle
 from sim.interfaces.protocols import Sensor
-from sim.sensors.arm_camera import ArmCamera, ViewConditions, beside_tool
+from sim.interfaces.spatial import Array
+from sim.sensors.arm_camera import ArmCamera, ViewConditions
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,7 +32,7 @@ def arm_camera(setup: ArmCameraSetup, model: mujoco.MjModel) -> Sensor:
     return ArmCamera(model, TIP_SITE, surface, conditions=setup)
 
 
-def believed_mount(own: OwnVehicle) -> CameraMount:
-    """Where the vehicle believes the camera to be."""
+def believed_mount(own: OwnVehicle, X_GC: Array | None = None) -> TrackMount:
+    """Where the vehicle believes a camera at `X_GC` (4, 4) in tool axes to be; None: the tip of its tool."""
     arm = dh_geometry.read(own.model, ARM_BASE_BODY, TIP_SITE, exclude=own.passive_joints)
-    return CameraMount(arm=arm, X_BA=own.vehicle.X_BA, X_GC=beside_tool())
+    return TrackMount(arm=arm, X_BA=own.vehicle.X_BA, X_GC=np.eye(4) if X_GC is None else X_GC)

@@ -19,6 +19,7 @@ from sim import hydrodynamics
 from sim.interfaces.spatial import Array, exp_so3, pose
 from sim.loop.rollout import Parts, ticks_per_period
 from sim.plant.plant import Plant
+from sim.sensors.arm_camera import beside_tool
 from sim.water.current import Current, Wave
 
 REACTION_TICKS = 10  # loop steps between measurements of the arm's reaction wrench on the hull, for the report
@@ -96,7 +97,9 @@ def assemble(scenario: Scenario, *, full: bool = False) -> Assembly:
     on_arm = scenario.sensing.arm_camera
     if on_arm is not None:  # last, so that the other sensors draw as without it
         seeing = [*seeing, arm_camera(on_arm, model)]
-    fused = Navigation(arm_camera=None if on_arm is None else believed_mount(own))
+        fused = Navigation(arm_camera=believed_mount(own, beside_tool()))
+    else:
+        fused = Navigation(standing=believed_mount(own) if placed.stands else None)
     parts = Parts(
         sensors=[*scenario.sensing.proprioception(), *seeing],
         estimator=placed.estimator(RawNavigation() if "fusion" in without else fused),

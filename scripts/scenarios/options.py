@@ -9,6 +9,7 @@ import numpy as np
 
 from controllers.ik.method import Method as IkMethod
 from controllers.planning.promise import WANTED, PromiseLimits
+from controllers.tasks.stops import StopLimits
 from models.site.seabed import Kind
 from scenarios.arm_camera import ArmCameraSetup
 from scenarios.contact_parts import SURVEY
@@ -66,7 +67,7 @@ class ContactOptions(VehicleOptions):
     """Options that all contact scenarios share."""
 
     groups: ClassVar[Mapping[str, str]] = {
-        "work": "forces speed contactless turn blend dwell least_chance range",
+        "work": "forces speed stop_every contactless turn blend dwell least_chance range",
         "object": "path length arc rise azimuth height corner object scale line least fouled dented",
         "sensing": "sensor target_pose looks follow arm_camera",
         "control": "controller without published ik calibrated arm",
@@ -76,6 +77,9 @@ class ContactOptions(VehicleOptions):
     """Set forces [N] on equal parts of the path; default: 60 90 60 along an object, 60 90 around it."""
     speed: float = 0.02
     """Speed of the tool along the path [m/s]."""
+    stop_every: float = 0.0
+    """The pressed tool stands still for a moment after so many seconds of motion [s], and its joints then tell
+    navigation how the hull moves; 0: it does not stop."""
     contactless: float | None = None
     """Keep the tool at this distance [m] from the surface instead of pressing [Konoplin 2019]."""
     turn: float | None = None
@@ -138,6 +142,11 @@ class ContactOptions(VehicleOptions):
             raise ConfigurationError("--target-pose known: nothing looks for the object, so no --sensor and --looks")
         if self.target_pose == "known" and "identification" in self.published:
             raise ConfigurationError("--target-pose known and --published identification: one of the two")
+        if self.stop_every and (self.arm_camera or self.contactless):
+            other = (
+                "--arm-camera: it sees more than stops tell" if self.arm_camera else "--contactless: nothing holds it"
+            )
+            raise ConfigurationError(f"--stop-every {self.stop_every:g} and {other}; give one of the two")
         turn = None
         if self.turn is not None:
             turn = ToolTurn(angle=float(np.radians(self.turn)), blend=self.blend, dwell=self.dwell)
@@ -153,6 +162,7 @@ class ContactOptions(VehicleOptions):
                 contactless=self.contactless,
                 least=least,
                 range=self.range,
+                stops=StopLimits(every=self.stop_every) if self.stop_every else None,
                 promise=PromiseLimits(least=self.least_chance, wanted=max(WANTED, self.least_chance)),
             ),
             vehicle=self.vehicle_setup(self.arm_errors),

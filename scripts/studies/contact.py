@@ -14,6 +14,7 @@ import time
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 
+from controllers.tasks.stops import StopLimits
 from scenarios.arm_camera import ArmCameraSetup
 from scenarios.campaigns.contact_study import (
     KEPT,
@@ -24,6 +25,7 @@ from scenarios.campaigns.contact_study import (
     StudyBounds,
     crashed,
     draw,
+    held_anyway,
     one_run,
 )
 from scenarios.campaigns.study_report import METHODS, summarise
@@ -60,6 +62,11 @@ class Options(StudyOptions):
     """A camera beside the tool tells navigation how the tool moves over the surface."""
     arm_camera_view: ArmCameraSetup = field(default_factory=ArmCameraSetup)
     """What that camera sees."""
+    stop_every: float = 0.0
+    """The pressed tool stops on its path after so many seconds of motion [s], for navigation; 0: it does not."""
+    anyway: bool = False
+    """Run a sea that is refused for its current once more without that refusal, and say what becomes of it; with
+    --only: run it without that refusal."""
     quick: bool = False
     """Few and shorter jobs, for a first impression."""
 
@@ -90,6 +97,7 @@ def main() -> int:
         "quick": options.quick,
         "ranges": asdict(options.ranges),
         "arm_camera": asdict(options.arm_camera_view) if options.arm_camera else None,
+        "stop_every": options.stop_every,
         "runs": runs,
     }
     study = Study(
@@ -114,6 +122,8 @@ def task_of(options: Options, run: int) -> RunTask:
         ranges=options.ranges,
         quick=options.quick,
         arm_camera=options.arm_camera_view if options.arm_camera else None,
+        stops=StopLimits(every=options.stop_every) if options.stop_every else None,
+        anyway=options.anyway,
     )
 
 
@@ -124,7 +134,8 @@ def line(row: Row) -> str:
 
 def one_with_report(options: Options, run: int) -> int:
     """Repeats a single run as a scenario with all its output; returns the exit code."""
-    scenario = draw(task_of(options, run))
+    task = task_of(options, run)
+    scenario = held_anyway(draw(task)) if task.anyway else draw(task)
     name = f"run_{run:04d}" + (f"_without_{options.without}" if options.without else "")
     scenario, own = replace(scenario, name=f"{NAME}/{name}"), RunOptions(out=options.out and options.out / name)
     return command(scenario, own, time.perf_counter(), f", run {run} of study {options.seed}")

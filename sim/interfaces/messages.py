@@ -204,6 +204,19 @@ class SurfaceMotionMeasurement:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ToolAtRest:
+    """The pressed tool has stood on the object since a moment, held by friction; said by the planner, not by a sensor.
+
+    Of two messages with the same `since`, the later one says that the tool has not moved over the surface between them.
+    """
+
+    time: float  # [s]
+    since: float  # [s] when it came to rest
+    q: Array  # (n,) [rad] joint angles
+    slip_sigma: float  # [m] standard deviation of its motion over the surface since
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SurveyedPose:
     """Pose of the object as known from a survey of the site."""
 
@@ -222,6 +235,7 @@ Measurement = (
     | PressureMeasurement
     | VisionMeasurement
     | SurfaceMotionMeasurement
+    | ToolAtRest
     | Look
 )
 
@@ -403,11 +417,13 @@ class Reference:
     note: str = ""  # the same in a sentence, or another message
     touch: int | None = None  # index of the touch whose reading is taken now
     compliant: bool = False  # yield to forces across the tool axis
+    standing: bool = False  # the pressed tool stands on the surface: yield gently
     lost_thrusters: tuple[int, ...] = ()  # failed, not to be used
     lost_thrust: tuple[float, ...] = ()  # [N] that each of those gives whatever is commanded; empty: none
     promise: Promise | None = None  # of the work, from the tare on; None: none yet, or nothing to base it on
     w_WB_W: Array = field(default_factory=lambda: _STILL)  # (3,) [rad/s] angular velocity of the hull pose to hold
     target: Target | None = None  # that the work goes by: the mean of several finds; None: none yet
+    at_rest: ToolAtRest | None = None  # for navigation; None: the tool moves, or nothing new is to be said
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

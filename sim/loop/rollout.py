@@ -241,6 +241,8 @@ class Rollout:
         self._planner_state, self.reference = self.parts.planner.step(
             self._planner_state, self.estimate, self.target, self.command
         )
+        if self.reference.at_rest is not None:
+            self._arrived.append(self.reference.at_rest)
         return self.reference
 
     def control(self, tick: int) -> Command:
@@ -268,9 +270,14 @@ class Rollout:
             return False
         return self.target.accepted and self.reference.state is WorkState.SCAN
 
+    @property
+    def told(self) -> bool:
+        """True if a message waits for the estimator's next step."""
+        return bool(self._arrived)
+
     def next_due(self, tick: int) -> int:
         """Tick from `tick` on at which a slow sensor measures, a measurement arrives, or a frame is requested."""
-        if self.looking or self._arrived:
+        if self.looking or self.told:
             return tick
         due = min((tick + -tick % every for every in self._slow), default=tick + self._look_ticks)
         return min(due, *self._on_the_way) if self._on_the_way else due

@@ -6,6 +6,7 @@ from typing import Any, Literal, cast, get_args
 
 import numpy as np
 
+from controllers.tasks.stops import StopLimits
 from scenarios.arm_camera import ArmCameraSetup
 from scenarios.assembly import assemble
 from scenarios.options import barrel
@@ -15,10 +16,10 @@ from scenarios.perturbations.sensing import WanderingVision
 from scenarios.perturbations.vehicle import Gears, Payload, ThrusterSpread, Water
 from scenarios.runner import Run, run
 from scenarios.scenario import Belief, Method, Scenario, Sensing
-from scenarios.tasks.surface_work import first_force
+from scenarios.tasks.surface_work import SurfaceWorkTask, first_force
 from sim.evaluation.metrics import path_error
 from sim.interfaces.errors import ConfigurationError, HydrodynamicsError, UuvError
-from sim.interfaces.messages import WorkState
+from sim.interfaces.messages import AbortCode, WorkState
 from sim.loop.recording import Recording
 
 PathName = Literal["longitudinal", "transverse"]
@@ -105,6 +106,8 @@ class RunTask:
     ranges: Ranges
     quick: bool = False
     arm_camera: ArmCameraSetup | None = None  # camera beside the tool; None: there is none
+    stops: StopLimits | None = None  # of the pressed tool on its path; None: it does not stop
+    anyway: bool = False  # run a sea whose current is refused once more, without that refusal
 
 
 def draw(task: RunTask) -> Scenario:
@@ -150,8 +153,10 @@ def draw(task: RunTask) -> Scenario:
         surface,
         *((WanderingVision(sigma=ranges.vision_wander),) if ranges.vision_wander > 0.0 else ()),
     )
+    assert isinstance(scenario.task, SurfaceWorkTask)
     return replace(
         scenario,
+        task=replace(scenario.task, stops=task.stops),
         belief=Belief(water_error=0.0),
         sensing=sensing,
         perturbations=perturbations,
@@ -207,10 +212,25 @@ def one_run(task: RunTask, bounds: StudyBounds | None = None) -> dict[str, Any]:
     else:
         figures = figures_of(outcome)
         row |= classify(outcome, figures, bounds or StudyBounds())
+        if task.anyway and row["class"] == REFUSED and row["kind"] == AbortCode.CURRENT.value:
+            row["anyway"] = anyway(scenario, bounds or StudyBounds())
         row["figures"] = {
             name: value if value is not None and np.isfinite(value) else None for name, value in figures.items()
         }
     return row
+
+
+def held_anyway(scenario: Scenario) -> Scenario:
+    """`scenario` without the refusal of a current that the thrusters cannot hold."""
+    assert isinstance(scenario.task, SurfaceWorkTask)
+    return replace(scenario, task=replace(scenario.task, most_thrust=np.inf))
+
+
+def anyway(scenario: Scenario, bounds: StudyBounds) -> str:
+    """What becomes of a run that was refused for its current, without that refusal: class and kind."""
+    outcome = run(assemble(held_anyway(scenario)))
+    found = classify(outcome, figures_of(outcome), bounds)
+    return f"{found['class']}: {found['kind']}" if found["kind"] else found["class"]
 
 
 def crashed(task: RunTask, reason: str) -> dict[str, Any]:
@@ -223,6 +243,7 @@ def crashed(task: RunTask, reason: str) -> dict[str, Any]:
         "varied": {},
         "class": CRASHED,
         "kind": reason,
+        "anyway": "",
         "detail": "",
         "missed": [],
         "figures": {},

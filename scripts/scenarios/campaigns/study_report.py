@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from scipy.stats import spearmanr
+from scipy.stats import binom, spearmanr
 
 from scenarios.campaigns import contact_study
 from scenarios.campaigns.contact_study import CLASSES, DAMAGED, DIVERGED, KEPT, StudyBounds, within
@@ -237,7 +237,7 @@ def ablations(rows: Sequence[Row]) -> list[dict[str, Any]]:
             ],
             dtype=np.float64,
         ).reshape(-1, 2)
-        some = len(pairs) > 0
+        some, ratios = len(pairs) > 0, np.sort(pairs[:, 1] / pairs[:, 0])
         table.append(
             {
                 "method": method,
@@ -246,12 +246,24 @@ def ablations(rows: Sequence[Row]) -> list[dict[str, Any]]:
                 "pairs": len(pairs),
                 "median_with": float(np.median(pairs[:, 0])) if some else None,
                 "median_without": float(np.median(pairs[:, 1])) if some else None,
-                "factor": float(np.median(pairs[:, 1] / pairs[:, 0])) if some else None,
+                "factor": float(np.median(ratios)) if some else None,
+                "factor_interval": median_interval(ratios),
                 "kept_with": sum(whole[row["run"]]["class"] == KEPT for row in without),
                 "kept_without": sum(row["class"] == KEPT for row in without),
             }
         )
     return table
+
+
+def median_interval(ratios: Array) -> list[float] | None:
+    """Interval of the median that holds with 95 % whatever the distribution, by order statistics; None: too few.
+
+    Args:
+        ratios: (n,) in rising order.
+    """
+    n = len(ratios)
+    below = int(binom.ppf(0.025, n, 0.5)) - 1  # so many values lie below the interval, and as many above it
+    return [float(ratios[below]), float(ratios[n - 1 - below])] if n and below >= 0 else None
 
 
 def kept_on_object(rows: Sequence[Row], bounds: StudyBounds) -> int:
@@ -294,6 +306,7 @@ def summary(rows: Sequence[Row], bounds: StudyBounds, settings: Mapping[str, Any
             for path in dict.fromkeys(row["path"] for row in main)
             for of_path in [[row for row in main if row["path"] == path]]
         },
+        "refused_anyway": [{"run": row["run"], "outcome": row["anyway"]} for row in main if row["anyway"]],
         "reliability": reliability(main),
         "drivers": drivers(main),
         "ablations": ablations(rows),
@@ -340,6 +353,12 @@ def tables(metrics: Mapping[str, Any]) -> Iterator[Table]:
             for path, row in metrics["by_path"].items()
         ],
     )
+    if metrics["refused_anyway"]:
+        yield _table(
+            "Seas that were refused for their current, run without that refusal",
+            ("run", "what became of it"),
+            [(str(found["run"]), found["outcome"]) for found in metrics["refused_anyway"]],
+        )
     if metrics["reliability"]:
         yield _table(
             "Chance promised before contact, and what came of it",
@@ -358,7 +377,7 @@ def tables(metrics: Mapping[str, Any]) -> Iterator[Table]:
     if metrics["ablations"]:
         yield _table(
             "What each method is worth: medians, and the median of the runs' own ratios",
-            ("left out", "figure", "unit", "runs", "with", "without", "factor", "kept with", "kept without"),
+            ("left out", "figure", "unit", "runs", "with", "without", "factor", "of 95 %", "kept with", "kept without"),
             [
                 (
                     row["method"],
@@ -368,6 +387,7 @@ def tables(metrics: Mapping[str, Any]) -> Iterator[Table]:
                     _number(row["median_with"], SHOWN[row["figure"]].scale),
                     _number(row["median_without"], SHOWN[row["figure"]].scale),
                     _number(row["factor"], 1.0),
+                    "" if row["factor_interval"] is None else "{:.2f} to {:.2f}".format(*row["factor_interval"]),
                     str(row["kept_with"]),
                     str(row["kept_without"]),
                 )

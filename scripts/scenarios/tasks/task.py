@@ -85,6 +85,11 @@ class PlacedTask(ABC):
     exact_start: ClassVar[bool] = False  # True: the hull starts at `X_WB`, without an error of place and heading
 
     @property
+    def stands(self) -> bool:
+        """True if the pressed tool stops on its path, which tells navigation how the hull moves."""
+        return False
+
+    @property
     @abstractmethod
     def title(self) -> str:
         """Title of log and report."""

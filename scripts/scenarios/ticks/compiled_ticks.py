@@ -291,6 +291,7 @@ class CompiledTicks:
                 if not self._plan(run):
                     break
                 ready = min(ready, self._drive.ready(run.reference))
+                due = min(due, run.next_due(tick + 1))  # the planner may have told navigation something
             begun = _PLANNED if run.stage else _NEW
             observed = (-tick % every for every in self._slow_ticks)
             planned = run.planner_ticks - tick % run.planner_ticks

@@ -163,13 +163,15 @@ class TicksAround:
             self._pack(run)
         done = 0
         while done < room and self._command(run, tick + done):
-            result = pass_on(self._box, done + 1 < room)
+            result = pass_on(self._box, done + 1 < room and not run.told)
             if result == REFUSED:
                 break
             done += 1
             run.stage = Stage.NEW
             if result == SENSED:
                 run.stage, run.estimate = Stage.ESTIMATED, state_estimate(self._estimate)
+            if run.told:
+                break
         self._plant.publish(done)
         return done
 

@@ -21,7 +21,7 @@ from scenarios.perturbations.loop import SensorFailure, ThrusterFailure
 from scenarios.perturbations.pad import Pad
 from scenarios.perturbations.vehicle import Water
 from scenarios.runner import run_through
-from scenarios.scenario import Control
+from scenarios.scenario import Control, Sensing
 from scenarios.tasks.task import LONGEST
 from scenarios.ticks.compiled_ticks import CompiledTicks, reason
 from scenarios.ticks.ticks_around import TicksAround, ticks_for
@@ -105,6 +105,7 @@ def test_doubtful_residuals_are_looked_at_in_every_tick():
         barrel(quick=True, arm_errors=3, calibrated=True),
         barrel(quick=True, vehicle="uuv_puma_side"),
         replace(barrel(quick=True), perturbations=(Water(spread=0.3), Pad(stiffness=2e5))),
+        replace(barrel(quick=True, stop_every=1.0), sensing=Sensing(vision_noise=5e-3, vision_period=0.2)),
         PileOptions(quick=True).scenario(),
         ObjectOptions().scenario(),
         InsertionOptions().scenario(),
@@ -117,6 +118,7 @@ def test_doubtful_residuals_are_looked_at_in_every_tick():
         "calibrated",
         "side arm",
         "stiff pad",
+        "stops",
         "pile",
         "object",
         "insertion",

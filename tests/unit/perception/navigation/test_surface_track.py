@@ -8,13 +8,14 @@ import pytest
 from models.arms.serial_arm import SerialArm
 from perception.navigation.filter_kernel import AT_TRACK, STATES
 from perception.navigation.strapdown_filter import Navigation, NavigationState
-from perception.navigation.surface_track import CameraMount
+from perception.navigation.surface_track import TrackMount
 from sim.interfaces.messages import (
     DvlMeasurement,
     EncoderMeasurement,
     ImuMeasurement,
     Measurement,
     SurfaceMotionMeasurement,
+    ToolAtRest,
     TorqueMeasurement,
     VisionMeasurement,
     VisionNoise,
@@ -24,7 +25,7 @@ from sim.interfaces.spatial import GRAVITY, Array, pose
 STEP = 0.01  # [s]
 Q = np.array([0.3, -0.4])
 ARM = SerialArm.from_dh([[0.0, 0.2, 0.0, np.pi / 2], [0.0, 0.0, 0.6, 0.0]])
-MOUNT = CameraMount(arm=ARM, X_BA=pose(p=[0.3, 0.0, -0.4]), X_GC=pose(p=[0.1, 0.0, -0.15]))
+MOUNT = TrackMount(arm=ARM, X_BA=pose(p=[0.3, 0.0, -0.4]), X_GC=pose(p=[0.1, 0.0, -0.15]))
 R_WC = MOUNT.pose(Q)[:3, :3]  # the hull is level and still
 SIGMA = 1e-4  # [m]
 
@@ -180,3 +181,40 @@ def test_without_a_mount_a_message_is_ignored():
     state = navigation.init([imu(0), vision(0, np.zeros(3)), DvlMeasurement(time=0.0, v_WB_B=np.zeros(3)), *body])
     state, _ = navigation.step(state, [imu(1), track(1, 1, np.zeros(3))])
     assert state.track is None
+
+
+def at_rest(k: int, since: int, q: Array = Q) -> ToolAtRest:
+    """A tool that stands since a step, and may have slipped by 0.1 mm."""
+    return ToolAtRest(time=k * STEP, since=since * STEP, q=q, slip_sigma=1e-4)
+
+
+def standing(said: bool, *, slips: float = 0.0) -> NavigationState:
+    """A still hull, no Doppler log; its tool stands for half a second, or `slips` by a turn [rad] of the joints."""
+    navigation = Navigation(standing=TrackMount(arm=ARM, X_BA=MOUNT.X_BA, X_GC=np.eye(4)), adapt=False)
+    body = [EncoderMeasurement(time=0.0, q=Q, qd=np.zeros(2)), TorqueMeasurement(time=0.0, tau=np.zeros(2))]
+    state, noise = navigation.init([imu(0), vision(0, np.zeros(3)), *body]), np.random.default_rng(5)
+    for k in range(1, 202):
+        messages: list[Measurement] = [imu(k)]
+        if k % 10 == 0:
+            messages.append(vision(k, 2e-3 * noise.standard_normal(3)))
+        if said and k in (150, 200):
+            messages.append(at_rest(k, 150, Q + (slips if k == 200 else 0.0)))
+        state, _ = navigation.step(state, messages)
+    return state
+
+
+def test_a_tool_at_rest_tells_how_fast_the_hull_moves():
+    """By its stated slip over half a second: 0.2 mm/s, where vision alone knows the speed to several mm/s."""
+    speeds = [np.sqrt(np.diag(standing(said).P)[3:6]) for said in (True, False)]
+    assert np.all(speeds[0] < 4e-4)  # measured 2.2e-4 m/s, that of the mean over the stop and of its end
+    assert np.all(speeds[1] > 5.0 * speeds[0])
+    assert np.linalg.norm(standing(True).x[3:6]) < 4.0 * np.linalg.norm(speeds[0])
+
+
+def test_a_tool_that_slips_all_the_same_is_not_believed():
+    """A joint that turned by 0.2 rad means 10 cm of the tool: refused, and nothing of the filter has changed."""
+    believed, refused = standing(True), standing(True, slips=0.2)
+    assert believed.track is not None
+    assert refused.track is not None
+    assert (believed.track.refused, refused.track.refused) == (0, 1)
+    assert np.linalg.norm(refused.x[3:6]) < 0.01

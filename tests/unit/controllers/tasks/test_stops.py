@@ -1,0 +1,79 @@
+"""Stops of a pressed tool on its path: when it stops, what it says, and that a pause calls it off."""
+
+import numpy as np
+import pytest
+
+from controllers.tasks.contact_phases import FollowLimits
+from controllers.tasks.phase import Context
+from controllers.tasks.stops import StopLimits, Stops
+from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.messages import Promise, StateEstimate, ToolAtRest
+
+PERIOD = 0.01  # [s]
+
+
+def context(time: float, *, paused: bool = False) -> Context:
+    zero = np.zeros(3)
+    estimate = StateEstimate(
+        time=time, X_WB=np.eye(4), v_WB_B=zero, w_WB_B=zero, a_WB_B=zero, q=np.full(6, time), qd=zero, tau=zero
+    )
+    return Context(time, PERIOD, estimate, None, None, paused=paused)
+
+
+def follow(stops: Stops, seconds: float, pauses: tuple[float, float] = (9.0, 0.0)) -> tuple[list[ToolAtRest], list]:
+    """Messages, and (time, pace, standing) of every period, of a tool that slows down as `FollowPath` does."""
+    said, trace, pace = [], [], 1.0
+    for k in range(round(seconds / PERIOD)):
+        now = context(k * PERIOD, paused=pauses[0] <= k * PERIOD < pauses[1])
+        stopping = stops.step(pace, now) or now.paused
+        change = PERIOD / FollowLimits().pace_time
+        pace = max(0.0, pace - change) if stopping else min(1.0, pace + change)
+        if stops.said is not None:
+            said.append(stops.said)
+        trace.append((now.time, pace, stops.standing))
+    return said, trace
+
+
+def test_each_stop_says_when_it_began_and_that_nothing_has_moved_since():
+    limits = StopLimits(every=2.0, lasting=0.5, settle=0.3)
+    said, trace = follow(Stops(limits), 10.0)
+    begins, ends = said[0::2], said[1::2]
+    assert len(begins) == len(ends) == 3
+    for begin, end in zip(begins, ends, strict=True):
+        assert begin.time == begin.since == end.since
+        assert end.time - begin.time == pytest.approx(limits.lasting, abs=1.5 * PERIOD)
+        assert end.slip_sigma == pytest.approx(limits.creep * (end.time - end.since), rel=1e-9)
+        assert end.q == pytest.approx(np.full(6, end.time))  # the joints of that moment
+        still = [pace for time, pace, _ in trace if begin.time - limits.settle + PERIOD <= time < end.time]
+        assert max(still) == 0.0
+        assert all(standing for time, _, standing in trace if begin.time <= time < end.time)
+    moving = [begin.time - end.time for end, begin in zip(ends, begins[1:], strict=False)]
+    assert min(moving) > limits.every
+
+
+def test_a_pause_calls_a_stop_off():
+    """The force is reduced in a pause: nothing tells whether it still holds the tool."""
+    said, _ = follow(Stops(StopLimits(every=1.0)), 6.0, pauses=(2.0, 2.5))
+    assert [m.time == m.since for m in said[:2]] == [True, True]  # begun, called off, and begun anew
+    assert said[1].time > 2.5 + 1.0
+    assert said[2].since == said[1].since
+
+
+def test_it_stops_only_where_navigation_is_poor():
+    limits = StopLimits(below=0.9)
+    promised = [Promise(chance=c, tolerance=0.003, navigation_sigma=1e-3, object_sigma=1e-3) for c in (0.8, 0.95)]
+    assert [limits.help(None), *(limits.help(p) for p in promised)] == [True, True, False]
+
+
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        ({"every": 0.0}, "between two"),
+        ({"lasting": 2.0}, "lasts"),
+        ({"creep": 0.0}, "creeps"),
+        ({"below": 2.0}, "chance"),
+    ],
+)
+def test_stops_that_cannot_be(wrong, said):
+    with pytest.raises(ConfigurationError, match=said):
+        StopLimits(**wrong)

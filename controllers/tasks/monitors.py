@@ -7,6 +7,7 @@
 | an encoder wrong | the arm holds its joint angles, the hull withdraws the tool along its axis |
 | a thruster lost or stuck | ascent off the object at once on the other thrusters; the arm draws the tool off |
 | hull off its place, or force above its limit on the way back | the same, with all thrusters |
+| the object moves across the tool, as the camera on the arm sees it | retreat along the tool axis |
 | force above its limit, long above the set one, or not felt; contact lost | retreat along the tool axis |
 | estimate or command not finite | arm braked, thrusters off (`safety_wrapper`), abort |
 
@@ -18,6 +19,8 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
+
+import numpy as np
 
 from controllers.tasks.phase import Abort, Context, Held
 from sim.interfaces.messages import AbortCode, FaultKind, WorkState
@@ -139,6 +142,24 @@ def adrift(limit: float) -> Condition:
     def found(held: Held, now: Context) -> str:
         off = held.off(now.estimate)
         return f"the hull cannot hold its place: {off:.3f} m off, above the limit of {limit:g} m" if off > limit else ""
+
+    return found
+
+
+def object_moves(limit: float) -> Condition:
+    """Condition: the object moves by more than `limit` [m] across the tool axis, as the camera on the arm sees it.
+
+    Along the axis the force says so.
+    """
+
+    def found(held: Held, now: Context) -> str:
+        moved = now.estimate.object_moved_W
+        if held.line is None or not moved.any():
+            return ""
+        axis = held.tool()[0][:3, 2]
+        across = float(np.linalg.norm(moved - (moved @ axis) * axis))
+        said = f"the object moves: by {1e3 * across:.0f} mm across the tool, as the camera on the arm sees it"
+        return said if across > limit else ""
 
     return found
 

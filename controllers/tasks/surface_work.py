@@ -41,6 +41,7 @@ from controllers.tasks.monitors import (
     contact_force,
     fault_monitors,
     normal_force,
+    object_moves,
     too_much_force,
     uncertain_force,
 )
@@ -268,6 +269,12 @@ def surface_monitors(job: SurfaceTaskConfig) -> tuple[Monitor, ...]:
             reaction=Reaction.RISE,
             code=AbortCode.HULL_ADRIFT,
             during=LEAVING,
+        ),
+        Monitor(
+            condition=object_moves(job.promise.tolerance),
+            reaction=Reaction.RETREAT,
+            code=AbortCode.OBJECT_MOVES,
+            during=IN_CONTACT,
         ),
         Monitor(
             condition=too_much_force(job.force_limit, normal_force),

@@ -100,8 +100,8 @@ class Fixes:
     watches: tuple[FixMonitor, FixMonitor]  # vision, DVL
     bias_jumps: int = 0  # detected jumps of the accelerometer bias since the start, for the log
 
-    def take(self, kind: int, time: float, value: Array, sigma: float) -> None:
-        """Validate a fix, update the filter at its step, and withhold the correction.
+    def take(self, kind: int, time: float, value: Array, sigma: float) -> bool:
+        """Validate a fix, update the filter at its step, and withhold the correction; False if it is not used.
 
         Args:
             kind: VISION or DVL.
@@ -112,9 +112,10 @@ class Fixes:
         watch = self.watches[kind]
         sound = np.isfinite(value).all() and math.isfinite(time)
         if sound and not watch.is_new(value, time):
-            return
-        if not (sound and self._used(watch, kind, time, sigma)):
-            watch.refused += 1
+            return False
+        used = bool(sound) and self._used(watch, kind, time, sigma)
+        watch.refused += not used
+        return used
 
     def _used(self, watch: FixMonitor, kind: int, time: float, sigma: float) -> bool:
         """Update the filter by the reading in `watch`; False if it is refused."""

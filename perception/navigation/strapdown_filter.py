@@ -54,6 +54,7 @@ from perception.navigation.filter_kernel import (
     take_sample,
 )
 from perception.navigation.fixes import Fixes, FixMonitor
+from perception.navigation.object_watch import ObjectWatch
 from perception.navigation.surface_track import SurfaceTrack, TrackMount
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import (
@@ -91,7 +92,8 @@ class NavigationState:
     joints: JointRecord  # newest readings of encoders and torque sensors, finite or not
     estimate: EstimateRecord  # the last one
     fixes: Fixes
-    track: SurfaceTrack | None = None  # of a camera on the arm
+    track: SurfaceTrack | None = None  # of a camera on the arm, or of a tool that stands
+    watch: ObjectWatch | None = None  # on the object that the camera tracks; None: there is none, or vision wanders
     packed: tuple[tuple[Array, ...], ...] = ()  # the three records as plain tuples, faster to pass to a kernel
 
     def __post_init__(self) -> None:
@@ -176,6 +178,7 @@ class Navigation:
             estimate=estimate_record(n),
             fixes=Fixes(memory, self.gate, self.adapt, (FixMonitor(vision.p_WB, vision.time), last_dvl)),
             track=SurfaceTrack(memory, self.gate, mount) if mount else None,
+            watch=ObjectWatch() if self.arm_camera and not stated[1].wander else None,
         )
         for record in (state.joints, state.estimate):
             record.q[:], record.qd[:], record.tau[:] = encoders.q, encoders.qd, torque.tau
@@ -198,6 +201,14 @@ class Navigation:
         f.acceleration, f.rate, f.attitude = imu.acceleration, imu.rate**2, imu.attitude**2
         f.rate_walk, f.tilt = self.rate_bias_walk**2, 2.0 * (GRAVITY * imu.attitude) ** 2
         f.release[:], f.smooth = self.release, self.acceleration_time
+
+    @staticmethod
+    def _watch(state: NavigationState, time: float, p_WB: Array, white: float) -> None:
+        """Compare a picture of vision that was used with the track, and state by how much the object moves."""
+        watch, place_W = state.watch, None if state.track is None else state.track.place_at(time)
+        if watch is not None and place_W is not None:
+            watch.take(time, p_WB - place_W, white * math.sqrt(state.fixes.watches[VISION].scale))
+            state.estimate.object_moved_W[:] = watch.moved_W
 
     def step(
         self, state: NavigationState, measurements: Sequence[Measurement]
@@ -238,10 +249,16 @@ class Navigation:
         take_sample(memory, packed_sample)
         for m in fixes:  # after the IMU, so that their step exists
             if isinstance(m, VisionMeasurement):
-                state.fixes.take(VISION, m.time, m.p_WB, (m.noise or self.vision).white)
+                white = (m.noise or self.vision).white
+                used = state.fixes.take(VISION, m.time, m.p_WB, white)
+                if used and state.watch is not None:
+                    self._watch(state, m.time, m.p_WB, white)
             elif isinstance(m, SurfaceMotionMeasurement):
                 if state.track is not None and self.arm_camera is not None:
+                    broken = state.track.broken
                     state.track.take(m)
+                    if state.watch is not None and state.track.broken > broken:
+                        state.watch.begin(m.time)
             elif isinstance(m, ToolAtRest):
                 if state.track is not None and self.standing is not None:
                     state.track.take_rest(m)

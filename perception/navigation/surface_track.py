@@ -71,6 +71,8 @@ class SurfaceTrack:
     refused_in_row: int = 0
     refused: int = 0  # readings not used since the start, for the log
     begun: int = 0  # tracks begun since the start, for the log
+    broken: int = 0  # of them those that did not go on from the one before
+    carried_W: Array = field(default_factory=lambda: np.zeros(3))  # (3,) [m] by which the others set their place anew
 
     def take(self, m: SurfaceMotionMeasurement) -> None:
         """Update the filter by a message at its step, and withhold the correction; an unsound one is ignored."""
@@ -88,7 +90,7 @@ class SurfaceTrack:
             self.refused += 1
             self.refused_in_row += 1
             if self.refused_in_row >= _MOST_REFUSED:
-                self._begin(m, at)
+                self._begin(m, at, anew=True)
 
     def take_rest(self, m: ToolAtRest) -> None:
         """Take what the planner says of a tool at rest as a reading of a camera that has not moved."""
@@ -97,6 +99,20 @@ class SurfaceTrack:
             time=m.time, key_time=m.since, p_KC=np.zeros(3), R_KC=np.eye(3), information_K=known, q=m.q
         )
         self.take(still)
+
+    def place_at(self, time: float) -> Array | None:
+        """Hull's origin (3,) [m] in W, up to a constant, at `time` [s] near that of the newest reading; None: unknown.
+
+        By all readings since the track last broke off, those that the filter refused included. The filter's own motion
+        between the two times is added.
+        """
+        if self.last is None:
+            return None
+        at, then = row_at(self.memory, time)[0], row_at(self.memory, self.last.message.time)[0]
+        if at < 0 or then < 0:
+            return None
+        past = self.memory["past_x"][0]
+        return self.last.place_W + self.carried_W + past[at, :3] - past[then, :3]
 
     def _goes_on(self, key_time: float) -> bool:
         """Take the last reading for the key if it is of that time; False if the track breaks off."""
@@ -123,11 +139,15 @@ class SurfaceTrack:
         self._replay(at)
         return True
 
-    def _begin(self, m: SurfaceMotionMeasurement, at: int) -> None:
-        """Begin a track where the filter believes the hull to be."""
+    def _begin(self, m: SurfaceMotionMeasurement, at: int, *, anew: bool = False) -> None:
+        """Begin a track where the filter believes the hull to be; `anew` on readings that it has refused so far."""
         x, first = self.memory[0]["past_x"][at], int(self.memory[0]["layout"][AT_TRACK])
         R_WC, lever = self._camera(m, at)
         place = x[:3] + x[first : first + 3]
+        if anew:
+            self.carried_W = self.carried_W + self.p_WK + self.R_WK @ m.p_KC - lever - place
+        else:
+            self.carried_W, self.broken = np.zeros(3), self.broken + 1
         self.key_time, self.R_WK = m.key_time, R_WC @ m.R_KC.T
         self.p_WK = place + lever - self.R_WK @ m.p_KC
         self.last = _Reading(message=m, R_WC=R_WC, lever_W=lever, place_W=place)

@@ -271,6 +271,8 @@ class StateEstimate:
     dvl_age: float = math.nan  # [s] the same for the DVL; inf: none was ever used
     imu_age: float = math.nan  # [s] the same for the IMU
     imu_jump_age: float = math.nan  # [s] since the accelerometer's bias was found to jump; inf: never, NaN: not known
+    object_moved_W: Array = field(default_factory=lambda: _STILL)  # (3,) [m] by which the object has moved that the
+    # camera on the arm tracks; zero: not beyond doubt
     ground: GroundPlane | None = None  # under the hull; None: not known
 
 

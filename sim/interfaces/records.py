@@ -43,6 +43,7 @@ class EstimateRecord(NamedTuple):
     position_sigma: Array  # (3,) [m]
     attitude_sigma: Array  # (1,) [rad]
     ages: Array  # (4,) [s] since the newest vision, DVL and IMU measurement that was used, and since a jump of the IMU
+    object_moved_W: Array  # (3,) [m]
 
 
 def imu_record() -> ImuRecord:
@@ -59,7 +60,7 @@ def estimate_record(joints: int) -> EstimateRecord:
     """Record of a vehicle at rest at the origin of the world, with so many joints."""
     v, w, a, sigma = np.zeros((4, 3))
     return EstimateRecord(
-        np.zeros(1), np.eye(4), v, w, a, *joint_record(joints), sigma, np.full(1, math.nan), np.zeros(4)
+        np.zeros(1), np.eye(4), v, w, a, *joint_record(joints), sigma, np.full(1, math.nan), np.zeros(4), np.zeros(3)
     )
 
 
@@ -81,4 +82,5 @@ def state_estimate(record: EstimateRecord) -> StateEstimate:
         dvl_age=dvl_age,
         imu_age=imu_age,
         imu_jump_age=imu_jump_age,
+        object_moved_W=record.object_moved_W.copy(),
     )

@@ -8,8 +8,9 @@ import pytest
 from scenarios.assembly import assemble
 from scenarios.options import barrel
 from scenarios.perturbations.target import PushedObject
-from scenarios.runner import assessed, run_through
+from scenarios.runner import assessed, run, run_through
 from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.messages import AbortCode, WorkState
 
 SCANS = 5.0  # [s] at which the hull of seed 1 is at rest and scans
 AT, RAMP, UNTIL = 7.0, 0.5, 9.5  # [s] of the push, and of the end
@@ -48,6 +49,16 @@ def test_an_object_that_rests_raises_no_alarm():
     recording = run_through(assemble(barrel(seed=2, follow=True)), longest=17.0).recording
     assert len(recording.motions) > 40
     assert not any(motion.moved for motion in recording.motions)
+
+
+def test_push_at_work_is_noticed_by_the_camera_on_the_arm():
+    """Without it the tool goes on 2 cm beside its path, unnoticed. Measured: 0.9 s, of which the push takes a half."""
+    scenario = barrel(seed=1, quick=True, arm_camera=True)
+    push = PushedObject(by=(0.0, 0.02, 0.0), state="work", after=2.0)
+    recording = run(assemble(replace(scenario, perturbations=(push,)))).recording
+    assert recording.final.abort is AbortCode.OBJECT_MOVES
+    work = recording["p_pad"].time[recording.within(WorkState.WORK)]
+    assert 2.0 < work[-1] - work[0] < 4.0
 
 
 def test_bad_input():

@@ -1,18 +1,29 @@
 """Monitors at their bounds: just within each nothing happens, just beyond it the work is broken off in its time."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
+from controllers.planning.placement import Placement
 from controllers.tasks.hull_phases import RestLimits, Settle
 from controllers.tasks.monitors import Monitor, Reaction, adrift, fault_monitors, watch
-from controllers.tasks.phase import Abort, Context, Held, PhaseEvent
+from controllers.tasks.phase import Abort, Context, Held, PhaseEvent, ToolLine
 from controllers.tasks.surface_work import SurfaceTaskConfig, surface_monitors
 from controllers.tasks.task import TaskPlanner, TaskRow
 from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.messages import AbortCode, Command, ContactEstimate, Fault, FaultKind, StateEstimate, WorkState
+from sim.interfaces.messages import (
+    AbortCode,
+    Command,
+    ContactEstimate,
+    Fault,
+    FaultKind,
+    StateEstimate,
+    ToolPath,
+    WorkState,
+)
 from sim.interfaces.spatial import Array, exp_so3, pose
 
 STEP = 0.02  # [s]
@@ -171,3 +182,24 @@ def test_a_table_that_leads_nowhere_is_refused():
     rows = {"settle": TaskRow(Settle(RestLimits()), WorkState.SETTLE, {PhaseEvent.DONE: "scan"})}
     with pytest.raises(ConfigurationError, match="task row 'settle': there is no row 'scan' to follow it"):
         TaskPlanner(rows.items(), (), X_WB=np.eye(4), q=np.zeros(6))
+
+
+@pytest.mark.parametrize(
+    ("moved", "broken"), [((0.0, 0.0029, 0.0), False), ((0.0, 0.0031, 0.0), True), ((0.0, 0.0, 0.02), False)]
+)
+def test_an_object_that_moves_across_the_tool_ends_the_work_and_along_it_does_not(moved, broken):
+    """The tool points down: along its axis the force tells what there is to tell."""
+    path = ToolPath(
+        s=np.array([0.0, 1.0]),
+        p=np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]]),
+        z=np.tile([0.0, 0.0, -1.0], (2, 1)),
+        x=np.tile([1.0, 0.0, 0.0], (2, 1)),
+        on_scan=np.ones(2, dtype=bool),
+    )
+    placement = Placement(X_WB=np.eye(4), travel_W=np.zeros(3), roll=0.0, q_start=np.zeros(6), margin=1.0, reached=1.0)
+    state = replace(held(), line=ToolLine(path, placement, 0.0))
+    now = replace(seen(1.0, 60.0), estimate=replace(estimate(1.0), object_moved_W=np.array(moved)))
+    monitors = surface_monitors(JOB)
+    reaction, cause = watch(monitors, [0.0] * len(monitors), WorkState.WORK, state, now)
+    assert reaction is (Reaction.RETREAT if broken else Reaction.GO_ON)
+    assert (cause is not None and cause.code is AbortCode.OBJECT_MOVES) is broken

@@ -1,0 +1,77 @@
+"""Watch on an object that the camera on the arm tracks: no alarm at rest, motion found in time."""
+
+from collections.abc import Callable
+from functools import partial
+from itertools import count
+
+import numpy as np
+import pytest
+
+from perception.navigation.object_watch import ObjectWatch
+from sim.interfaces.spatial import Array
+
+SIGMA, RATE = 2e-3, 10.0  # [m], [Hz] of vision
+
+
+def watched(
+    watch: ObjectWatch, place: Callable[[float], Array], seconds: float, rng: np.random.Generator, sigma: float = SIGMA
+) -> float | None:
+    """When [s] an object at `place(time)` (3,) [m] is first said to move; None: never."""
+    watch.begin(0.0)
+    for k in count(1):
+        if k / RATE > seconds:
+            return None
+        watch.take(k / RATE, place(k / RATE) + sigma * rng.standard_normal(3), sigma)
+        if watch.moved_W.any():
+            return k / RATE
+    raise AssertionError
+
+
+def still(time: float) -> Array:
+    del time
+    return np.array([1.0, 2.0, -3.0])
+
+
+def swinging(time: float, phase: float) -> Array:
+    """By 5 mm along x, at 0.1 Hz."""
+    return still(time) + np.array([0.005 * np.sin(0.2 * np.pi * time + phase), 0.0, 0.0])
+
+
+def test_an_object_at_rest_is_never_said_to_move():
+    """A hundred minutes, in tracks of a minute each: five sigma are passed once in some hundred hours."""
+    rng = np.random.default_rng(7)
+    for sigma in (1e-3, 5e-3):
+        assert all(watched(ObjectWatch(), still, 60.0, rng, sigma) is None for _ in range(50))
+
+
+@pytest.mark.parametrize(("way", "within_s"), [(0.005, 1.5), (0.02, 0.5)])
+def test_a_push_is_found_within_seconds(way, within_s):
+    """Measured over 20 pushes: 5 mm after 0.5 to 1.2 s, 2 cm after 0.2 to 0.3 s."""
+    rng, at = np.random.default_rng(8), 20.0
+    for _ in range(20):
+        watch = ObjectWatch()
+        found = watched(watch, lambda t: still(t) + np.array([0.0, way if t > at else 0.0, 0.0]), 40.0, rng)
+        assert found is not None
+        assert at < found < at + within_s
+        assert watch.moved_W[0] == watch.moved_W[2] == 0.0
+        assert 0.1 * way < watch.moved_W[1] < 1.2 * way
+
+
+def test_a_swing_is_found_within_its_first_period():
+    rng = np.random.default_rng(9)
+    for phase in np.linspace(0.0, 2.0 * np.pi, 12):
+        found = watched(ObjectWatch(), partial(swinging, phase=phase), 20.0, rng)
+        assert found is not None
+        assert found < 10.0
+
+
+def test_a_track_that_breaks_off_begins_anew_and_pictures_before_it_do_not_count():
+    watch = ObjectWatch()
+    watch.begin(0.0)
+    for k in range(1, 100):
+        watch.take(k / RATE, still(0.0), SIGMA)
+    watch.begin(10.0)
+    watch.take(9.9, still(0.0) + 1.0, SIGMA)  # late, of before
+    for k in range(101, 200):
+        watch.take(k / RATE, still(0.0) + 0.05, SIGMA)  # another constant
+        assert not watch.moved_W.any()

@@ -263,7 +263,8 @@ class FollowPath(Phase):
         """Done at the end of the path; more at the end of any other stretch."""
         assert held.line is not None
         limits, progress, length = self._limits, state.progress, float(held.line.path.s[-1])
-        stopping = state.stops is not None and state.stops.step(state.pace, now)
+        going = now.time - state.since < progress.duration
+        stopping = going and state.stops is not None and state.stops.step(state.pace, now)
         state.pace = towards(state.pace, 0.0 if now.paused or stopping else 1.0, now.period / limits.pace_time)
         state.since += (1.0 - state.pace) * now.period
         done, rate = progress.at(now.time - state.since)

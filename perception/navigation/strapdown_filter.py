@@ -25,7 +25,11 @@ not. `StateEstimate.position_sigma` refers to the place in the world and contain
 tenth of a millimetre. The place where its track began is as uncertain as the filter was then. Where vision states no
 wander, the estimate stays the place in the world, which vision's mean makes better while the track holds it still.
 Where vision wanders, the place in the world is of no use to the tool: the estimate is then the place relative to the
-object as seen when the first track began. An object that moves is taken for a motion of the hull, up to the gate.
+object as seen when the first track began. An object that moves is taken for a motion of the hull, up to the gate, until
+`object_watch` finds that track and vision part.
+
+**Tool at rest.** While a pressed tool stands (`ToolAtRest`), its tip is such a camera, and has not moved. Two messages
+tell how far the hull has moved between them, to a tenth of a millimetre: its speed, and the accelerometer's bias.
 
 **Smooth output.** A tool in contact needs a smooth estimate: on a surface of 3e4 N/m a jump of 0.2 mm is 6 N.
 Corrections are therefore withheld and released gradually, by d'' = -sqrt(2) f d' - f^2 d. This is the linear-quadratic

@@ -212,8 +212,8 @@ class ToolControl:
         else:
             state.k = self.force_law.release(state.force, dt, inwards=False)
         if self.compliance.acts(reference):
-            z_WG, gently = X_WG[:3, 2], reference.standing
-            offset_W = self.compliance.step(state.compliance, force.force_W, z_WG, dt, gently=gently)
+            how = {"gently": True} if reference.standing else {}
+            offset_W = self.compliance.step(state.compliance, force.force_W, X_WG[:3, 2], dt, **how)
         else:
             offset_W = self.compliance.release(state.compliance, dt)
         solved, X_AG = track_tool(

@@ -64,7 +64,9 @@ class LateralCompliance(ComplianceTuning):
         side = f_tip_W - (f_tip_W @ z_WG) * z_WG
         size = float(np.linalg.norm(side))
         if size > self.dead_band:
-            rate = min(self.admittance * (size - self.dead_band), self.gentle_speed if gently else self.speed)
+            rate = min(
+                self.admittance * (size - self.dead_band), min(self.gentle_speed, self.speed) if gently else self.speed
+            )
             offset = state.offset_W + side * (rate * dt / size)
             length = float(np.linalg.norm(offset))
             state.offset_W = offset * min(1.0, self.limit / max(length, self.limit))
@@ -74,6 +76,6 @@ class LateralCompliance(ComplianceTuning):
         """Return the offset (3,) [m] to zero, with the loop open; `dt` [s] since the last step."""
         length = float(np.linalg.norm(state.offset_W))
         if length > 0.0:
-            speed = self.gentle_speed if state.gentle else self.release_speed
+            speed = min(self.gentle_speed, self.release_speed) if state.gentle else self.release_speed
             state.offset_W = state.offset_W * max(0.0, 1.0 - speed * dt / length)
         return state.offset_W

@@ -225,7 +225,7 @@ class FollowState:
     """State of `FollowPath`."""
 
     progress: Progress | SpeedLaw
-    since: float  # [s] start of the motion, later by every pause
+    since: float  # [s] start of the motion, later by every pause and stop
     begin: float = 0.0  # [m] arc length where it starts
     pace: float = 1.0  # speed along the path as a share of that planned
     v_WB_W: Array = field(default_factory=lambda: ZERO)  # (3,) [m/s] of the hull, which travels with the tool
@@ -263,22 +263,36 @@ class FollowPath(Phase):
         """Done at the end of the path; more at the end of any other stretch."""
         assert held.line is not None
         limits, progress, length = self._limits, state.progress, float(held.line.path.s[-1])
-        going = now.time - state.since < progress.duration
-        stopping = going and state.stops is not None and state.stops.step(state.pace, now)
+        stopping = self._stops(state, held, now)
         state.pace = towards(state.pace, 0.0 if now.paused or stopping else 1.0, now.period / limits.pace_time)
         state.since += (1.0 - state.pace) * now.period
         done, rate = progress.at(now.time - state.since)
         held.s = state.begin + done
         if self._forces:
-            part = min(int(held.s / length * len(self._forces)), len(self._forces) - 1)
-            force = self._forces[part] * (limits.paused_force if now.paused else 1.0)
-            held.force = towards(held.force, force, self._rate * now.period)
+            held.force = towards(held.force, self._wanted(held, now), self._rate * now.period)
         if now.time - state.since > progress.duration + limits.linger:
             return PhaseEvent.DONE if next_stretch(held) is None or not self._forces else PhaseEvent.MORE
         placement = held.start_of_line()
         held.X_WB = placement.hull_at(held.s / length)
         state.v_WB_W = rate * state.pace / length * placement.hull_rate(held.s / length)
         return None
+
+    def _wanted(self, held: Held, now: Context) -> float:
+        """Set force [N] at the present place."""
+        assert held.line is not None
+        part = int(held.s / float(held.line.path.s[-1]) * len(self._forces))
+        force = self._forces[min(part, len(self._forces) - 1)]
+        return force * (self._limits.paused_force if now.paused else 1.0)
+
+    def _stops(self, state: FollowState, held: Held, now: Context) -> bool:
+        """True while the tool is to stop; not any more at the path's end."""
+        if state.stops is None:
+            return False
+        if now.time - state.since >= state.progress.duration:
+            state.stops.end()
+            return False
+        steady = held.force == self._wanted(held, now)
+        return state.stops.step(state.pace, held.tool()[0][:3, 2], steady=steady, now=now)
 
     def setpoint(self, state: FollowState, held: Held, now: Context) -> Setpoint:
         """The tool on the path."""

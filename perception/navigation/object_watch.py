@@ -1,8 +1,9 @@
 """Watch on an object that the camera on the arm tracks: it moves if the track and vision part.
 
 The track says how the hull moves over the object, vision how it moves in the world. Their difference is where the
-object is, up to a constant. The short mean of that difference is compared with its mean since the track began. Where
-vision wanders by its own statement, nothing can be told.
+object is, up to a constant. Its mean of late is compared with that of some seconds. What parts more slowly is not told
+from errors of the arm's model and of the track, which grow with the way. Where vision wanders by its own statement,
+nothing can be told.
 """
 
 import math
@@ -12,20 +13,21 @@ import numpy as np
 
 from sim.interfaces.spatial import Array
 
-_SHORT = 1.0  # [s] of the short mean
-_BEGUN = 2.0  # [s] of a track before its mean counts
-_SURE = 5.0  # [sigma] of vision's noise
-_LEAST = 1e-3  # [m] of the track's own errors
+_SHORT, _LONG = 1.0, 8.0  # [s] of the two means
+_BEGUN = 2.0  # [s] of a track before its means count
+_SURE = 5.0  # [sigma]
+_LEAST = 1e-3  # [m] of errors that nobody states
 
 
 @dataclass(slots=True, eq=False)
 class ObjectWatch:
-    """Place of the object by track and vision, up to a constant: mean since the track began, and of late."""
+    """Place of the object by track and vision, up to a constant: its means over two times."""
 
     begun: float = math.nan  # [s] of the track
     count: int = 0  # pictures of vision since
-    mean: Array = field(default_factory=lambda: np.zeros(3))  # (3,) [m] W
-    late: Array = field(default_factory=lambda: np.zeros(3))  # (3,) [m] W
+    late: Array = field(default_factory=lambda: np.zeros(3))  # (3,) [m] W, over _SHORT
+    early: Array = field(default_factory=lambda: np.zeros(3))  # (3,) [m] W, over _LONG
+    grown: Array = field(default_factory=lambda: np.zeros(3))  # (3,) [m^2] variance of the track's place, over _LONG
     time: float = math.nan  # [s] of the newest picture
     moved_W: Array = field(default_factory=lambda: np.zeros(3))  # (3,) [m] by which it moves; zero: not beyond doubt
 
@@ -33,26 +35,31 @@ class ObjectWatch:
         """A track has begun at `time` [s]: what was known of another one does not count."""
         self.begun, self.count, self.moved_W = time, 0, np.zeros(3)
 
-    def take(self, time: float, place_W: Array, sigma: float) -> None:
+    def take(self, time: float, place_W: Array, sigma: float, variance_W: Array | None = None) -> None:
         """Take one picture of vision.
 
         Args:
             time: [s] of its exposure.
             place_W: (3,) [m] object by track and vision, up to a constant.
             sigma: [m] standard deviation of vision's white noise.
+            variance_W: (3,) [m^2] of the track's place since it began, growing; inf where it sees nothing. None: zero.
         """
         if not time > self.begun:  # exposed before
             return
+        variance = np.zeros(3) if variance_W is None else variance_W
         self.count += 1
         if self.count == 1:
-            self.mean, self.late, self.time = place_W, place_W, time
+            self.late, self.early, self.grown, self.time = place_W, place_W, variance, time
             return
         interval, self.time = max(time - self.time, 1e-3), time
-        share = max(1.0 / self.count, -math.expm1(-interval / _SHORT))
-        self.mean = self.mean + (place_W - self.mean) / self.count
-        self.late = self.late + share * (place_W - self.late)
+        short, long = (max(1.0 / self.count, -math.expm1(-interval / mean)) for mean in (_SHORT, _LONG))
+        self.late = self.late + short * (place_W - self.late)
+        self.early = self.early + long * (place_W - self.early)
+        seen = np.isfinite(variance) & np.isfinite(self.grown)
+        parted = np.subtract(variance, self.grown, out=np.full(3, np.inf), where=seen)
+        self.grown = np.where(seen, self.grown + long * np.where(seen, parted, 0.0), variance)
         if time - self.begun < _BEGUN:
             return
-        noise = sigma * math.sqrt(share / (2.0 - share) + 1.0 / self.count)
-        moved = self.late - self.mean
-        self.moved_W = moved * (np.abs(moved) > max(_LEAST, _SURE * noise))
+        noise = np.sqrt(sigma**2 * (short / (2.0 - short) + long / (2.0 - long)) + np.maximum(parted, 0.0))
+        moved = self.late - self.early
+        self.moved_W = moved * (np.abs(moved) > np.maximum(_LEAST, _SURE * noise))

@@ -139,7 +139,11 @@ class Navigation:
     """Of held corrections: pace over the filter's own, slowest and fastest [rad/s], largest distance that pulls [m]."""
     acceleration_time: float = 0.02  # [s] time constant of the output acceleration
     arm_camera: TrackMount | None = None  # camera on the arm; None: there is none
-    standing: TrackMount | None = None  # tip of a tool that stops on its path; None: it does not, or a camera sees more
+    standing: TrackMount | None = None  # tip of a tool that stops on its path; None: it does not
+
+    def __post_init__(self) -> None:
+        if self.arm_camera is not None and self.standing is not None:
+            raise ConfigurationError("navigation: arm_camera and standing; a track is of one of the two")
 
     def init(self, first: Sequence[Measurement]) -> NavigationState:
         """Initial state from the first measurements of every sensor; velocity zero without a DVL.
@@ -209,9 +213,15 @@ class Navigation:
     @staticmethod
     def _watch(state: NavigationState, time: float, p_WB: Array, white: float) -> None:
         """Compare a picture of vision that was used with the track, and state by how much the object moves."""
-        watch, place_W = state.watch, None if state.track is None else state.track.place_at(time)
-        if watch is not None and place_W is not None:
-            watch.take(time, p_WB - place_W, white * math.sqrt(state.fixes.watches[VISION].scale))
+        watch = state.watch
+        if watch is None or state.track is None:
+            return
+        place_W = state.track.place_at(time)
+        if place_W is None:
+            state.estimate.object_moved_W[:] = 0.0
+        else:
+            sigma, variance_W = white * math.sqrt(state.fixes.watches[VISION].scale), state.track.variance_at_last()
+            watch.take(time, p_WB - place_W, sigma, variance_W)
             state.estimate.object_moved_W[:] = watch.moved_W
 
     def step(
@@ -263,6 +273,7 @@ class Navigation:
                     state.track.take(m)
                     if state.watch is not None and state.track.broken > broken:
                         state.watch.begin(m.time)
+                        state.estimate.object_moved_W[:] = 0.0
             elif isinstance(m, ToolAtRest):
                 if state.track is not None and self.standing is not None:
                     state.track.take_rest(m)

@@ -1,4 +1,4 @@
-"""Track of a camera on the arm over the object: its readings become fixes of the hull's position.
+"""Track of a camera on the arm, or of a tool at rest, over the object: its readings become fixes of the hull.
 
 Each message gives the camera's motion since a key picture. Keys chained without a gap form a track, with an origin in
 W: where the filter believed the camera to be when the track began. The filter keeps the error of that belief as the
@@ -36,11 +36,11 @@ _SHARE = 1e-9  # of the largest information: a direction with less was not obser
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class TrackMount:
-    """The camera on the arm as the vehicle believes it to be mounted."""
+    """Camera on the arm, or tip of a tool that stands, as the vehicle believes it to be mounted."""
 
     arm: SerialArm  # from its base to the tool frame G
     X_BA: Array  # (4, 4) base of the arm on the hull
-    X_GC: Array  # (4, 4) camera in tool axes
+    X_GC: Array  # (4, 4) camera in tool axes; the identity for the tip
 
     def pose(self, q: Array) -> Array:
         """Pose X_BC (4, 4) of the camera in the hull at joint angles q (n,)."""
@@ -55,6 +55,7 @@ class _Reading:
     R_WC: Array  # (3, 3)
     lever_W: Array  # (3,) [m] from the hull's origin to the camera
     place_W: Array  # (3,) [m] hull's origin by the track
+    information_W: Array  # (3, 3) [1/m^2] of that since the key
 
 
 @dataclass(slots=True, eq=False)
@@ -73,6 +74,7 @@ class SurfaceTrack:
     begun: int = 0  # tracks begun since the start, for the log
     broken: int = 0  # of them those that did not go on from the one before
     carried_W: Array = field(default_factory=lambda: np.zeros(3))  # (3,) [m] by which the others set their place anew
+    variance_W: Array = field(default_factory=lambda: np.zeros(3))  # (3,) [m^2] of the present key since it broke off
 
     def take(self, m: SurfaceMotionMeasurement) -> None:
         """Update the filter by a message at its step, and withhold the correction; an unsound one is ignored."""
@@ -114,12 +116,18 @@ class SurfaceTrack:
         past = self.memory["past_x"][0]
         return self.last.place_W + self.carried_W + past[at, :3] - past[then, :3]
 
+    def variance_at_last(self) -> Array:
+        """Variance (3,) [m^2] of the newest reading's place since the track broke off; inf where it saw nothing."""
+        last = self.last
+        return np.full(3, np.inf) if last is None else self.variance_W + _variance(last.information_W)
+
     def _goes_on(self, key_time: float) -> bool:
         """Take the last reading for the key if it is of that time; False if the track breaks off."""
         last = self.last
         at = row_at(self.memory, key_time)[0] if last is not None and last.message.time == key_time else -1
         if last is None or at < 0:
             return False
+        self.variance_W = self.variance_at_last()
         self.key_time, self.R_WK, self.p_WK = key_time, last.R_WC, last.place_W + last.lever_W
         self._replay(at, origin=last.place_W)
         return True
@@ -134,7 +142,8 @@ class SurfaceTrack:
         innovation, _, weight = compare_track(row, int(f["layout"][AT_TRACK]), f["past_x"][at], f["past_P"][at])
         if float(innovation @ weight @ innovation) > self.gate:
             return False
-        self.last = _Reading(message=m, R_WC=R_WC, lever_W=lever, place_W=place - _unobserved(information) @ innovation)
+        seen = place - _unobserved(information) @ innovation
+        self.last = _Reading(message=m, R_WC=R_WC, lever_W=lever, place_W=seen, information_W=information)
         f["past_track"][at, :BEGUN] = row[:BEGUN]
         self._replay(at)
         return True
@@ -145,12 +154,16 @@ class SurfaceTrack:
         R_WC, lever = self._camera(m, at)
         place = x[:3] + x[first : first + 3]
         if anew:
-            self.carried_W = self.carried_W + self.p_WK + self.R_WK @ m.p_KC - lever - place
+            parted = self.p_WK + self.R_WK @ m.p_KC - lever - place
+            unseen = _unobserved(self.R_WK @ m.information_K @ self.R_WK.T)
+            self.carried_W = self.carried_W + parted - unseen @ parted
+            self.variance_W = self.variance_at_last()
         else:
-            self.carried_W, self.broken = np.zeros(3), self.broken + 1
+            self.carried_W, self.variance_W, self.broken = np.zeros(3), np.zeros(3), self.broken + 1
         self.key_time, self.R_WK = m.key_time, R_WC @ m.R_KC.T
         self.p_WK = place + lever - self.R_WK @ m.p_KC
-        self.last = _Reading(message=m, R_WC=R_WC, lever_W=lever, place_W=place)
+        known = self.R_WK @ m.information_K @ self.R_WK.T
+        self.last = _Reading(message=m, R_WC=R_WC, lever_W=lever, place_W=place, information_W=known)
         self.refused_in_row, self.begun = 0, self.begun + 1
         self._replay(at, origin=place)
 
@@ -172,3 +185,12 @@ def _unobserved(information: Array) -> Array:
     """Projector (3, 3) on the directions in which `information` (3, 3) is zero."""
     values, axes = np.linalg.eigh(information)
     return (axes * (values <= _SHARE * max(float(values[-1]), 1.0))) @ axes.T
+
+
+def _variance(information: Array) -> Array:
+    """Variance (3,) of each axis by `information` (3, 3); inf where an axis is not observed."""
+    values, axes = np.linalg.eigh(information)
+    with np.errstate(divide="ignore"):
+        spread = np.where(values > _SHARE * max(float(values[-1]), 1.0), 1.0 / np.maximum(values, 1e-300), np.inf)
+    share = np.where(np.abs(axes) > 1e-6, axes**2, 0.0)
+    return np.array([np.sum(spread[row > 0.0] * row[row > 0.0]) for row in share])

@@ -142,11 +142,6 @@ class ContactOptions(VehicleOptions):
             raise ConfigurationError("--target-pose known: nothing looks for the object, so no --sensor and --looks")
         if self.target_pose == "known" and "identification" in self.published:
             raise ConfigurationError("--target-pose known and --published identification: one of the two")
-        if self.stop_every and (self.arm_camera or self.contactless):
-            other = (
-                "--arm-camera: it sees more than stops tell" if self.arm_camera else "--contactless: nothing holds it"
-            )
-            raise ConfigurationError(f"--stop-every {self.stop_every:g} and {other}; give one of the two")
         turn = None
         if self.turn is not None:
             turn = ToolTurn(angle=float(np.radians(self.turn)), blend=self.blend, dwell=self.dwell)

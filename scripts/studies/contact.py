@@ -90,7 +90,9 @@ def main() -> int:
     runs = options.runs if options.runs is not None else (QUICK_RUNS if options.quick else RUNS)
     methods = () if options.ablate is None else options.ablate or tuple(METHODS)
     tasks = [task_of(options, run) for run in range(runs)]
-    tasks += [replace(task, without=method) for method in methods for task in tasks[: options.ablate_runs]]
+    tasks += [
+        replace(task, without=method, anyway=False) for method in methods for task in tasks[: options.ablate_runs]
+    ]
     settings = {
         "seed": options.seed,
         "paths": list(options.paths),
@@ -98,6 +100,7 @@ def main() -> int:
         "ranges": asdict(options.ranges),
         "arm_camera": asdict(options.arm_camera_view) if options.arm_camera else None,
         "stop_every": options.stop_every,
+        "anyway": options.anyway,
         "runs": runs,
     }
     study = Study(

@@ -1,24 +1,47 @@
 """A tool that stops on its path: it stands still while it says so, and keeps the path where vision is poor."""
 
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pytest
 
 from controllers.tasks.stops import StopLimits
+from perception.navigation.strapdown_filter import Navigation, NavigationState
 from scenarios.assembly import assemble
 from scenarios.options import barrel
 from scenarios.runner import run
 from scenarios.scenario import Sensing
 from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.messages import WorkState
+from sim.interfaces.messages import Measurement, StateEstimate, ToolAtRest, WorkState
+
+
+@dataclass(frozen=True, kw_only=True)
+class Listening(Navigation):
+    """Navigation that keeps what the planner says."""
+
+    told: list[ToolAtRest] = field(default_factory=list)
+
+    def step(
+        self, state: NavigationState, measurements: Sequence[Measurement]
+    ) -> tuple[NavigationState, StateEstimate]:
+        """As that of navigation."""
+        self.told.extend(m for m in measurements if isinstance(m, ToolAtRest))
+        return Navigation.step(self, state, measurements)
 
 
 def test_a_stopped_tool_does_not_creep_and_the_path_goes_on():
     poor = Sensing(vision_noise=5e-3, vision_period=0.2, vision_delay=0.2)
-    scenario = replace(barrel(seed=2, quick=True, stop_every=2.0), sensing=poor)
-    outcome = run(assemble(scenario))
+    assembly = assemble(replace(barrel(seed=2, quick=True, stop_every=2.0), sensing=poor))
+    own = assembly.parts.estimator
+    assert isinstance(own, Navigation)
+    listening = Listening(standing=own.standing)
+    told = listening.told
+    parts = replace(assembly.parts, estimator=listening)
+    outcome = run(replace(assembly, loop=replace(assembly.loop, parts=parts)))
     recording = outcome.recording
+    assert len(told) >= 6  # two messages a stop reach the estimator, each once
+    assert len({m.time for m in told}) == len(told)
     work, path_s, pad = recording.within(WorkState.WORK), recording["path_s"], recording["p_pad"]
     s, time = path_s.scalar, path_s.time
     still = np.flatnonzero(work[1:] & (np.diff(s) < 1e-9) & (s[1:] > 1e-3) & (s[1:] < s.max() - 1e-3))
@@ -35,7 +58,14 @@ def test_a_stopped_tool_does_not_creep_and_the_path_goes_on():
     assert s.max() == pytest.approx(0.2, abs=1e-3)
 
 
-def test_stops_go_with_contact_and_without_a_camera_on_the_arm():
-    for option in ({"arm_camera": True}, {"contactless": 0.03}):
-        with pytest.raises(ConfigurationError, match="--stop-every 2 and"):
-            barrel(stop_every=2.0, **option)
+@pytest.mark.parametrize(
+    ("options", "why"),
+    [
+        ({"arm_camera": True}, "--arm-camera"),
+        ({"contactless": 0.03}, "--contactless"),
+        ({"without": ("fusion",)}, "--without fusion"),
+    ],
+)
+def test_stops_that_would_tell_nothing_are_refused(options, why):
+    with pytest.raises(ConfigurationError, match=f"--stop-every .*{why}"):
+        assemble(barrel(stop_every=2.0, **options))

@@ -196,41 +196,36 @@ def one_run(task: RunTask, bounds: StudyBounds | None = None) -> dict[str, Any]:
     Raises:
         ConfigurationError: The task itself is invalid.
     """
-    scenario = draw(task)
-    drawn: dict[str, float | None] = varied(scenario)
-    row: dict[str, Any] = {**crashed(task, ""), "seed": scenario.seed, "varied": drawn}
+    scenario, bounds = draw(task), bounds or StudyBounds()
+    row, drawn = {**crashed(task, ""), "seed": scenario.seed}, varied(scenario)
+    row |= _tried(scenario, bounds, drawn)
+    if task.anyway and row["class"] == REFUSED and row["kind"] == AbortCode.CURRENT.value:
+        found = _tried(held_anyway(scenario), bounds, {})
+        row["anyway"] = f"{found['class']}: {found['kind']}" if found["kind"] else found["class"]
+    return {**row, "varied": drawn}
+
+
+def _tried(scenario: Scenario, bounds: StudyBounds, drawn: dict[str, float | None]) -> dict[str, Any]:
+    """Class, kind, detail and figures of one simulated run; what its assembly draws is added to `drawn`."""
     try:
         built = assemble(scenario)
         drawn |= built.drawn
         outcome = run(built)
     except HydrodynamicsError as error:
-        row |= {"class": DIVERGED, "kind": "motion blew up", "detail": str(error)}
+        return {"class": DIVERGED, "kind": "motion blew up", "detail": str(error)}
     except UuvError as error:
-        row |= {"class": REFUSED, "kind": type(error).__name__, "detail": str(error)}
+        return {"class": REFUSED, "kind": type(error).__name__, "detail": str(error)}
     except Exception:
-        row |= {"kind": "an error of the program", "detail": traceback.format_exc()[-2000:]}
-    else:
-        figures = figures_of(outcome)
-        row |= classify(outcome, figures, bounds or StudyBounds())
-        if task.anyway and row["class"] == REFUSED and row["kind"] == AbortCode.CURRENT.value:
-            row["anyway"] = anyway(scenario, bounds or StudyBounds())
-        row["figures"] = {
-            name: value if value is not None and np.isfinite(value) else None for name, value in figures.items()
-        }
-    return row
+        return {"class": CRASHED, "kind": "an error of the program", "detail": traceback.format_exc()[-2000:]}
+    figures = figures_of(outcome)
+    finite = {name: value if value is not None and np.isfinite(value) else None for name, value in figures.items()}
+    return {**classify(outcome, figures, bounds), "figures": finite}
 
 
 def held_anyway(scenario: Scenario) -> Scenario:
     """`scenario` without the refusal of a current that the thrusters cannot hold."""
     assert isinstance(scenario.task, SurfaceWorkTask)
     return replace(scenario, task=replace(scenario.task, most_thrust=np.inf))
-
-
-def anyway(scenario: Scenario, bounds: StudyBounds) -> str:
-    """What becomes of a run that was refused for its current, without that refusal: class and kind."""
-    outcome = run(assemble(held_anyway(scenario)))
-    found = classify(outcome, figures_of(outcome), bounds)
-    return f"{found['class']}: {found['kind']}" if found["kind"] else found["class"]
 
 
 def crashed(task: RunTask, reason: str) -> dict[str, Any]:

@@ -306,7 +306,7 @@ def summary(rows: Sequence[Row], bounds: StudyBounds, settings: Mapping[str, Any
             for path in dict.fromkeys(row["path"] for row in main)
             for of_path in [[row for row in main if row["path"] == path]]
         },
-        "refused_anyway": [{"run": row["run"], "outcome": row["anyway"]} for row in main if row["anyway"]],
+        "refused_anyway": [{"run": row["run"], "outcome": row["anyway"]} for row in main if row.get("anyway")],
         "reliability": reliability(main),
         "drivers": drivers(main),
         "ablations": ablations(rows),
@@ -377,7 +377,18 @@ def tables(metrics: Mapping[str, Any]) -> Iterator[Table]:
     if metrics["ablations"]:
         yield _table(
             "What each method is worth: medians, and the median of the runs' own ratios",
-            ("left out", "figure", "unit", "runs", "with", "without", "factor", "of 95 %", "kept with", "kept without"),
+            (
+                "left out",
+                "figure",
+                "unit",
+                "runs",
+                "with",
+                "without",
+                "factor",
+                "95 % interval",
+                "kept with",
+                "kept without",
+            ),
             [
                 (
                     row["method"],

@@ -30,6 +30,7 @@ _FIELDS: dict[str, tuple[int, ...]] = {
     "w_WB_B": (3,),
     "a_WB_B": (3,),
     "position_sigma": (3,),
+    "object_moved_W": (3,),
     "q": (),
     "qd": (),
     "tau": (),

@@ -82,6 +82,14 @@ class SurfaceWorkTask(Task):
 
     def place(self, scenario: Scenario, own: OwnVehicle, rng: np.random.Generator) -> "PlacedSurfaceWork":
         """The work on the site's object; draws its pose, its coarse detection, growth and dents."""
+        if self.stops is not None:
+            for given, why in (
+                (scenario.sensing.arm_camera is not None, "--arm-camera: it sees more than stops tell"),
+                (self.contactless is not None, "--contactless: nothing holds the tool"),
+                ("fusion" in scenario.control.without, "--without fusion: nothing takes what they tell"),
+            ):
+                if given:
+                    raise ConfigurationError(f"--stop-every (task.stops) and {why}; one of the two")
         workpiece: Workpiece = object_of(scenario, Workpiece)
         target, path = workpiece.target(self.path)
         if self.turn is not None:
@@ -121,7 +129,7 @@ class PlacedSurfaceWork(PlacedTask):
     @property
     def stands(self) -> bool:
         """True if the tool stops on its path."""
-        return self.task.stops is not None and self.task.contactless is None
+        return self.task.stops is not None
 
     @property
     def X_WB(self) -> Array:

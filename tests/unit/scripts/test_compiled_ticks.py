@@ -11,6 +11,7 @@ import pytest
 from controllers.arm.kernel_force_law import KernelForceLaw
 from controllers.arm.position_force import ForceDisplacement
 from controllers.safety.safety_wrapper import SafetyWrapper
+from controllers.tasks.stops import StopLimits
 from controllers.tool_control import ForceLaw
 from controllers.tuning import FaultLimits
 from controllers.work_controller import WorkController
@@ -21,7 +22,8 @@ from scenarios.perturbations.loop import SensorFailure, ThrusterFailure
 from scenarios.perturbations.pad import Pad
 from scenarios.perturbations.vehicle import Water
 from scenarios.runner import run_through
-from scenarios.scenario import Control, Sensing
+from scenarios.scenario import Control
+from scenarios.tasks.surface_work import SurfaceWorkTask
 from scenarios.tasks.task import LONGEST
 from scenarios.ticks.compiled_ticks import CompiledTicks, reason
 from scenarios.ticks.ticks_around import TicksAround, ticks_for
@@ -96,6 +98,28 @@ def test_doubtful_residuals_are_looked_at_in_every_tick():
     assert one == other
 
 
+def stopping() -> Scenario:
+    """A tool that stops whatever is promised."""
+    plain = barrel(quick=True, gust=0.05, seed=3)
+    assert isinstance(plain.task, SurfaceWorkTask)
+    return replace(plain, task=replace(plain.task, stops=StopLimits(every=1.0, below=1.0)))
+
+
+def bare(assembly: Assembly) -> Assembly:
+    """Without the safety wrapper: the controller's ticks are not compiled, but those around it."""
+    parts = replace(assembly.parts, controller=untyped(assembly.parts.controller).controller)
+    return replace(assembly, loop=replace(assembly.loop, parts=parts))
+
+
+@pytest.mark.long
+def test_a_tool_that_stops_tells_navigation_at_the_same_ticks_in_every_way():
+    """Part by part, and compiled around a controller without a kernel; that it stops shows in the time it takes."""
+    one, other = digests(stopping(), LONGEST, bare)
+    assert one == other
+    usual = run_through(bare(assemble(barrel(quick=True, gust=0.05, seed=3)))).recording.duration
+    assert run_through(bare(assemble(stopping()))).recording.duration > usual + 4.0
+
+
 @pytest.mark.long
 @pytest.mark.parametrize(
     "scenario",
@@ -105,7 +129,7 @@ def test_doubtful_residuals_are_looked_at_in_every_tick():
         barrel(quick=True, arm_errors=3, calibrated=True),
         barrel(quick=True, vehicle="uuv_puma_side"),
         replace(barrel(quick=True), perturbations=(Water(spread=0.3), Pad(stiffness=2e5))),
-        replace(barrel(quick=True, stop_every=1.0), sensing=Sensing(vision_noise=5e-3, vision_period=0.2)),
+        stopping(),
         PileOptions(quick=True).scenario(),
         ObjectOptions().scenario(),
         InsertionOptions().scenario(),

@@ -1,5 +1,7 @@
 """Stops of a pressed tool on its path: when it stops, what it says, and that a pause calls it off."""
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 
@@ -7,30 +9,49 @@ from controllers.tasks.contact_phases import FollowLimits
 from controllers.tasks.phase import Context
 from controllers.tasks.stops import StopLimits, Stops
 from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.messages import Promise, StateEstimate, ToolAtRest
+from sim.interfaces.messages import Command, ContactEstimate, Promise, StateEstimate, ToolAtRest
 
 PERIOD = 0.01  # [s]
 
 
-def context(time: float, *, paused: bool = False) -> Context:
+DOWN = np.array([0.0, 0.0, -1.0])  # tool axis, W
+
+
+def context(time: float, *, paused: bool = False, across: float = 3.0) -> Context:
+    """A tool pressed with 60 N, and `across` [N] to the side."""
     zero = np.zeros(3)
+    contact = ContactEstimate(force_W=np.array([across, 0.0, 60.0]), normal=60.0)
+    command = Command(time=time, joint_torque=np.zeros(6), thrusters=np.zeros(6), scan=False, contact=contact)
     estimate = StateEstimate(
         time=time, X_WB=np.eye(4), v_WB_B=zero, w_WB_B=zero, a_WB_B=zero, q=np.full(6, time), qd=zero, tau=zero
     )
-    return Context(time, PERIOD, estimate, None, None, paused=paused)
+    return Context(time, PERIOD, estimate, None, command, paused=paused)
 
 
-def follow(stops: Stops, seconds: float, pauses: tuple[float, float] = (9.0, 0.0)) -> tuple[list[ToolAtRest], list]:
+def never(time: float) -> bool:
+    del time
+    return False
+
+
+def follow(
+    stops: Stops,
+    seconds: float,
+    *,
+    paused: Callable[[float], bool] = never,
+    ramped: Callable[[float], bool] = never,
+    across: float = 3.0,
+) -> tuple[list[ToolAtRest], list[tuple[float, float, bool]]]:
     """Messages, and (time, pace, standing) of every period, of a tool that slows down as `FollowPath` does."""
     said, trace, pace = [], [], 1.0
     for k in range(round(seconds / PERIOD)):
-        now = context(k * PERIOD, paused=pauses[0] <= k * PERIOD < pauses[1])
-        stopping = stops.step(pace, now) or now.paused
+        time = k * PERIOD
+        now = context(time, paused=paused(time), across=across)
+        stopping = stops.step(pace, DOWN, steady=not ramped(time), now=now) or now.paused
         change = PERIOD / FollowLimits().pace_time
         pace = max(0.0, pace - change) if stopping else min(1.0, pace + change)
         if stops.said is not None:
             said.append(stops.said)
-        trace.append((now.time, pace, stops.standing))
+        trace.append((time, pace, stops.standing))
     return said, trace
 
 
@@ -53,10 +74,28 @@ def test_each_stop_says_when_it_began_and_that_nothing_has_moved_since():
 
 def test_a_pause_calls_a_stop_off():
     """The force is reduced in a pause: nothing tells whether it still holds the tool."""
-    said, _ = follow(Stops(StopLimits(every=1.0)), 6.0, pauses=(2.0, 2.5))
+    said, _ = follow(Stops(StopLimits(every=1.0)), 6.0, paused=lambda time: 2.0 <= time < 2.5)
     assert [m.time == m.since for m in said[:2]] == [True, True]  # begun, called off, and begun anew
     assert said[1].time > 2.5 + 1.0
     assert said[2].since == said[1].since
+
+
+@pytest.mark.parametrize("across", [10.0, np.nan])
+def test_a_tool_that_friction_may_not_hold_says_nothing_and_goes_on(across):
+    """With 10 N across 60 N along, or where the force across is not known."""
+    limits = StopLimits(every=1.0)
+    said, trace = follow(Stops(limits), 8.0, across=across)
+    assert said == []
+    assert sum(time for time, pace, _ in trace if pace == 1.0) > 0.0
+    still = [time for time, pace, _ in trace if pace == 0.0]
+    assert len(still) * PERIOD < 3.0 * (limits.patience + 2.0 * PERIOD)
+
+
+def test_a_force_that_changes_makes_it_wait():
+    """The pad's spring gives way meanwhile, which the arm's joints would tell as a motion of the hull."""
+    said, _ = follow(Stops(StopLimits(every=1.0)), 4.0, ramped=lambda time: time <= 2.2)
+    assert said[0].time > 2.2
+    assert [m.time == m.since for m in said[:2]] == [True, False]
 
 
 def test_it_stops_only_where_navigation_is_poor():
@@ -68,8 +107,8 @@ def test_it_stops_only_where_navigation_is_poor():
 @pytest.mark.parametrize(
     ("wrong", "said"),
     [
-        ({"every": 0.0}, "between two"),
-        ({"lasting": 2.0}, "lasts"),
+        ({"every": 0.1}, "--stop-every"),
+        ({"lasting": 20.0}, "lasts"),
         ({"creep": 0.0}, "creeps"),
         ({"below": 2.0}, "chance"),
     ],

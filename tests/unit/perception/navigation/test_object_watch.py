@@ -44,9 +44,9 @@ def test_an_object_at_rest_is_never_said_to_move():
         assert all(watched(ObjectWatch(), still, 60.0, rng, sigma) is None for _ in range(50))
 
 
-@pytest.mark.parametrize(("way", "within_s"), [(0.005, 1.5), (0.02, 0.5)])
+@pytest.mark.parametrize(("way", "within_s"), [(0.005, 2.5), (0.02, 0.5)])
 def test_a_push_is_found_within_seconds(way, within_s):
-    """Measured over 20 pushes: 5 mm after 0.5 to 1.2 s, 2 cm after 0.2 to 0.3 s."""
+    """Measured over 20 pushes: 5 mm after 0.6 to 2 s, 2 cm after 0.2 to 0.3 s."""
     rng, at = np.random.default_rng(8), 20.0
     for _ in range(20):
         watch = ObjectWatch()
@@ -74,4 +74,41 @@ def test_a_track_that_breaks_off_begins_anew_and_pictures_before_it_do_not_count
     watch.take(9.9, still(0.0) + 1.0, SIGMA)  # late, of before
     for k in range(101, 200):
         watch.take(k / RATE, still(0.0) + 0.05, SIGMA)  # another constant
+        assert not watch.moved_W.any()
+
+
+def test_errors_that_grow_with_the_way_raise_no_alarm():
+    """A wrong arm parts track and vision by 0.2 mm/s, and 6 mm in all."""
+    rng = np.random.default_rng(10)
+    watch, drift = ObjectWatch(), np.array([2e-4, -2e-4, 0.0])
+    watch.begin(0.0)
+    for k in range(1, 300):
+        watch.take(k / RATE, k / RATE * drift + 1e-3 * rng.standard_normal(3), 1e-3)
+        assert np.linalg.norm(watch.moved_W) < 2.5e-3  # measured 2.1 mm; 3 mm end the work
+
+
+def test_what_the_track_states_of_itself_counts():
+    """Keys of 1 mm each in one direction: the place walks, and so does its stated variance; without that: alarms."""
+    alarms = {True: 0, False: 0}
+    for seed in range(20):
+        for stated in alarms:
+            rng, watch, walk, variance = np.random.default_rng(seed), ObjectWatch(), np.zeros(3), np.zeros(3)
+            watch.begin(0.0)
+            for k in range(1, 600):
+                if k % 10 == 0:
+                    walk[0], variance = walk[0] + 1e-3 * rng.standard_normal(), variance + np.array([1e-6, 0.0, 0.0])
+                place = walk + 1e-4 * rng.standard_normal(3)
+                watch.take(k / RATE, place, 1e-4, variance if stated else None)
+                if watch.moved_W.any():
+                    alarms[stated] += 1
+                    break
+    assert alarms[True] == 0
+    assert alarms[False] > 10
+
+
+def test_a_direction_that_the_track_does_not_see_is_not_judged():
+    watch = ObjectWatch()
+    watch.begin(0.0)
+    for k in range(1, 200):
+        watch.take(k / RATE, np.array([0.0, 1e-3 * k, 0.0]), SIGMA, np.array([0.0, np.inf, 0.0]))
         assert not watch.moved_W.any()

@@ -34,6 +34,7 @@ from sim.interfaces.kernels import keyed_by_imports
 from sim.interfaces.messages import Reference, StateEstimate
 from sim.interfaces.spatial import Array, fitting, number
 
+_TILTS = 0.15  # [m] lever in roll and pitch, from which on a stuck thruster turns the hull over
 _PUSHES = 0.3  # [-] share of full thrust, above which a thruster that is stuck may turn the vehicle over
 _PARTS = 4  # number of instants in a period over which the thrust is averaged
 
@@ -260,12 +261,19 @@ class HullControl:
         pushing = bool(np.any(np.abs(r.lost_thrust) > _PUSHES * self._full[list(r.lost_thrusters)]))
         # Kept level under a thruster that pushes down, the hull sinks onto the object: there depth comes first.
         pushing = pushing and stuck_B[2] > -1.0
+        # With another one lost, to keep level may cost the depth: only against one that itself turns the hull over.
+        pushing = pushing and (len(r.lost_thrusters) == 1 or _tilts(stuck_B))
         allocation = self.allocation(r.lost_thrusters, pushing=pushing)
         through_water = self.station.through_water(state.station, estimate)
         command = self._lead.static(allocation.thrust(state.wanted_B - stuck_B), through_water)
         state.thrusters = self._lead.step(state.propellers, command, through_water, dt)
         state.station.given_B = state.propellers.given_B + stuck_B
         return state.thrusters
+
+
+def _tilts(stuck_B: Array) -> bool:
+    """True if the wrench (6,) [N, N m] of stuck thrusters turns the hull over, rather than push it along."""
+    return float(np.hypot(*stuck_B[3:5])) > _TILTS * float(np.linalg.norm(stuck_B[:3]))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

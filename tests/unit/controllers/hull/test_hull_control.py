@@ -231,3 +231,21 @@ def test_a_stuck_thruster_is_borne_by_the_others(within):
     within("heave, roll, pitch [N, N m]", float(np.abs(left - state.wanted_B[[2, 3, 4]]).max()), 8.0)
     alone = B @ given - state.wanted_B
     assert np.abs(alone[[2, 3, 4]]).max() > 10.0  # without the stuck one they would be out of balance
+
+
+def test_depth_is_kept_when_a_dead_heave_thruster_meets_a_stuck_surge_thruster():
+    """Levels first would let the hull sink: without heave_left a level hull has no heave of its own to give."""
+    model = models.load("uuv_puma").compile()
+    vehicle = Vehicle.of(model)
+    names = vehicle.thruster_names
+    lost = (names.index("heave_left"), names.index("surge_right"))
+    rest, reference = at_rest(), hold(lost_thrusters=lost, lost_thrust=(0.0, -190.0))
+    up = replace(reference, X_WB=reference.X_WB + 0.3 * np.outer([0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]))
+    control = HullControl(model)
+    state, command = control.init(), np.zeros(len(names))
+    for step in range(10):  # soon: the observer takes a hull that does not move for one that is held
+        command = control.step(state, replace(rest, time=0.02 * step), up, np.zeros(6))
+    given = thrust_of(vehicle, command, control.station.through_water(state.station, rest)[:3])
+    wanted = float(state.wanted_B[2])
+    assert wanted > 50.0
+    assert (vehicle.thruster_wrench @ given)[2] > 0.5 * wanted

@@ -158,7 +158,7 @@ def object_moves(limit: float) -> Condition:
             return ""
         axis = held.tool()[0][:3, 2]
         across = float(np.linalg.norm(moved - (moved @ axis) * axis))
-        said = f"the object moves: by {1e3 * across:.0f} mm across the tool, as the camera on the arm sees it"
+        said = f"the object moves, or the arm is not as believed: by {1e3 * across:.0f} mm, as the camera on it sees"
         return said if across > limit else ""
 
     return found

@@ -10,6 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import ndtr, ndtri
 
+from controllers.planning.hull_placement import MOST_THRUST
+from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import Promise, StateEstimate, Target
 from sim.interfaces.spatial import Array, finite_number
 
@@ -20,8 +22,34 @@ _NODES = ndtri((np.arange(512) + 0.5) / 512.0)  # quantiles of the normal distri
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class StopLimits:
+    """When a pressed tool stops on its path, and how well it then stands (`controllers.tasks.stops`)."""
+
+    every: float = 3.0  # [s] of motion between two stops
+    lasting: float = 0.5  # [s] that the tool stands
+    settle: float = 0.3  # [s] from the end of the motion, after which it may count as standing
+    hold: float = 0.15  # force across the tool, as a share of that along it, up to which friction holds it still
+    patience: float = 1.5  # [s] from the end of the motion, after which a stop without that is given up
+    creep: float = 1.5e-4  # [m/s] standard deviation of the speed at which it creeps all the same
+    below: float = 0.98  # chance promised before contact, below which the tool stops; without a promise it does
+
+    def __post_init__(self) -> None:
+        finite_number(self.every, "stops: time of motion between two (--stop-every) [s]", least=0.5)
+        finite_number(self.lasting, "stops: time that one lasts [s]", above=0.0, most=10.0)
+        finite_number(self.settle, "stops: time to come to rest [s]", least=0.0, most=10.0)
+        finite_number(self.hold, "stops: share of the force across", above=0.0, most=1.0)
+        finite_number(self.patience, "stops: time to wait for rest [s]", least=self.settle, most=60.0)
+        finite_number(self.creep, "stops: speed at which the tool creeps [m/s]", above=0.0)
+        finite_number(self.below, "stops: chance below which the tool stops", above=0.0, most=1.0)
+
+    def help(self, promise: Promise | None) -> bool:
+        """True if navigation is poor enough for stops to be worth their time and their forces."""
+        return promise is None or promise.chance < self.below
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class PromiseLimits:
-    """What is promised, and from which chance on."""
+    """What is promised, from which chance on, and what is done for it."""
 
     tolerance: float = 0.003  # [m] from the path, along it and across it
     wanted: float = WANTED  # chance from which on the work begins at once
@@ -29,6 +57,8 @@ class PromiseLimits:
     patience: float = 15.0  # [s] of waiting for a better estimate, at most
     interval: float = 1.0  # [s] between two looks at the chance
     gain: float = 0.01  # rise of the chance in that time, from which on it is worthwhile to wait on
+    stops: StopLimits | None = None  # of the pressed tool on its path, for navigation; None: it does not stop
+    most_thrust: float = MOST_THRUST  # share of full thrust that push and steady current may take; beyond it: refused
 
     def __post_init__(self) -> None:
         finite_number(self.tolerance, "promise tolerance [m]", above=0.0)
@@ -37,6 +67,10 @@ class PromiseLimits:
         finite_number(self.patience, "promise patience [s]", least=0.0)
         finite_number(self.interval, "promise interval [s]", above=0.0)
         finite_number(self.gain, "promise gain", least=0.0)
+        if not self.most_thrust > 0.0:
+            raise ConfigurationError(
+                f"promise most_thrust, a share of full thrust: must be > 0, got {self.most_thrust}"
+            )
 
 
 def promise(estimate: StateEstimate, target: Target, tolerance: float, duration: float) -> Promise | None:

@@ -6,10 +6,11 @@ from dataclasses import dataclass, field, fields, replace
 from typing import Self
 
 from controllers.planning.path_poses import stretches
+from controllers.planning.promise import StopLimits
 from controllers.planning.trajectories import BEND, Progress, SpeedLaw, progress_along
 from controllers.tasks.arrival import Since
 from controllers.tasks.phase import ZERO, Abort, Context, Held, Outcome, Phase, PhaseEvent, Setpoint, towards, way_back
-from controllers.tasks.stops import StopLimits, Stops
+from controllers.tasks.stops import Stops
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import AbortCode, StateEstimate
 from sim.interfaces.spatial import Array, finite_number

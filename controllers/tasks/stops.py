@@ -7,35 +7,10 @@ force across it, left from sliding, is therefore let go first.
 import math
 from dataclasses import dataclass
 
+from controllers.planning.promise import StopLimits
 from controllers.tasks.phase import Context
-from sim.interfaces.messages import Promise, ToolAtRest
-from sim.interfaces.spatial import Array, finite_number
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class StopLimits:
-    """When the tool stops on its path, and how well it then stands."""
-
-    every: float = 3.0  # [s] of motion between two stops
-    lasting: float = 0.5  # [s] that the tool stands
-    settle: float = 0.3  # [s] from the end of the motion, after which it may count as standing
-    hold: float = 0.15  # force across the tool, as a share of that along it, up to which friction holds it still
-    patience: float = 1.5  # [s] from the end of the motion, after which a stop without that is given up
-    creep: float = 1.5e-4  # [m/s] standard deviation of the speed at which it creeps all the same
-    below: float = 0.98  # chance promised before contact, below which the tool stops; without a promise it does
-
-    def __post_init__(self) -> None:
-        finite_number(self.every, "stops: time of motion between two (--stop-every) [s]", least=0.5)
-        finite_number(self.lasting, "stops: time that one lasts [s]", above=0.0, most=10.0)
-        finite_number(self.settle, "stops: time to come to rest [s]", least=0.0, most=10.0)
-        finite_number(self.hold, "stops: share of the force across", above=0.0, most=1.0)
-        finite_number(self.patience, "stops: time to wait for rest [s]", least=self.settle, most=60.0)
-        finite_number(self.creep, "stops: speed at which the tool creeps [m/s]", above=0.0)
-        finite_number(self.below, "stops: chance below which the tool stops", above=0.0, most=1.0)
-
-    def help(self, promise: Promise | None) -> bool:
-        """True if navigation is poor enough for stops to be worth their time and their forces."""
-        return promise is None or promise.chance < self.below
+from sim.interfaces.messages import ToolAtRest
+from sim.interfaces.spatial import Array
 
 
 @dataclass(slots=True)

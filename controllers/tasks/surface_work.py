@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from controllers.hull.thrust_margin import ThrustMargin
-from controllers.planning.hull_placement import MOST_THRUST, PathStanding, StandingLimits
+from controllers.planning.hull_placement import PathStanding, StandingLimits
 from controllers.planning.placement import PlacementSearch
 from controllers.planning.promise import PromiseLimits
 from controllers.planning.work_vehicle import WorkVehicle
@@ -46,7 +46,6 @@ from controllers.tasks.monitors import (
     uncertain_force,
 )
 from controllers.tasks.phase import Context, Held, Hold, HoldTool, PhaseEvent
-from controllers.tasks.stops import StopLimits
 from controllers.tasks.task import TaskPlanner, TaskRow
 from models.objects.targets import TargetModel
 from sim.interfaces.errors import ConfigurationError
@@ -77,7 +76,6 @@ class SurfaceTaskConfig:
     speed: float = 0.02  # [m/s] along the path
     force_rate: float = 60.0  # [N/s] at which a set force changes
     least_share: float = 1.0  # share of the path that must be reached; the rest is cut off equally at both ends
-    most_thrust: float = MOST_THRUST  # share of full thrust that push and steady current may take at most
     force_control: bool = True  # False: work begins after `press.within` at any force (ablation)
     contactless: float | None = None  # [m] distance at which the tool works without contact; None: it presses
     arrival: ArrivalLimits = field(default_factory=ArrivalLimits)
@@ -86,7 +84,6 @@ class SurfaceTaskConfig:
     contact: ContactLimits = field(default_factory=ContactLimits)
     escape: EscapeLimits = field(default_factory=EscapeLimits)
     promise: PromiseLimits = field(default_factory=PromiseLimits)
-    stops: StopLimits | None = None  # of the pressed tool on its path; None: it does not stop
 
     def __post_init__(self) -> None:
         if not self.forces:
@@ -156,7 +153,7 @@ class SurfaceWork(TaskPlanner):
                 force=max(job.forces),
                 standoff=job.approach.standoff,
                 least_share=job.least_share,
-                thrust=job.most_thrust,
+                thrust=job.promise.most_thrust,
             ),
             floor=floor,
             search=search,
@@ -184,7 +181,7 @@ def surface_rows(site: WorkSite, job: SurfaceTaskConfig) -> Iterable[tuple[str, 
     """
     approach, states = job.approach, WorkState
     press = Press(job.press, job.forces[0], job.force_rate, insist=job.force_control, tip=site.own.tip)
-    along = FollowLimits(speed=job.speed, stops=job.stops)
+    along = FollowLimits(speed=job.speed, stops=job.promise.stops)
     follow = FollowPath(along, job.forces if job.contactless is None else (), job.force_rate)
     tare = CertainPlace(TareSensors(), job.promise, job.speed)
     stand_off = -approach.standoff

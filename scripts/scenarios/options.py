@@ -8,8 +8,7 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 
 from controllers.ik.method import Method as IkMethod
-from controllers.planning.promise import WANTED, PromiseLimits
-from controllers.tasks.stops import StopLimits
+from controllers.planning.promise import WANTED, PromiseLimits, StopLimits
 from models.site.seabed import Kind
 from scenarios.arm_camera import ArmCameraSetup
 from scenarios.contact_parts import SURVEY
@@ -157,8 +156,11 @@ class ContactOptions(VehicleOptions):
                 contactless=self.contactless,
                 least=least,
                 range=self.range,
-                stops=StopLimits(every=self.stop_every) if self.stop_every else None,
-                promise=PromiseLimits(least=self.least_chance, wanted=max(WANTED, self.least_chance)),
+                promise=PromiseLimits(
+                    least=self.least_chance,
+                    wanted=max(WANTED, self.least_chance),
+                    stops=StopLimits(every=self.stop_every) if self.stop_every else None,
+                ),
             ),
             vehicle=self.vehicle_setup(self.arm_errors),
             belief=Belief(calibrated=self.calibrated, arm=None if self.arm is None else str(self.arm)),

@@ -14,7 +14,7 @@ import time
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 
-from controllers.tasks.stops import StopLimits
+from controllers.planning.promise import StopLimits
 from scenarios.arm_camera import ArmCameraSetup
 from scenarios.campaigns.contact_study import (
     KEPT,

@@ -51,6 +51,7 @@ def test_an_object_that_rests_raises_no_alarm():
     assert not any(motion.moved for motion in recording.motions)
 
 
+@pytest.mark.long
 def test_push_at_work_is_noticed_by_the_camera_on_the_arm():
     """Without it the tool goes on 2 cm beside its path, unnoticed. Measured: 0.9 s, of which the push takes a half."""
     scenario = barrel(seed=1, quick=True, arm_camera=True)

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import pytest
 
-from controllers.tasks.stops import StopLimits
+from controllers.planning.promise import StopLimits
 from perception.navigation.strapdown_filter import Navigation, NavigationState
 from scenarios.assembly import assemble
 from scenarios.options import barrel

@@ -6,7 +6,7 @@ from typing import Any, Literal, cast, get_args
 
 import numpy as np
 
-from controllers.tasks.stops import StopLimits
+from controllers.planning.promise import StopLimits
 from scenarios.arm_camera import ArmCameraSetup
 from scenarios.assembly import assemble
 from scenarios.options import barrel
@@ -156,12 +156,17 @@ def draw(task: RunTask) -> Scenario:
     assert isinstance(scenario.task, SurfaceWorkTask)
     return replace(
         scenario,
-        task=replace(scenario.task, stops=task.stops),
+        task=_with(scenario.task, stops=task.stops),
         belief=Belief(water_error=0.0),
         sensing=sensing,
         perturbations=perturbations,
         perturbation_seed=perturbation_seed,
     )
+
+
+def _with(task: SurfaceWorkTask, **promise: Any) -> SurfaceWorkTask:
+    """`task` with other limits of its promise."""
+    return replace(task, promise=replace(task.promise, **promise))
 
 
 def varied(scenario: Scenario) -> dict[str, float | None]:
@@ -225,7 +230,7 @@ def _tried(scenario: Scenario, bounds: StudyBounds, drawn: dict[str, float | Non
 def held_anyway(scenario: Scenario) -> Scenario:
     """`scenario` without the refusal of a current that the thrusters cannot hold."""
     assert isinstance(scenario.task, SurfaceWorkTask)
-    return replace(scenario, task=replace(scenario.task, most_thrust=np.inf))
+    return replace(scenario, task=_with(scenario.task, most_thrust=np.inf))
 
 
 def crashed(task: RunTask, reason: str) -> dict[str, Any]:

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from controllers.planning.hull_placement import MOST_THRUST
 from scenarios.campaigns.contact_study import Ranges, RunTask, draw
 from scenarios.options import BarrelOptions, InsertionOptions, ObjectOptions, PileOptions
 from scenarios.perturbations.loop import MisplacedSurface
@@ -135,6 +136,10 @@ def _described(case: BenchmarkCase) -> dict[str, Any]:
     for later in ("tool", "parts"):
         if described["vehicle"].get(later, ...) is None:
             del described["vehicle"][later]
+    promised = described["task"].get("promise", {})
+    for later, usual in (("stops", None), ("most_thrust", MOST_THRUST)):
+        if promised.get(later, ...) == usual:
+            del promised[later]
     return described
 
 

@@ -9,14 +9,12 @@ import numpy as np
 from controllers.hull.thrust_margin import ThrustMargin
 from controllers.planning.arm_margins import TILT
 from controllers.planning.arm_size import FULL
-from controllers.planning.hull_placement import MOST_THRUST
 from controllers.planning.promise import PromiseLimits
 from controllers.planning.trajectories import FASTEST, SLOWEST
 from controllers.tasks import surface_work
 from controllers.tasks.arrival import ArrivalLimits
 from controllers.tasks.contact_phases import ApproachLimits
 from controllers.tasks.hull_phases import EscapeLimits
-from controllers.tasks.stops import StopLimits
 from controllers.tasks.task import TaskPlanner
 from models.objects.targets import TargetModel
 from models.site import scenes
@@ -66,30 +64,26 @@ class SurfaceWorkTask(Task):
     force_rate: float = 60.0  # [N/s] rate of change of the set force
     contactless: float | None = None  # [m] distance to keep from the surface; None: press [Konoplin 2019]
     least: float = 1.0  # share of the path that must be within reach
-    most_thrust: float = MOST_THRUST  # share of full thrust that push and current may take; beyond it: refused
     range: float = 1.25  # [m] from camera to object at the scan
     approach: ApproachLimits = field(default_factory=ApproachLimits)
     promise: PromiseLimits = field(default_factory=PromiseLimits)
-    stops: StopLimits | None = None  # of the pressed tool, for navigation; None: it does not stop
 
     def __post_init__(self) -> None:
         finite_number(self.speed, "--speed [m/s]", least=SLOWEST, most=FASTEST)
-        if not self.most_thrust > 0.0:
-            raise ConfigurationError(f"most_thrust: must be > 0, a share of full thrust, got {self.most_thrust}")
         finite_number(self.least, "--least, a share of the path", above=0.0, most=1.0)
         for force in self.forces:
             finite_number(force, "--forces [N]", above=0.0, most=_MOST_FORCE)
 
     def place(self, scenario: Scenario, own: OwnVehicle, rng: np.random.Generator) -> "PlacedSurfaceWork":
         """The work on the site's object; draws its pose, its coarse detection, growth and dents."""
-        if self.stops is not None:
+        if self.promise.stops is not None:
             for given, why in (
                 (scenario.sensing.arm_camera is not None, "--arm-camera: it sees more than stops tell"),
                 (self.contactless is not None, "--contactless: nothing holds the tool"),
                 ("fusion" in scenario.control.without, "--without fusion: nothing takes what they tell"),
             ):
                 if given:
-                    raise ConfigurationError(f"--stop-every (task.stops) and {why}; one of the two")
+                    raise ConfigurationError(f"--stop-every (task.promise.stops) and {why}; one of the two")
         workpiece: Workpiece = object_of(scenario, Workpiece)
         target, path = workpiece.target(self.path)
         if self.turn is not None:
@@ -129,7 +123,7 @@ class PlacedSurfaceWork(PlacedTask):
     @property
     def stands(self) -> bool:
         """True if the tool stops on its path."""
-        return self.task.stops is not None
+        return self.task.promise.stops is not None
 
     @property
     def X_WB(self) -> Array:
@@ -189,7 +183,6 @@ class PlacedSurfaceWork(PlacedTask):
             forces=task.forces,
             speed=task.speed,
             least_share=task.least,
-            most_thrust=task.most_thrust,
             # A lighter hull is pushed away sooner; a rate that is not the default was chosen for it.
             force_rate=size**2 * task.force_rate if usual_rate else task.force_rate,
             force_control="force-control" not in self.scenario.control.without,
@@ -198,7 +191,6 @@ class PlacedSurfaceWork(PlacedTask):
             arrival=ArrivalLimits.of_size(size),
             escape=EscapeLimits.of_size(size),
             promise=task.promise,
-            stops=task.stops,
         )
 
     def planner(self) -> TaskPlanner:

@@ -10,8 +10,8 @@ import pytest
 
 from controllers.arm.kernel_force_law import KernelForceLaw
 from controllers.arm.position_force import ForceDisplacement
+from controllers.planning.promise import PromiseLimits, StopLimits
 from controllers.safety.safety_wrapper import SafetyWrapper
-from controllers.tasks.stops import StopLimits
 from controllers.tool_control import ForceLaw
 from controllers.tuning import FaultLimits
 from controllers.work_controller import WorkController
@@ -102,7 +102,7 @@ def stopping() -> Scenario:
     """A tool that stops whatever is promised."""
     plain = barrel(quick=True, gust=0.05, seed=3)
     assert isinstance(plain.task, SurfaceWorkTask)
-    return replace(plain, task=replace(plain.task, stops=StopLimits(every=1.0, below=1.0)))
+    return replace(plain, task=replace(plain.task, promise=PromiseLimits(stops=StopLimits(every=1.0, below=1.0))))
 
 
 def bare(assembly: Assembly) -> Assembly:

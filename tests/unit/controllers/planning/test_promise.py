@@ -1,6 +1,7 @@
 """The chance to keep a path: closed forms, order, and simulated errors of the stated size."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -87,8 +88,13 @@ def test_it_is_said_with_its_figures():
 
 @pytest.mark.parametrize(
     ("limits", "named"),
-    [({"tolerance": 0.0}, "tolerance"), ({"least": 1.1}, "least"), ({"least": 0.99, "wanted": 0.9}, "wanted")],
+    [
+        ({"tolerance": 0.0}, "tolerance"),
+        ({"least": 1.1}, "least"),
+        ({"least": 0.99, "wanted": 0.9}, "wanted"),
+        ({"most_thrust": 0.0}, "most_thrust"),
+    ],
 )
-def test_bad_limits_are_named(limits: dict[str, float], named: str):
+def test_bad_limits_are_named(limits: dict[str, Any], named: str):
     with pytest.raises(ConfigurationError, match=named):
         PromiseLimits(**limits)

@@ -5,9 +5,10 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from controllers.planning.promise import StopLimits
 from controllers.tasks.contact_phases import FollowLimits
 from controllers.tasks.phase import Context
-from controllers.tasks.stops import StopLimits, Stops
+from controllers.tasks.stops import Stops
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import Command, ContactEstimate, Promise, StateEstimate, ToolAtRest
 

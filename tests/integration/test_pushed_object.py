@@ -53,7 +53,7 @@ def test_an_object_that_rests_raises_no_alarm():
 
 @pytest.mark.long
 def test_push_at_work_is_noticed_by_the_camera_on_the_arm():
-    """Without it the tool goes on 2 cm beside its path, unnoticed. Measured: 0.9 s, of which the push takes a half."""
+    """Without it the tool goes on 2 cm beside its path, unnoticed."""
     scenario = barrel(seed=1, quick=True, arm_camera=True)
     push = PushedObject(by=(0.0, 0.02, 0.0), state="work", after=2.0)
     recording = run(assemble(replace(scenario, perturbations=(push,)))).recording

@@ -38,7 +38,7 @@ def swinging(time: float, phase: float) -> Array:
 
 
 def test_an_object_at_rest_is_never_said_to_move():
-    """A hundred minutes, in tracks of a minute each: five sigma are passed once in some hundred hours."""
+    """A hundred minutes, in tracks of a minute each."""
     rng = np.random.default_rng(7)
     for sigma in (1e-3, 5e-3):
         assert all(watched(ObjectWatch(), still, 60.0, rng, sigma) is None for _ in range(50))
@@ -46,7 +46,7 @@ def test_an_object_at_rest_is_never_said_to_move():
 
 @pytest.mark.parametrize(("way", "within_s"), [(0.005, 2.5), (0.02, 0.5)])
 def test_a_push_is_found_within_seconds(way, within_s):
-    """Measured over 20 pushes: 5 mm after 0.6 to 2 s, 2 cm after 0.2 to 0.3 s."""
+    """Measured over 20 pushes: 5 mm after 0.7 to 1.6 s, 2 cm after 0.1 to 0.3 s."""
     rng, at = np.random.default_rng(8), 20.0
     for _ in range(20):
         watch = ObjectWatch()
@@ -58,6 +58,7 @@ def test_a_push_is_found_within_seconds(way, within_s):
 
 
 def test_a_swing_is_found_within_its_first_period():
+    """Measured for twelve phases: after 3.4 to 7.8 s."""
     rng = np.random.default_rng(9)
     for phase in np.linspace(0.0, 2.0 * np.pi, 12):
         found = watched(ObjectWatch(), partial(swinging, phase=phase), 20.0, rng)
@@ -84,7 +85,7 @@ def test_errors_that_grow_with_the_way_raise_no_alarm():
     watch.begin(0.0)
     for k in range(1, 300):
         watch.take(k / RATE, k / RATE * drift + 1e-3 * rng.standard_normal(3), 1e-3)
-        assert np.linalg.norm(watch.moved_W) < 2.5e-3  # measured 2.1 mm; 3 mm end the work
+        assert np.linalg.norm(watch.moved_W) < 2.5e-3  # measured 2.2 mm; 3 mm end the work
 
 
 def test_what_the_track_states_of_itself_counts():

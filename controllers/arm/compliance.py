@@ -14,8 +14,8 @@ ms). The phase margin is 90 deg - K A 47 ms. The default and K = 3e4 N/m of the 
 The stability limit is K = 8e4 N/m, which the mount's spring in series excludes. The offset is the integral itself and
 is limited as such, so there is no windup.
 
-A tool that stands on a stiff surface yields gently: its lateral force falls from that of sliding friction to little, and
-disturbs the normal force meanwhile. On 6e5 to 1e6 N/m the peaks were 8 to 12 N at full speed, 7 to 10 N gently.
+A tool that stands on a stiff surface yields gently: its lateral force falls from that of sliding friction to little,
+and disturbs the normal force meanwhile. On 6e5 to 1e6 N/m the peaks were 8 to 12 N at full speed, 7 to 10 N gently.
 """
 
 from dataclasses import dataclass, field

@@ -361,3 +361,24 @@ def test_steps_up_are_cut_out_of_a_run():
     assert found["set"].shape == (1, len(steps.times()))  # the last is not seen to its end
     assert found["true"][0, 0] == 61.0
     assert found["true"][0, -1] == 91.0
+
+
+def test_the_interval_of_a_median_is_by_order_statistics(told):
+    """Of six values it is their whole range (97 %), of five there is none; of 60 it leaves out 21 on either side."""
+    assert told.median_interval(np.arange(5.0)) is None
+    assert told.median_interval(np.arange(6.0)) == [0.0, 5.0]
+    assert told.median_interval(np.arange(60.0)) == [21.0, 38.0]
+
+
+def test_a_sea_refused_for_its_current_is_run_once_more_where_that_is_asked(study, monkeypatch):
+    refused = {"class": study.REFUSED, "kind": AbortCode.CURRENT.value, "detail": "", "missed": [], "figures": {}}
+    kept = {**refused, "class": study.KEPT, "kind": ""}
+
+    def tried(scenario: Any, bounds: Any, drawn: Any) -> dict[str, Any]:
+        del bounds, drawn
+        return kept if np.isinf(scenario.task.promise.most_thrust) else refused
+
+    monkeypatch.setattr(study, "_tried", tried)
+    rows = [study.one_run(task(study, 1, anyway=anyway)) for anyway in (False, True)]
+    assert [row["anyway"] for row in rows] == ["", study.KEPT]
+    assert [row["class"] for row in rows] == [study.REFUSED] * 2  # it counts as refused all the same

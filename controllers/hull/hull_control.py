@@ -28,7 +28,7 @@ from controllers.hull.station_keeping import StationKeeping, StationKeepingState
 from controllers.tuning import HULL
 from models.vehicle import Vehicle
 from models.water.thruster_curves import command_in_flow, thrust_at, thrust_in_flow
-from models.water.thrusters import INFLOW_LOSS, SLEW_RATE, TIME_CONSTANT, TORQUE, curves
+from models.water.thrusters import INFLOW_LOSS, SLEW_RATE, TIME_CONSTANT, curves, inflow_levers
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.kernels import keyed_by_imports
 from sim.interfaces.messages import Reference, StateEstimate
@@ -80,12 +80,10 @@ class ThrusterLead:
             raise ConfigurationError(f"lag_error: must be finite and above -1, got {lag_error}")
         table = vehicle.thruster_table
         B = np.array(vehicle.thruster_wrench)
-        advance = B.copy()
-        advance[3:] -= table[:, TORQUE] * B[:3]
         figures = np.column_stack(
             [(1.0 + lag_error) * table[:, TIME_CONSTANT], table[:, SLEW_RATE], table[:, INFLOW_LOSS]]
         )
-        self._model = tuple(_Propellers(curves(table), figures, B, advance, float(response)))
+        self._model = tuple(_Propellers(curves(table), figures, B, inflow_levers(table, B), float(response)))
         self._thrusters = len(figures)
 
     def init(self) -> ThrusterLeadState:

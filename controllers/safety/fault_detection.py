@@ -33,8 +33,8 @@ from controllers.safety.thruster_probe import ProbeState, ThrusterProbe, is_lost
 from controllers.tuning import FaultLimits
 from models import hydrodynamics
 from models.vehicle import Vehicle
-from models.water.thruster_curves import thrust_at
-from models.water.thrusters import SLEW_RATE, TIME_CONSTANT, curves
+from models.water.thruster_curves import thrust_at, thrust_in_flow
+from models.water.thrusters import INFLOW_LOSS, SLEW_RATE, TIME_CONSTANT, curves, inflow_levers
 from sim.interfaces.kernels import keyed_by_imports
 from sim.interfaces.messages import Command, Fault, FaultKind, HullLoad, StateEstimate
 from sim.interfaces.spatial import Array
@@ -54,7 +54,7 @@ class HullResiduals(NamedTuple):
     rest: Array  # (6,) [N, N m] drag and gyroscopic terms less thrust and arm wrench, filtered
     missing: Array  # (6,) [N, N m] unexplained wrench on the hull
     missing_usual: Array  # (6,) [N, N m] its average
-    thrust: Array  # (m,) [N] predicted
+    thrust: Array  # (m,) [N] predicted, in the inflow
     thrust_usual: Array  # (m,) [N] its average while the missing wrench was usual
     lost_for: Array  # (m,) [s] for which this thruster has explained the missing wrench
 
@@ -66,6 +66,8 @@ class _HullModel(NamedTuple):
     quadratic: Array  # (6,)
     curves: Array  # of the thrusters
     lags: Array  # (m, 2) time constant [s], slew rate [1/s]
+    loss: Array  # (m,) [N s/m] of thrust by inflow
+    advance: Array  # (6, m) levers of the inflow
     B: Array  # (6, m) wrench of unit thrusts
     ends: Array  # (m, 2) [N] full thrust astern and ahead
     scale: Array  # (6,) that converts moments to forces
@@ -123,6 +125,8 @@ class FaultDetection:
             quadratic=np.array(water.quadratic_damping),
             curves=curves(table),
             lags=np.array(table[:, [TIME_CONSTANT, SLEW_RATE]]),
+            loss=np.array(table[:, INFLOW_LOSS]),
+            advance=inflow_levers(table, vehicle.thruster_wrench),
             B=np.array(vehicle.thruster_wrench),
             ends=np.array([[thrust_at(curve, end) for end in (-1.0, 1.0)] for curve in curves(table)]),
             scale=np.array([1.0, 1.0, 1.0, *(1.0 / limits.lever,) * 3]),
@@ -237,7 +241,8 @@ class FaultDetection:
         i, hull = probe.thruster, state.hull
         missing = self._along(hull, i)
         thrust = float(hull.thrust[i])
-        share = self._probe.step(probe, time, dt, float(state.asked[i]), thrust, missing)
+        still = thrust_at(self._hull.curves[i], float(hull.speed[i]))
+        share = self._probe.step(probe, time, dt, float(state.asked[i]), still, missing)
         if share is None:
             return
         state.probe = None
@@ -400,9 +405,12 @@ def _hull(model, seen, dt, time, residuals):
         r.passed[t] = wanted
         decay = np.exp(-dt / lags[t, 0]) if lags[t, 0] > 0.0 else 0.0
         r.speed[t] = wanted + (r.speed[t] - wanted) * decay
-        thrust = thrust_at(model.curves[t], r.speed[t])
+        inflow = 0.0
         for i in range(6):
-            force[i] -= B[i, t] * thrust
+            inflow += model.advance[i, t] * relative[i]
+        r.thrust[t] = thrust_in_flow(model.curves[t], model.loss[t], inflow, r.speed[t])
+        for i in range(6):
+            force[i] -= B[i, t] * r.thrust[t]
     lag = min(1.0, dt / time)
     rate = (nu - r.nu_slow) / time
     for i in range(6):
@@ -418,7 +426,7 @@ def _hull(model, seen, dt, time, residuals):
 def _explain(model, residuals, leftover):
     """Attribute the unusual part of the missing wrench to the thruster that explains it best.
 
-    Writes the predicted thrusts to `residuals.thrust`. Returns the size [N] of the unusual part, moments scaled; the
+    Returns the size [N] of the unusual part, moments scaled; the
     sum of all thrusts [N], and how much of it differs from the usual [N]; then the thruster, -1 if each leaves more
     than the share `leftover` or would have to give more than it can, and the missing part of its thrust [N].
     """
@@ -431,7 +439,6 @@ def _explain(model, residuals, leftover):
     size = np.sqrt(square)
     least = leftover * size
     for t in range(thrust.shape[0]):
-        thrust[t] = thrust_at(model.curves[t], residuals.speed[t])
         asked += abs(thrust[t])
         changed += abs(thrust[t] - residuals.thrust_usual[t])
         along, own = 0.0, 0.0

@@ -71,7 +71,7 @@ class ThrusterProbe:
             time: [s] of the balance.
             dt: [s] since the last one.
             wanted: [-] command of the controller since then, without the doublet.
-            thrust: [N] predicted, with the doublet.
+            thrust: [N] predicted in still water, with the doublet.
             missing: [N] unexplained force along the thruster.
 
         Returns:

@@ -1,16 +1,19 @@
 """Contact of a tool that slides on the target without lifting, however stiff both are."""
 
+import math
+
 import mujoco
 import numpy as np
 
 from models.naming import TOOL_GEOM
 
 TARGET_BODY = "target"
-FRICTION_TIME = 0.045  # [s] time constant of friction
+FRICTION_TIME = 0.045  # [s] time constant of friction; longer under a light or fast tool
+PRESSED = 3.0  # times what just keeps a tool in contact at its mean speed and force: both vary
 FRICTION_STIFFNESS = 100.0  # MuJoCo's impratio: the pad creeps less than 2 mm/s under 0.8 of the friction limit
 
 
-def let_tool_slide(scene: mujoco.MjSpec) -> None:
+def let_tool_slide(scene: mujoco.MjSpec, *, speed: float = 0.0, force: float = math.inf) -> None:
     """Give tool and target of a scene a contact of their own.
 
     MuJoCo's friction is convex: sliding at v [m/s] with the coefficient mu causes a separating acceleration
@@ -21,10 +24,13 @@ def let_tool_slide(scene: mujoco.MjSpec) -> None:
 
     Args:
         scene: with a geom TOOL_GEOM and a body TARGET_BODY; changed.
+        speed: [m/s] at which the tool slides.
+        force: [N] the least that presses it.
     """
     pad, target = scene.geom(TOOL_GEOM), scene.body(TARGET_BODY)
+    time = max(FRICTION_TIME, PRESSED * _lifting_time(scene, pad, speed, force))
     scene.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC  # a user's file has MuJoCo's pyramid, which knows neither
-    scene.option.impratio = FRICTION_STIFFNESS
+    scene.option.impratio = FRICTION_STIFFNESS * time / FRICTION_TIME  # so that it creeps no faster
     for geom in target.geoms:
         if not (geom.contype or geom.conaffinity) or geom.priority > pad.priority or not geom.name:
             continue
@@ -32,4 +38,16 @@ def let_tool_slide(scene: mujoco.MjSpec) -> None:
         sliding, spinning, rolling = np.array(pad.friction)
         pair.friction = [sliding, sliding, spinning, rolling, rolling]
         pair.condim, pair.solref, pair.solimp = pad.condim, pad.solref, pad.solimp
-        pair.solreffriction = [FRICTION_TIME, 1.0]
+        pair.solreffriction = [time, 1.0]
+
+
+def _lifting_time(scene: mujoco.MjSpec, pad: mujoco.MjsGeom, speed: float, force: float) -> float:
+    """Time constant [s] of friction at which sliding just lifts the pad.
+
+    Sliding separates by mu b v, with b = 2 / (d_max time). Pressed in at rest, the contact's reference acceleration is
+    (1 - d) / d A f, with the inverse weight A of the body (MuJoCo documentation, Computation, Parameters).
+    """
+    model = scene.copy().compile()
+    least, most = np.clip(np.array(pad.solimp)[:2], 1e-4, 0.9999)
+    weight = float(model.body_invweight0[model.geom(TOOL_GEOM).bodyid[0], 0])
+    return 2.0 * float(pad.friction[0]) * speed / most / ((1.0 - least) / least * weight * force)

@@ -368,6 +368,20 @@ def curves(table: Array) -> Array:
     return np.array([np.pad(curve, (0, width - len(curve))) for curve in ready]).reshape(len(ready), width)
 
 
+def inflow_levers(table: Array, wrench: Array) -> Array:
+    """Levers (6, m) that give the inflow of each thruster by the motion through the water.
+
+    They are those of its thrust, without the propeller's reaction torque.
+
+    Args:
+        table: rows of `read`.
+        wrench: (6, m) wrench of unit thrusts.
+    """
+    levers = np.array(wrench)
+    levers[3:] -= table[:, TORQUE] * levers[:3]
+    return levers
+
+
 def _pair(value: Any, name: str) -> tuple[tuple[float, ...], tuple[float, ...]] | None:
     if value is None:
         return None

@@ -4,7 +4,7 @@ import numba
 import numpy as np
 
 from models.water.thruster_curves import thrust_at, thrust_in_flow
-from models.water.thrusters import HEADER, INFLOW_LOSS, SLEW_RATE, TIME_CONSTANT, TORQUE, curves
+from models.water.thrusters import HEADER, INFLOW_LOSS, SLEW_RATE, TIME_CONSTANT, curves, inflow_levers
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.kernels import keyed_by_imports
 from sim.interfaces.spatial import Array, fitting
@@ -67,9 +67,7 @@ class Thrusters:
         columns = np.array(table).reshape(len(table), -1) if len(table) else np.zeros((0, HEADER))
         lag, slew = columns[:, TIME_CONSTANT], columns[:, SLEW_RATE]
         decay = np.where(lag > 0.0, np.exp(-timestep / np.where(lag > 0.0, lag, 1.0)), 0.0)
-        # Lever of the inflow: the wrench less the propeller's reaction torque, which is no lever of the thrust.
-        advance = np.array(wrench)
-        advance[3:] -= columns[:, TORQUE] * advance[:3]
+        advance = inflow_levers(columns, wrench)
         slew = np.where(slew > 0.0, slew * timestep, np.inf)
         self.table = np.vstack([decay, slew, columns[:, INFLOW_LOSS], advance])
         kept = 3 * len(table)

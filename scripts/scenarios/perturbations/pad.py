@@ -57,14 +57,15 @@ class Pad(Perturbation):
         """
         geom, joint = spec.geom(TOOL_GEOM), spec.joint(PAD_JOINT)
         timestep, drawn = float(spec.option.timestep), spec.copy().compile()
-        longest = STEPS_PER_SOLREF * timestep
+        longest = max(STEPS_PER_SOLREF * timestep, float(geom.solref[0]))  # whoever has shortened the timestep
         contact, softest = _contact_stiffness(drawn, geom, longest), SOFTEST_CONTACT * stiffness
         share = min(1.0, np.sqrt(contact / softest))
         geom.solref = [share * longest, 1.0]
+        steps = STEPS_PER_SOLREF * timestep / (share * longest)
         sunk = _sunk(WORKING_FORCE, geom, contact / share**2)
         spring, mass = WORKING_FORCE / (WORKING_FORCE / stiffness - sunk), float(drawn.body(PAD_BODY).mass[0])
         phase = timestep * np.sqrt(spring / (RESTLESS * mass))
-        spec.option.timestep = timestep / np.ceil(max(1.0 / share, phase) - 1e-9)
+        spec.option.timestep = timestep / np.ceil(max(1.0, steps, phase) - 1e-9)
         old_spring, old_damping = (float(np.ravel(value)[0]) for value in (joint.stiffness, joint.damping))
         # The damping ratio is the same on any surface.
         ratio = np.sqrt(spring / old_spring) if old_spring > 0.0 else 1.0

@@ -71,6 +71,8 @@ class SurfaceWorkTask(Task):
     def __post_init__(self) -> None:
         finite_number(self.speed, "--speed [m/s]", least=SLOWEST, most=FASTEST)
         finite_number(self.least, "--least, a share of the path", above=0.0, most=1.0)
+        if not self.forces:
+            raise ConfigurationError("--forces [N]: needs at least one set force, got none")
         for force in self.forces:
             finite_number(force, "--forces [N]", above=0.0, most=_MOST_FORCE)
 
@@ -143,7 +145,7 @@ class PlacedSurfaceWork(PlacedTask):
     def scene(self, vehicle: mujoco.MjSpec) -> mujoco.MjSpec:
         """Adds the true object, on which the tool slides, and flat seabed."""
         scene = scenes.work_site(vehicle, self.truth.model, self.truth.X_WT)
-        let_tool_slide(scene)
+        let_tool_slide(scene, speed=self.task.speed, force=min(self.task.forces))
         return scene
 
     def sensors(self, model: mujoco.MjModel) -> tuple[list[Sensor], SensorModel | None]:

@@ -10,12 +10,13 @@ import pytest
 
 import models
 from at_rest import at_rest
+from controllers.hull.hull_control import ThrusterLead
 from controllers.hull.station_keeping import hull_inertia
 from controllers.safety.fault_detection import FaultDetection
 from controllers.tuning import FaultLimits
 from models.vehicle import Vehicle
-from models.water.thruster_curves import thrust_at
-from models.water.thrusters import curves
+from models.water.thruster_curves import thrust_at, thrust_in_flow
+from models.water.thrusters import INFLOW_LOSS, curves, inflow_levers
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import Command, Fault, FaultKind, HullLoad, StateEstimate
 from sim.interfaces.spatial import Array
@@ -157,12 +158,38 @@ def accelerated(force_B: Array, since: float = 10.0, rise: float = 0.15) -> Call
     return velocity
 
 
+def in_flow(thruster: int, command: float, nu_r_B: Array) -> float:
+    """Thrust [N] at a steady command while the hull moves through the water."""
+    table = VEHICLE.thruster_table
+    inflow = float(inflow_levers(table, VEHICLE.thruster_wrench)[:, thruster] @ nu_r_B)
+    return float(thrust_in_flow(curves(table)[thruster], table[thruster, INFLOW_LOSS], inflow, command))
+
+
+def test_thrust_is_predicted_in_the_inflow(rng: np.random.Generator, within: Any):
+    """What the controller asks for on top, so that a current takes nothing, is not a thrust that is missing."""
+    current, thrust = rng.uniform(-0.6, 0.6, 3), rng.uniform(-60.0, 60.0, M)
+    asked = ThrusterLead(VEHICLE).static(thrust, np.concatenate([-current, np.zeros(3)]))
+
+    def missing(commands: Array, arm_wrench_B: Array) -> Array:
+        health = FaultDetection(MODEL, period=DT)
+        state = health.init(at_rest())
+        for t in np.arange(0.02, 3.0, 0.02):
+            load = HullLoad(arm_wrench_B=arm_wrench_B, current_W=current)
+            command = Command(time=t, joint_torque=np.zeros(N), thrusters=commands, scan=False, hull_load=load)
+            health.judge_hull(state, at_rest(time=float(t)), command)
+        return state.hull.missing
+
+    drag = missing(np.zeros(M), np.zeros(6))
+    within("missing [N, N m]", missing(asked, -VEHICLE.thruster_wrench @ thrust) - drag, 1e-3)
+
+
 @pytest.mark.parametrize("thruster", range(M))
 def test_a_lost_thruster_is_found_and_named_later_where_it_does_not_turn_the_hull(thruster: int):
     thrust = thrust_at(curves(VEHICLE.thruster_table)[thruster], COMMAND[thruster])
     column = VEHICLE.thruster_wrench[:, thruster]
     alone = np.where(np.arange(M) == thruster, COMMAND, 0.3 * COMMAND)
-    (fault,) = Rig(velocity=accelerated(-thrust * column), command=alone).run(12.0)
+    velocity = accelerated(-thrust * column)
+    (fault,) = Rig(velocity=velocity, command=alone).run(12.0)
     assert (fault.kind, fault.index) == (FaultKind.THRUSTER, thruster)
     limits, turns = FaultLimits(), np.linalg.norm(column[3:]) > 0.1 * np.linalg.norm(column[:3])
     if not turns:  # it is probed
@@ -171,7 +198,7 @@ def test_a_lost_thruster_is_found_and_named_later_where_it_does_not_turn_the_hul
         assert 2.0 * limits.probe_time < fault.time - 10.0 - limits.current_confirm < 2.0 * limits.probe_time + 0.65
         return
     gave, asked = (float(word) for word in re.findall(r"([-\d]+) N", fault.figures))
-    assert asked == pytest.approx(thrust, abs=1.0)
+    assert asked == pytest.approx(in_flow(thruster, COMMAND[thruster], velocity(fault.time)), abs=1.0)
     assert abs(gave) < 0.5 * abs(asked)  # what is left, as it was judged then
     assert limits.thruster_confirm < fault.time - 10.0 < limits.thruster_confirm + 0.65
 

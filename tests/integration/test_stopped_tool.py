@@ -58,6 +58,44 @@ def test_a_stopped_tool_does_not_creep_and_the_path_goes_on():
     assert s.max() == pytest.approx(0.2, abs=1e-3)
 
 
+@dataclass(frozen=True, kw_only=True)
+class Failing(Navigation):
+    """Navigation in which an encoder is frozen from the moment a tool stands still."""
+
+    told: list[ToolAtRest] = field(default_factory=list)
+
+    def step(
+        self, state: NavigationState, measurements: Sequence[Measurement]
+    ) -> tuple[NavigationState, StateEstimate]:
+        """As that of navigation until the first message of a stop."""
+        self.told.extend(m for m in measurements if isinstance(m, ToolAtRest))
+        state, estimate = Navigation.step(self, state, measurements)
+        if not self.told:
+            return state, estimate
+        q, qd = estimate.q.copy(), estimate.qd.copy()
+        q[1], qd[1] = self.told[0].q[1], 0.0
+        return state, replace(estimate, q=q, qd=qd)
+
+
+@pytest.mark.long
+def test_a_fault_while_the_tool_stands_ends_the_work_without_harm():
+    poor = Sensing(vision_noise=5e-3, vision_period=0.2, vision_delay=0.2)
+    assembly = assemble(replace(barrel(seed=2, quick=True, stop_every=1.0), sensing=poor))
+    own = assembly.parts.estimator
+    assert isinstance(own, Navigation)
+    failing = Failing(standing=own.standing)
+    parts = replace(assembly.parts, estimator=failing)
+    outcome = run(replace(assembly, loop=replace(assembly.loop, parts=parts)))
+    (stop,) = failing.told[:1]
+    recording = outcome.recording
+    force = recording["contact_most"]
+    begun = recording.within(WorkState.WORK)
+    assert outcome.result.last.reference.state is WorkState.ABORT
+    assert force.time[begun].max() < stop.time + 0.5
+    assert force.scalar[force.time > stop.time].max() < 1.1 * 60.0
+    assert force.scalar[force.time > stop.time + 1.0].max() == 0.0
+
+
 @pytest.mark.parametrize(
     ("options", "why"),
     [

@@ -65,6 +65,23 @@ def test_speed_place_and_the_way_back_are_bounded(within):
     assert steps * DT == pytest.approx(LAW.limit / LAW.release_speed, rel=0.02)
 
 
+def test_a_tool_that_stands_yields_and_returns_gently(within):
+    z, force, state = np.array([0.0, 0.0, 1.0]), np.array([500.0, 0.0, 0.0]), ComplianceState()
+    way = [np.linalg.norm(LAW.step(state, force, z, DT, gently=True)) for _ in range(200)]
+    within("speed over its bound", max(np.diff(way)) / DT - LAW.gentle_speed, 1e-12)
+    assert LAW.gentle_speed < LAW.speed
+    back = [np.linalg.norm(LAW.release(state, DT)) for _ in range(100)]
+    within("speed back over its bound", max(-np.diff(back)) / DT - LAW.gentle_speed, 1e-12)
+    # One that yields at full speed again, as in a hole, also returns at full speed.
+    LAW.step(state, force, z, DT)
+    before = np.linalg.norm(state.offset_W)
+    assert before - np.linalg.norm(LAW.release(state, DT)) == pytest.approx(LAW.release_speed * DT)
+    # A speed below the gentle one holds in both cases.
+    slow, kept = LateralCompliance(speed=0.002), ComplianceState()
+    slow.step(kept, force, z, DT, gently=True)
+    assert np.linalg.norm(kept.offset_W) == pytest.approx(0.002 * DT)
+
+
 def test_the_loop_with_its_lags_is_stable_at_the_stiffness_of_the_mount():
     """Filter and servo as the docstring of the law has them: it settles at 3e4 N/m without swinging far, not at 3e5."""
 

@@ -54,6 +54,7 @@ class HullResiduals(NamedTuple):
     rest: Array  # (6,) [N, N m] drag and gyroscopic terms less thrust and arm wrench, filtered
     missing: Array  # (6,) [N, N m] unexplained wrench on the hull
     missing_usual: Array  # (6,) [N, N m] its average
+    inflow: Array  # (m,) [m/s] speed of advance through the water along the thrust
     thrust: Array  # (m,) [N] predicted, in the inflow
     thrust_usual: Array  # (m,) [N] its average while the missing wrench was usual
     lost_for: Array  # (m,) [s] for which this thruster has explained the missing wrench
@@ -135,7 +136,7 @@ class FaultDetection:
         telling = moment > limits.thruster_moment * force
         self._telling = telling
         self._confirm = np.where(telling, limits.thruster_confirm, limits.current_confirm)
-        self._probe = ThrusterProbe(hull.curves, hull.lags, limits)
+        self._probe = ThrusterProbe(hull.curves, hull.lags, hull.loss, limits)
 
     def init(self, estimate: StateEstimate) -> FaultDetectionState:
         """Initial state at the first `estimate`: no faults."""
@@ -155,6 +156,7 @@ class FaultDetection:
                 rest=six(),
                 missing=six(),
                 missing_usual=six(),
+                inflow=thruster(),
                 thrust=thruster(),
                 thrust_usual=thruster(),
                 lost_for=thruster(),
@@ -241,8 +243,7 @@ class FaultDetection:
         i, hull = probe.thruster, state.hull
         missing = self._along(hull, i)
         thrust = float(hull.thrust[i])
-        still = thrust_at(self._hull.curves[i], float(hull.speed[i]))
-        share = self._probe.step(probe, time, dt, float(state.asked[i]), still, missing)
+        share = self._probe.step(probe, time, dt, float(state.asked[i]), float(hull.inflow[i]), thrust, missing)
         if share is None:
             return
         state.probe = None
@@ -408,6 +409,7 @@ def _hull(model, seen, dt, time, residuals):
         inflow = 0.0
         for i in range(6):
             inflow += model.advance[i, t] * relative[i]
+        r.inflow[t] = inflow
         r.thrust[t] = thrust_in_flow(model.curves[t], model.loss[t], inflow, r.speed[t])
         for i in range(6):
             force[i] -= B[i, t] * r.thrust[t]
@@ -426,9 +428,9 @@ def _hull(model, seen, dt, time, residuals):
 def _explain(model, residuals, leftover):
     """Attribute the unusual part of the missing wrench to the thruster that explains it best.
 
-    Returns the size [N] of the unusual part, moments scaled; the
-    sum of all thrusts [N], and how much of it differs from the usual [N]; then the thruster, -1 if each leaves more
-    than the share `leftover` or would have to give more than it can, and the missing part of its thrust [N].
+    Returns the size [N] of the unusual part, moments scaled; the sum of all thrusts [N], and how much of it differs
+    from the usual [N]; then the thruster, -1 if each leaves more than the share `leftover` or would have to give more
+    than it can, and the missing part of its thrust [N].
     """
     scale, B, missing, usual = model.scale, model.B, residuals.missing, residuals.missing_usual
     thrust = residuals.thrust

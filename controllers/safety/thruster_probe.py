@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from controllers.tuning import FaultLimits
-from models.water.thruster_curves import command_for, thrust_at
+from models.water.thruster_curves import command_for, thrust_at, thrust_in_flow
 from sim.interfaces.spatial import Array
 
 _DEGREE = 1.5  # of the polynomial, for each doublet's time: a disturbance of up to 0.3 Hz
@@ -39,15 +39,16 @@ class ProbeState:
 class ThrusterProbe:
     """Probes of the thrusters of one vehicle."""
 
-    def __init__(self, curves: Array, lags: Array, limits: FaultLimits) -> None:
+    def __init__(self, curves: Array, lags: Array, loss: Array, limits: FaultLimits) -> None:
         """Take the believed thrusters.
 
         Args:
             curves: static curves of the m thrusters, one a row.
             lags: (m, 2) time constant [s] and slew rate [1/s].
+            loss: (m,) [N s/m] of thrust by inflow.
             limits: size and time of the doublet.
         """
-        self._curves, self._lags, self._limits = curves, lags, limits
+        self._curves, self._lags, self._loss, self._limits = curves, lags, loss, limits
         self._least, self._most = (np.array([thrust_at(curve, end) for curve in curves]) for end in (-1.0, 1.0))
 
     def begin(self, thruster: int, time: float, passed: Array, speed: Array) -> ProbeState:
@@ -62,7 +63,7 @@ class ThrusterProbe:
         return sent
 
     def step(
-        self, state: ProbeState, time: float, dt: float, wanted: float, thrust: float, missing: float
+        self, state: ProbeState, time: float, dt: float, wanted: float, inflow: float, thrust: float, missing: float
     ) -> float | None:
         """Take one balance of the hull's momentum, and choose what is added next.
 
@@ -71,7 +72,8 @@ class ThrusterProbe:
             time: [s] of the balance.
             dt: [s] since the last one.
             wanted: [-] command of the controller since then, without the doublet.
-            thrust: [N] predicted in still water, with the doublet.
+            inflow: [m/s] speed of advance through the water along the thrust.
+            thrust: [N] predicted in it, with the doublet.
             missing: [N] unexplained force along the thruster.
 
         Returns:
@@ -83,7 +85,7 @@ class ThrusterProbe:
         most = slew * dt if slew > 0.0 else np.inf
         state.passed += min(max(wanted - state.passed, -most), most)
         state.speed = state.passed + (state.speed - state.passed) * (np.exp(-dt / lag) if lag > 0.0 else 0.0)
-        added = thrust - thrust_at(self._curves[i], state.speed)
+        added = thrust - thrust_in_flow(self._curves[i], self._loss[i], inflow, state.speed)
         state.answer += min(1.0, dt / limits.hull_time) * (added - state.answer)
         state.rows.append((time, missing, state.answer))
         doublets = (time - state.began) / limits.probe_time

@@ -8,7 +8,8 @@ import numpy as np
 from models.naming import TOOL_GEOM
 
 TARGET_BODY = "target"
-FRICTION_TIME = 0.045  # [s] time constant of friction; longer under a light or fast tool
+FRICTION_TIME = 0.045  # [s] time constant of friction under a pressed tool
+LONGEST = 0.5  # [s] under a light or fast one; a longer one no longer opposes the motion while the tool slows down
 PRESSED = 3.0  # times what just keeps a tool in contact at its mean speed and force: both vary
 FRICTION_STIFFNESS = 100.0  # MuJoCo's impratio: the pad creeps less than 2 mm/s under 0.8 of the friction limit
 
@@ -19,8 +20,8 @@ def let_tool_slide(scene: mujoco.MjSpec, *, speed: float = 0.0, force: float = m
     MuJoCo's friction is convex: sliding at v [m/s] with the coefficient mu causes a separating acceleration
     mu (b v + r). Here b is the rate of the friction constraint and r its regularisation. A contact that is pressed in
     by no more than that is lost every few steps: under a small force, at speed, or on a stiff surface. Friction
-    therefore gets a slow rate of its own, and little regularisation. Parts of a mesh (`TargetModel.add_to`) have
-    contacts of their own, and keep them.
+    therefore gets a slow rate of its own (`friction_time`), and little regularisation. A geom of higher priority than
+    the tool's keeps its own contact.
 
     Args:
         scene: with a geom TOOL_GEOM and a body TARGET_BODY; changed.
@@ -28,9 +29,10 @@ def let_tool_slide(scene: mujoco.MjSpec, *, speed: float = 0.0, force: float = m
         force: [N] the least that presses it.
     """
     pad, target = scene.geom(TOOL_GEOM), scene.body(TARGET_BODY)
-    time = max(FRICTION_TIME, PRESSED * _lifting_time(scene, pad, speed, force))
+    light = speed > 0.0 and math.isfinite(force)
+    time = friction_time(scene.copy().compile(), speed=speed, force=force) if light else FRICTION_TIME
     scene.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC  # a user's file has MuJoCo's pyramid, which knows neither
-    scene.option.impratio = FRICTION_STIFFNESS * time / FRICTION_TIME  # so that it creeps no faster
+    scene.option.impratio = friction_stiffness(time)
     for geom in target.geoms:
         if not (geom.contype or geom.conaffinity) or geom.priority > pad.priority or not geom.name:
             continue
@@ -41,13 +43,25 @@ def let_tool_slide(scene: mujoco.MjSpec, *, speed: float = 0.0, force: float = m
         pair.solreffriction = [time, 1.0]
 
 
-def _lifting_time(scene: mujoco.MjSpec, pad: mujoco.MjsGeom, speed: float, force: float) -> float:
-    """Time constant [s] of friction at which sliding just lifts the pad.
+def friction_time(model: mujoco.MjModel, *, speed: float, force: float) -> float:
+    """Time constant [s] of friction with which a tool stays in contact.
 
     Sliding separates by mu b v, with b = 2 / (d_max time). Pressed in at rest, the contact's reference acceleration is
-    (1 - d) / d A f, with the inverse weight A of the body (MuJoCo documentation, Computation, Parameters).
+    (1 - d) / d A f, with the inverse weight A of the body (MuJoCo documentation, Computation, Parameters). Friction
+    opposes b v plus the acceleration along the surface: a long time turns it over in a stop.
+
+    Args:
+        model: with a geom TOOL_GEOM.
+        speed: [m/s] at which the tool slides.
+        force: [N] the least that presses it.
     """
-    model = scene.copy().compile()
-    least, most = np.clip(np.array(pad.solimp)[:2], 1e-4, 0.9999)
-    weight = float(model.body_invweight0[model.geom(TOOL_GEOM).bodyid[0], 0])
-    return 2.0 * float(pad.friction[0]) * speed / most / ((1.0 - least) / least * weight * force)
+    pad = model.geom(TOOL_GEOM)
+    least, most = np.clip(pad.solimp[:2], 1e-4, 0.9999)
+    pressed = (1.0 - least) / least * float(model.body_invweight0[pad.bodyid[0], 0]) * force
+    time = PRESSED * 2.0 * float(pad.friction[0]) * speed / most / pressed if pressed > 0.0 else LONGEST
+    return float(np.clip(time, FRICTION_TIME, LONGEST))
+
+
+def friction_stiffness(time: float) -> float:
+    """MuJoCo's impratio with which the tool creeps no faster than with the usual `time` constant [s] of friction."""
+    return FRICTION_STIFFNESS * (time / FRICTION_TIME)

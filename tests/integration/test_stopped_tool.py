@@ -13,7 +13,7 @@ from scenarios.options import barrel
 from scenarios.runner import run
 from scenarios.scenario import Sensing
 from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.messages import Measurement, StateEstimate, ToolAtRest, WorkState
+from sim.interfaces.messages import FaultKind, Measurement, StateEstimate, ToolAtRest, WorkState
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -91,6 +91,7 @@ def test_a_fault_while_the_tool_stands_ends_the_work_without_harm():
     force = recording["contact_most"]
     begun = recording.within(WorkState.WORK)
     assert outcome.result.last.reference.state is WorkState.ABORT
+    assert (FaultKind.ENCODER, 1) in [(fault.kind, fault.index) for fault in outcome.result.last.command.faults]
     assert force.time[begun].max() < stop.time + 0.5
     assert force.scalar[force.time > stop.time].max() < 1.1 * 60.0
     assert force.scalar[force.time > stop.time + 1.0].max() == 0.0

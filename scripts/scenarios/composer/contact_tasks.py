@@ -10,7 +10,7 @@ from dm_control.utils import rewards
 from controllers.tasks.insertion import axis_path
 from models.objects.manifold import Manifold
 from models.objects.target_model import TargetModel
-from scenarios.composer.actions import Actions
+from scenarios.composer.actions import Actions, ToolTwist
 from scenarios.composer.entities import Sea, VehicleEntity, WorkObjectEntity, let_slide, put
 from scenarios.composer.judges import DAMAGE, InsertedTo, PressedAt, SetForce, TappedAt, WipedAlong
 from scenarios.composer.sensing import FARTHEST, STRONGEST
@@ -64,7 +64,7 @@ class ContactTask(VehicleTask):
         self.add_goals(FARTHEST, goal_position=3, goal_axis=3)
         self.add_goals(STRONGEST, goal_force=1)
         if self.slides:
-            let_slide(sea, vehicle, self.object)
+            let_slide(sea, vehicle, self.object, speed=ToolTwist.SPEED, force=force)
 
     in_contact = True
     slides = True  # the tool slides on the object

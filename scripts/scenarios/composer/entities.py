@@ -24,7 +24,7 @@ from models import hydrodynamics as hydrodynamic_rows
 from models.exact_mjcf import exact_xml
 from models.naming import ARM_BASE_BODY, CAMERA_SITE, HULL_BODY, TIP_SITE, TOOL_FACE_SITE, TOOL_GEOM, PartNames
 from models.objects.target_model import TargetModel
-from models.site.sliding_contact import FRICTION_STIFFNESS, FRICTION_TIME, TARGET_BODY
+from models.site.sliding_contact import TARGET_BODY, friction_stiffness, friction_time
 from scenarios.composer.mjcf_parts import MOUNT, VehicleParts, parts_of, root_of
 from scenarios.composer.model_variation import ModelVariation
 from scenarios.composer.sensing import ArmObservables, SensorReadings, ToolObservables, VehicleObservables
@@ -478,14 +478,23 @@ def put(sea: Sea, thing: composer.Entity, X_WT: Array) -> Any:
     return frame
 
 
-def let_slide(sea: Sea, vehicle: VehicleEntity, thing: WorkObjectEntity) -> None:
-    """Contact of a tool that slides on an object without lifting, as `models.site.sliding_contact` has it."""
+def let_slide(sea: Sea, vehicle: VehicleEntity, thing: WorkObjectEntity, *, speed: float, force: float) -> None:
+    """Contact of a tool that slides on an object without lifting, as `models.site.sliding_contact` has it.
+
+    Args:
+        sea: The arena.
+        vehicle: Its vehicle, with a tool.
+        thing: The object.
+        speed: [m/s] at which the tool slides.
+        force: [N] that presses it.
+    """
     pad = next((found for e in vehicle.iter_entities() if (found := e.mjcf_model.find("geom", TOOL_GEOM))), None)
     if pad is None:
         raise ConfigurationError(f"vehicle: to slide it needs a tool, a geom named {TOOL_GEOM!r}")
     own = vehicle.own.model.geom(TOOL_GEOM)
     root = sea.mjcf_model
-    root.option.impratio = FRICTION_STIFFNESS
+    time = friction_time(vehicle.own.model, speed=speed, force=force)
+    root.option.impratio = friction_stiffness(time)
     sliding, spinning, rolling = own.friction
     for geom in thing.geoms:
         if (geom.priority or 0) > own.priority[0] or not geom.name:
@@ -498,7 +507,7 @@ def let_slide(sea: Sea, vehicle: VehicleEntity, thing: WorkObjectEntity) -> None
             condim=int(own.condim[0]),
             solref=own.solref,
             solimp=own.solimp,
-            solreffriction=[FRICTION_TIME, 1.0],
+            solreffriction=[time, 1.0],
         )
 
 

@@ -51,13 +51,13 @@ class Pad(Perturbation):
         """Sets spring and contact of the pad, and the timestep that they need.
 
         Contact and pad spring are in series: the contact is made stiff by a short time constant, and the spring gives
-        the remaining compliance. A contact that is stiffer by `solimp` chatters, and so does a rigid pad. Sliding lifts
-        the contact in proportion to the time constant; the contact force presses it in with its square. The longest
-        time constant that is stiff enough is therefore the best.
+        the remaining compliance. A contact that is stiffer by `solimp` chatters, and so does a rigid pad. The deeper
+        the contact force presses it in, the less is it lost where the tool shakes. The longest time constant that is
+        stiff enough is therefore the best, also where something else has shortened the timestep.
         """
         geom, joint = spec.geom(TOOL_GEOM), spec.joint(PAD_JOINT)
         timestep, drawn = float(spec.option.timestep), spec.copy().compile()
-        longest = max(STEPS_PER_SOLREF * timestep, float(geom.solref[0]))  # whoever has shortened the timestep
+        longest = max(STEPS_PER_SOLREF * timestep, float(geom.solref[0]))  # no stiffer than its own
         contact, softest = _contact_stiffness(drawn, geom, longest), SOFTEST_CONTACT * stiffness
         share = min(1.0, np.sqrt(contact / softest))
         geom.solref = [share * longest, 1.0]

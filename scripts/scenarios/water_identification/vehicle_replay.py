@@ -18,7 +18,7 @@ from models.exact_mjcf import library
 from models.hydrodynamics import LAYOUT, world_row
 from models.vehicle import Vehicle
 from models.water.thruster_curves import thrust_in_flow
-from models.water.thrusters import INFLOW_LOSS, SLEW_RATE, TIME_CONSTANT, TORQUE, curves
+from models.water.thrusters import INFLOW_LOSS, SLEW_RATE, TIME_CONSTANT, curves, inflow_levers
 from sim import hydrodynamics
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.kernels import keyed_by_imports
@@ -100,8 +100,7 @@ class ReplayVehicle:
             curve[self.has_curve] = found
         advance = np.zeros((6, len(pushed)))
         if width:
-            advance[:, self.has_curve] = vehicle.thruster_wrench
-            advance[3:] -= table[:, TORQUE] * advance[:3]
+            advance[:, self.has_curve] = inflow_levers(vehicle.thruster_table, vehicle.thruster_wrench)
         self._thrusters = curve, loss, advance
         self.curve = curve  # (m, ...) static curves, zero where `has_curve` is not
         self.pushes = np.array([self.model.actuator(original.actuator(i).name).id for i in pushed], dtype=np.int64)

@@ -19,7 +19,7 @@ from models.water.thruster_curves import thrust_at, thrust_in_flow
 from models.water.thrusters import INFLOW_LOSS, curves, inflow_levers
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import Command, Fault, FaultKind, HullLoad, StateEstimate
-from sim.interfaces.spatial import Array
+from sim.interfaces.spatial import Array, exp_so3, pose
 
 DT = 0.002
 MODEL = models.load("uuv_puma").compile()
@@ -167,16 +167,17 @@ def in_flow(thruster: int, command: float, nu_r_B: Array) -> float:
 
 def test_thrust_is_predicted_in_the_inflow(rng: np.random.Generator, within: Any):
     """What the controller asks for on top, so that a current takes nothing, is not a thrust that is missing."""
-    current, thrust = rng.uniform(-0.6, 0.6, 3), rng.uniform(-60.0, 60.0, M)
-    asked = ThrusterLead(VEHICLE).static(thrust, np.concatenate([-current, np.zeros(3)]))
+    current, thrust, w = rng.uniform(-0.6, 0.6, 3), rng.uniform(-60.0, 60.0, M), rng.uniform(-0.2, 0.2, 3)
+    X_WB = pose(exp_so3(rng.uniform(-1.0, 1.0, 3)))
+    asked = ThrusterLead(VEHICLE).static(thrust, np.concatenate([-X_WB[:3, :3].T @ current, w]))
 
     def missing(commands: Array, arm_wrench_B: Array) -> Array:
         health = FaultDetection(MODEL, period=DT)
-        state = health.init(at_rest())
+        state = health.init(at_rest(X_WB=X_WB, w_WB_B=w))
         for t in np.arange(0.02, 3.0, 0.02):
             load = HullLoad(arm_wrench_B=arm_wrench_B, current_W=current)
             command = Command(time=t, joint_torque=np.zeros(N), thrusters=commands, scan=False, hull_load=load)
-            health.judge_hull(state, at_rest(time=float(t)), command)
+            health.judge_hull(state, at_rest(time=float(t), X_WB=X_WB, w_WB_B=w), command)
         return state.hull.missing
 
     drag = missing(np.zeros(M), np.zeros(6))

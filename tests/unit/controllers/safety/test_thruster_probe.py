@@ -7,15 +7,15 @@ import models
 from controllers.safety.thruster_probe import ThrusterProbe, is_lost
 from controllers.tuning import FaultLimits
 from models.vehicle import Vehicle
-from models.water.thruster_curves import thrust_at
-from models.water.thrusters import SLEW_RATE, TIME_CONSTANT, curves
+from models.water.thruster_curves import thrust_in_flow
+from models.water.thrusters import INFLOW_LOSS, SLEW_RATE, TIME_CONSTANT, curves
 
 LIMITS = FaultLimits()
 TABLE = Vehicle.of(models.load("uuv_puma").compile()).thruster_table
 SWAY, DT = 2, 0.02  # index, [s]
 
 
-def probed(lost: float, wave: float, frequency: float, wanted: float) -> tuple[float, float]:
+def probed(lost: float, wave: float, frequency: float, wanted: float, inflow: float = 0.0) -> tuple[float, float]:
     """Share that a probe states, and how long it took [s].
 
     Args:
@@ -23,20 +23,21 @@ def probed(lost: float, wave: float, frequency: float, wanted: float) -> tuple[f
         wave: [N] amplitude of a disturbance along the thruster.
         frequency: [Hz] of it.
         wanted: [-] command of the controller.
+        inflow: [m/s] along the thrust.
     """
-    curve, lag = curves(TABLE), TABLE[:, [TIME_CONSTANT, SLEW_RATE]]
-    probe = ThrusterProbe(curve, lag, LIMITS)
+    curve, lag, loss = curves(TABLE), TABLE[:, [TIME_CONSTANT, SLEW_RATE]], TABLE[:, INFLOW_LOSS]
+    probe = ThrusterProbe(curve, lag, loss, LIMITS)
     still = np.full(len(TABLE), wanted)
     state, speed, sent, filtered = probe.begin(SWAY, 0.0, still, still), wanted, wanted, 0.0
     rng = np.random.default_rng(4)
-    filtered = -lost * thrust_at(curve[SWAY], wanted)
+    filtered = -lost * thrust_in_flow(curve[SWAY], loss[SWAY], inflow, wanted)
     for step in range(1, 1000):
         time = DT * step
         speed = sent + (speed - sent) * np.exp(-DT / lag[SWAY, 0])
-        thrust = thrust_at(curve[SWAY], speed)
+        thrust = thrust_in_flow(curve[SWAY], loss[SWAY], inflow, speed)
         filtered += DT / LIMITS.hull_time * (-lost * thrust - filtered)
         missing = filtered + wave * np.sin(2.0 * np.pi * frequency * time) + rng.normal(0.0, 1.0)
-        share = probe.step(state, time, DT, wanted, thrust, missing)
+        share = probe.step(state, time, DT, wanted, inflow, thrust, missing)
         if share is not None:
             return share, time
         sent = float(probe.sent(state, still)[SWAY])
@@ -51,6 +52,15 @@ def test_a_loss_is_told_from_a_wave(wave: float, frequency: float, wanted: float
         within("share", share - lost, 0.25)  # measured 0.21 in the largest wave
         assert is_lost(share) == bool(lost)
         assert time < 4.0
+
+
+@pytest.mark.parametrize("inflow", [-0.5, 0.5])
+@pytest.mark.parametrize("wanted", [0.1, 0.4, -0.4])
+def test_it_tells_the_whole_loss_in_a_current(wanted: float, inflow: float, within):
+    """In still water the doublet of a thruster that hardly turns would be a fifth larger or smaller."""
+    for lost in (0.0, 1.0):
+        share, _ = probed(lost, 0.0, 0.1, wanted, inflow)
+        within("share", share - lost, 0.12)
 
 
 def test_what_cannot_be_known_is_not_said():

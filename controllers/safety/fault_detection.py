@@ -54,7 +54,8 @@ class HullResiduals(NamedTuple):
     rest: Array  # (6,) [N, N m] drag and gyroscopic terms less thrust and arm wrench, filtered
     missing: Array  # (6,) [N, N m] unexplained wrench on the hull
     missing_usual: Array  # (6,) [N, N m] its average
-    inflow: Array  # (m,) [m/s] speed of advance through the water along the thrust
+    current_W: Array  # (3,) [m/s] average of the estimated current; that of now also holds part of what a fault does
+    inflow: Array  # (m,) [m/s] speed of advance through that current along the thrust
     thrust: Array  # (m,) [N] predicted, in the inflow
     thrust_usual: Array  # (m,) [N] its average while the missing wrench was usual
     lost_for: Array  # (m,) [s] for which this thruster has explained the missing wrench
@@ -156,6 +157,7 @@ class FaultDetection:
                 rest=six(),
                 missing=six(),
                 missing_usual=six(),
+                current_W=np.zeros(3),
                 inflow=thruster(),
                 thrust=thruster(),
                 thrust_usual=thruster(),
@@ -209,6 +211,7 @@ class FaultDetection:
         state.hull_time = estimate.time
         if dt <= 0.0:
             return
+        state.hull.current_W[:] += self._learning(state, estimate.time, dt) * (load.current_W - state.hull.current_W)
         seen = (estimate.X_WB[:3, :3], estimate.v_WB_B, estimate.w_WB_B, load.current_W, load.arm_wrench_B)
         _hull(self._hull, seen, dt, self.limits.hull_time, state.hull)
         warm = estimate.time - state.began > self.limits.warm_up
@@ -319,6 +322,10 @@ class FaultDetection:
             state, FaultKind.THRUSTER, self._vehicle.thruster_names[thruster], thruster, time, figures, thrust=gives
         )
 
+    def _learning(self, state: FaultDetectionState, time: float, dt: float) -> float:
+        """Weight of a sample of `dt` [s] in the averages: a plain mean at first, then of the learning time."""
+        return min(1.0, dt / min(self.limits.hull_learning_time, max(time - state.began, dt)))
+
     def _learn_or_suspect(self, state: FaultDetectionState, time: float, dt: float, speed: float, warm: bool) -> None:
         limits, hull = self.limits, state.hull
         size, asked, changed, best, missed = _explain(self._hull, hull, limits.thruster_leftover)
@@ -329,7 +336,7 @@ class FaultDetection:
         suspect = best >= 0 and (low * abs(thrust) < missed * np.sign(thrust) < high * abs(thrust) or size > bound)
         # A residual that no thruster loss explains, however large, is model drift and enters the average.
         if not warm or size < 0.7 * bound or not suspect:
-            learn = min(1.0, dt / min(limits.hull_learning_time, max(time - state.began, dt)))
+            learn = self._learning(state, time, dt)
             hull.missing_usual[:] += learn * (hull.missing - hull.missing_usual)
             hull.thrust_usual[:] += learn * (hull.thrust - hull.thrust_usual)
         lost_for = float(hull.lost_for[best]) + dt if warm and suspect and size > bound else 0.0
@@ -384,12 +391,14 @@ def _hull(model, seen, dt, time, residuals):
     """
     R_WB, v_B, w_B, current_W, arm_wrench_B = seen
     inertia, lags, B, r = model.inertia, model.lags, model.B, residuals
-    nu, relative, force = np.empty(6), np.empty(6), np.empty(6)
+    nu, relative, advancing, force = np.empty(6), np.empty(6), np.empty(6), np.empty(6)
     for i in range(3):
         nu[i], nu[3 + i] = v_B[i], w_B[i]
         relative[i], relative[3 + i] = v_B[i], w_B[i]
+        advancing[i], advancing[3 + i] = v_B[i], w_B[i]
         for j in range(3):
             relative[i] -= R_WB[j, i] * current_W[j]
+            advancing[i] -= R_WB[j, i] * r.current_W[j]
     p = inertia @ nu + model.added @ (relative - nu)
     for i in range(3):
         j, k = (i + 1) % 3, (i + 2) % 3
@@ -408,7 +417,7 @@ def _hull(model, seen, dt, time, residuals):
         r.speed[t] = wanted + (r.speed[t] - wanted) * decay
         inflow = 0.0
         for i in range(6):
-            inflow += model.advance[i, t] * relative[i]
+            inflow += model.advance[i, t] * advancing[i]
         r.inflow[t] = inflow
         r.thrust[t] = thrust_in_flow(model.curves[t], model.loss[t], inflow, r.speed[t])
         for i in range(6):

@@ -130,7 +130,7 @@ WORK = 'name = "x"\n[task]\nkind = "SurfaceWork"\n'
         (WORK + 'speed = "fast"', "task.speed: must be a number, got 'fast'"),
         (WORK + "speed = 9", "speed .m/s.: must be finite, >= 0.0001, <= 1, got 9"),
         (WORK + "forces = 9", "task.forces: must be a list, got 9"),
-        (WORK + "forces = []", r"--forces \[N\]: needs at least one set force, got none"),
+        (WORK + "forces = []", r"forces \[N\]: needs at least one set force, got none"),
         ('name = "x"\nseed = true\n[task]\nkind = "SurfaceWork"', "seed: must be a whole number, got True"),
         (WORK + "[site]\ncurrent = [1]", "site.current: must be 3 values"),
         (WORK + '[control]\nwithout = ["luck"]', "allowed compensation, .*got 'luck'"),

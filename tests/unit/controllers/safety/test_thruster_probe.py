@@ -57,10 +57,10 @@ def test_a_loss_is_told_from_a_wave(wave: float, frequency: float, wanted: float
 @pytest.mark.parametrize("inflow", [-0.5, 0.5])
 @pytest.mark.parametrize("wanted", [0.1, 0.4, -0.4])
 def test_it_tells_the_whole_loss_in_a_current(wanted: float, inflow: float, within):
-    """In still water the doublet of a thruster that hardly turns would be a fifth larger or smaller."""
+    """With the doublet as it would be in still water the share is 0.8 to 1.5, or not to be known."""
     for lost in (0.0, 1.0):
         share, _ = probed(lost, 0.0, 0.1, wanted, inflow)
-        within("share", share - lost, 0.12)
+        within("share", share - lost, 0.03)  # measured 0.013
 
 
 def test_what_cannot_be_known_is_not_said():

@@ -177,7 +177,7 @@ class DriveSpan:
         )
         state.time = estimate.time
         if code == BROKEN or (hull_due and not np.isfinite(command.thrusters).all()):
-            return self._wrapper.without(state, estimate, FaultKind.CONTROLLER)
+            return self._wrapper.without(state, estimate, reference, FaultKind.CONTROLLER)
         if code == SUSPECT:
             self._wrapper.health.judge_joints(self._health, estimate.time)
         if hull_due:

@@ -10,8 +10,9 @@ Wraps any `sim.interfaces.protocols.Controller`:
   friction of its gear holds it.
 - An estimate with numbers that are not finite, or with IMU data that are too old, never reaches the controller. One
   with a time that stands still reaches it for `patience` only.
-- Without a valid estimate the last command is repeated for `patience`. After that the arm is braked and the thrusters
-  are stopped for good. The same holds for a controller with commands that are not finite.
+- Without a valid estimate the last command is repeated for `patience`. After that the arm is braked. Where a tool pose
+  was commanded the hull departs blindly (`controllers.safety.blind_departure`). Then the thrusters are stopped for
+  good. The same holds for a controller with commands that are not finite.
 """
 
 import math
@@ -23,6 +24,7 @@ import mujoco
 import numpy as np
 
 from controllers.arm.inverse_dynamics import ArmDynamics
+from controllers.safety.blind_departure import BlindDeparture, DepartureStage
 from controllers.safety.fault_detection import FaultDetection, FaultDetectionState, finite
 from controllers.tuning import SAFETY, FaultLimits
 from models.vehicle import Vehicle
@@ -45,6 +47,7 @@ class SafetyWrapperState:
     command: Command  # the last finite one
     blind_for: float = 0.0  # [s] without a sound estimate, or command
     stopped: Fault | None = None  # the reason for a stop; None: not stopped
+    departure: tuple[DepartureStage, ...] = ()  # from the stop on
 
 
 class SafetyWrapper:
@@ -72,6 +75,7 @@ class SafetyWrapper:
         self._limits = np.array(vehicle.torque_limits)
         self._armed = vehicle.joints.size > 0
         self._arm = ArmDynamics(model) if self._armed else None
+        self._departure = BlindDeparture(model, vehicle, self._arm) if self._arm is not None else None
         self._armature, self._damping = np.array(vehicle.armature), np.array(vehicle.joint_damping)
         self.health = FaultDetection(model, period=controller.period, limits=limits)
         self._thrusters = len(vehicle.thruster_names)
@@ -110,19 +114,19 @@ class SafetyWrapper:
         """
         e = estimate
         if state.stopped is not None or not finite(e.X_WB, e.v_WB_B, e.w_WB_B, e.a_WB_B, e.q, e.qd, e.time):
-            return state, self.without(state, estimate, FaultKind.ESTIMATE)
+            return state, self.without(state, estimate, reference, FaultKind.ESTIMATE)
         if e.imu_age > SAFETY.old_imu:
-            return state, self.without(state, estimate, FaultKind.ESTIMATE)
+            return state, self.without(state, estimate, reference, FaultKind.ESTIMATE)
         fresh = e.time > state.time
         if not fresh and state.blind_for + self.period > self._patience:
-            return state, self.without(state, estimate, FaultKind.ESTIMATE)
+            return state, self.without(state, estimate, reference, FaultKind.ESTIMATE)
         state.time = e.time
         if state.health is None:
             state.health = self.health.init(replace(estimate, tau=np.nan_to_num(e.tau, posinf=0.0, neginf=0.0)))
         estimate = self._replaced(state.health, estimate)
         state.inner, command = self.controller.step(state.inner, estimate, reference)
         if not (_numbers(command.joint_torque) and _numbers(command.thrusters)):
-            return state, self.without(state, estimate, FaultKind.CONTROLLER)
+            return state, self.without(state, estimate, reference, FaultKind.CONTROLLER)
         if reference.abort is not None:
             command = replace(command, joint_torque=self._gentle(command.joint_torque, estimate))
         faults = self.health.step(state.health, estimate, command) if fresh else tuple(state.health.faults)
@@ -199,12 +203,15 @@ class SafetyWrapper:
         most = SAFETY.gentle_force * np.maximum(lever, _LEAST_LEVER)
         return borne + np.clip(torque - borne, -most, most)
 
-    def without(self, state: SafetyWrapperState, estimate: StateEstimate, kind: FaultKind) -> Command:
-        """Command without a controller: the last one repeated, after `patience` brakes only.
+    def without(
+        self, state: SafetyWrapperState, estimate: StateEstimate, reference: Reference, kind: FaultKind
+    ) -> Command:
+        """Command without a controller: the last one repeated, after `patience` brakes and a blind departure.
 
         Args:
             state: of the wrapper; changed in place.
             estimate: of the vehicle now, possibly invalid.
+            reference: of the planner.
             kind: what is missing.
 
         Returns:
@@ -214,16 +221,23 @@ class SafetyWrapper:
         faults = tuple(state.health.faults) if state.health is not None else ()
         if state.stopped is None and state.blind_for > self._patience:
             state.stopped = Fault(kind=kind, part="", index=-1, time=state.sound.time + state.blind_for)
+            if self._departure is not None:
+                state.departure = self._departure.stages(state.sound, state.command, reference)
         if state.stopped is None:
             return replace(state.command, faults=faults)
         return replace(
             state.command,
             joint_torque=self._brake(state, estimate),
-            thrusters=np.zeros(self._thrusters),
+            thrusters=self._departing(state),
             scan=False,
             contact=replace(state.command.contact, normal=0.0),
             faults=(*faults, state.stopped),
         )
+
+    def _departing(self, state: SafetyWrapperState) -> Array:
+        """Commands (m,) of the departure's present stage, zero after the last one."""
+        since = state.blind_for - self._patience
+        return next((stage.thrusters for stage in state.departure if since <= stage.until), np.zeros(self._thrusters))
 
     def _brake(self, state: SafetyWrapperState, estimate: StateEstimate) -> Array:
         """Torques (n,) [N m] that bear the arm's weight in the last sound attitude and brake its motion."""

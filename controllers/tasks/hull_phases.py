@@ -8,6 +8,7 @@ from typing import Self
 import numpy as np
 
 from controllers.planning.trajectories import JointMove, PoseMove
+from controllers.safety.blind_departure import ascent_direction
 from controllers.tasks.phase import ZERO, Abort, Context, Held, Outcome, Phase, PhaseEvent, Setpoint, way_back
 from sim.interfaces.messages import AbortCode, StateEstimate
 from sim.interfaces.spatial import Array, exp_so3, pose
@@ -391,11 +392,3 @@ def _ascent(gone_W: Array, up_W: Array) -> float:
     """Length [m] of the ascent along `up_W` (3,) of a hull displaced by `gone_W` (3,), whatever its drift."""
     steep = abs(up_W[2]) > _STEEP
     return max(0.0, float(gone_W[2] / up_W[2] if steep else gone_W @ up_W))
-
-
-def ascent_direction(normal_W: Array) -> Array:
-    """Direction (3,) of an ascent off a surface with normal `normal_W` (3,): up, and up to half as much along it.
-
-    Straight up a steep flank the tool would strike parts of the object that bulge above it.
-    """
-    return np.array([0.0, 0.0, 1.0]) + max(0.0, 0.5 - normal_W[2]) * normal_W

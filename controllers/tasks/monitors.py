@@ -9,7 +9,7 @@
 | hull off its place, or force above its limit on the way back | the same, with all thrusters |
 | the object moves across the tool, as the camera on the arm sees it | retreat along the tool axis |
 | force above its limit, long above the set one, or not felt; contact lost | retreat along the tool axis |
-| estimate or command not finite | arm braked, thrusters off (`safety_wrapper`), abort |
+| estimate or command not finite | arm braked; hull off the surface, then up, blindly (`safety_wrapper`); abort |
 
 What a reaction means in a phase is in the table of the task: up to CLOSE_IN there is no contact to retreat from, and
 the work ends where the vehicle is.

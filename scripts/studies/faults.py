@@ -2,7 +2,7 @@
 
 Each run presses with 90 N when the fault begins, or it begins in another phase (--phases). A case does damage if the
 true force on the object exceeds 1.5 times the set force, during the retreat too, or anything but the tool touches the
-object.
+object. A case fails too if the tool touches the object later than 2 s after the work was left.
 """
 
 from scenarios.start import parse, run_scenario  # isort: skip
@@ -45,7 +45,7 @@ class Options(StudyOptions):
 
 
 def main() -> int:
-    """Runs or resumes the study; exit code 1 if a case does damage."""
+    """Runs or resumes the study; exit code 1 if a case does damage or touches the object late."""
     options = parse(Options)
     vehicle = Vehicle.of(models.load(BarrelOptions().vehicle).compile())
     chosen_cases(vehicle.thruster_names, options.only)  # refuses words that match no case

@@ -13,7 +13,9 @@ from scenarios.campaigns.fault_picture import draw
 from scenarios.study import Row, Summary, Table
 from sim.interfaces.messages import WorkState
 
-_COLUMNS = ("fault", "in", "path", "found", "after s", "reaction", "peak N", "hull mm", "tilt deg", "damage")
+LATE = 2.0  # [s] after the work was left, from which on the tool must not touch the object
+_TOUCHING = 1.0  # [N] from which on it does
+_COLUMNS = ("fault", "in", "path", "found", "after s", "reaction", "peak N", "touch s", "hull mm", "tilt deg", "damage")
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,6 +41,7 @@ class FaultFigures:
     reaction: str
     reaction_s: float | None
     peak_n: float  # largest true force from the fault on
+    touch_s: float | None  # last contact, from when the work was left; None: not left, or not touched since
     excursion_m: float
     tilt_deg: float
     lost_s: float  # without contact while at work
@@ -61,6 +64,7 @@ def figures(trace: Trace, path: str, seed: int) -> FaultFigures:
     left = next((t for t, state, _ in trace.states if state in (WorkState.RETREAT, WorkState.ABORT)), None)
     working = time < (left if left is not None else np.inf)
     step = float(time[1] - time[0])
+    touched = time[~working & (trace.rows[:, 10] > _TOUCHING)] - (left or 0.0)
     hull = np.linalg.norm(trace.rows[:, 4:7], axis=1)
     reaction = " > ".join(states)
     if states == [WorkState.WORK] and np.any(trace.rows[:, 3] < 0.9 * trace.set_force):
@@ -75,6 +79,7 @@ def figures(trace: Trace, path: str, seed: int) -> FaultFigures:
         reaction=reaction,
         reaction_s=left,
         peak_n=peak,
+        touch_s=float(touched.max()) if touched.size else None,
         excursion_m=float(hull.max()),
         tilt_deg=float(np.degrees(trace.rows[:, 7].max())),
         lost_s=float(np.count_nonzero(least[working] < 1.0) * step) if states[0] is WorkState.WORK else 0.0,
@@ -116,7 +121,7 @@ def lines(row: Row) -> str:
 
 
 def summarise(rows: list[Row]) -> Summary:
-    """Table of all cases; those with damage fail."""
+    """Table of all cases; those with damage fail, and those that touch the object late after the work was left."""
     found = [FaultFigures(**one) for row in rows for one in row["cases"]]
     cells = [
         (
@@ -127,6 +132,7 @@ def summarise(rows: list[Row]) -> Summary:
             "" if one.detection_s is None else f"{one.detection_s:.2f}",
             one.reaction,
             f"{one.peak_n:.0f}",
+            "" if one.touch_s is None else f"{one.touch_s:.1f}",
             f"{1e3 * one.excursion_m:.0f}",
             f"{one.tilt_deg:.1f}",
             "yes" if one.damage else "no",
@@ -136,8 +142,17 @@ def summarise(rows: list[Row]) -> Summary:
     return Summary(
         metrics={"cases": [asdict(one) for one in found]},
         tables=[Table(title=f"Faults at a push of {PUSH:g} N", columns=_COLUMNS, rows=cells, labels=4)],
-        failed=[f"damage: {one.case} in {one.phase}, {one.path} path, seed {one.seed}" for one in found if one.damage],
+        failed=[
+            f"{why}: {one.case} in {one.phase}, {one.path} path, seed {one.seed}" for one in found if (why := _bad(one))
+        ],
     )
+
+
+def _bad(one: FaultFigures) -> str:
+    """Why the study fails by this case; empty: it does not."""
+    if one.damage:
+        return "damage"
+    return f"contact {one.touch_s:.1f} s after the work was left" if (one.touch_s or 0.0) > LATE else ""
 
 
 def _line(one: FaultFigures) -> str:
@@ -145,6 +160,7 @@ def _line(one: FaultFigures) -> str:
     return (
         f"{one.path[:4]} {one.seed}  {one.case:30} in {one.phase:8} "
         f"found {one.found or '-':28} {after:>7}  peak {one.peak_n:4.0f} N  "
+        f"touch {'-' if one.touch_s is None else f'{one.touch_s:.1f} s':>5}  "
         f"hull {1e3 * one.excursion_m:4.0f} mm {one.tilt_deg:4.1f} deg  {one.reaction}  {one.note}"
         f"{'  DAMAGE' if one.damage else ''}"
     )

@@ -14,9 +14,10 @@ from controllers.mkps import Chain
 from controllers.planning import hull_placement
 from controllers.planning.placement import Placement
 from controllers.planning.work_vehicle import WorkVehicle
+from controllers.safety.blind_departure import ascent_direction
 from controllers.tasks.arrival import ArrivalLimits, ScanLimits
 from controllers.tasks.contact_phases import ApproachLimits
-from controllers.tasks.hull_phases import Settle, ascent_direction
+from controllers.tasks.hull_phases import Settle
 from controllers.tasks.surface_work import SurfaceTaskConfig, SurfaceWork
 from models.naming import ARM_BASE_BODY, TIP_SITE
 from models.objects.targets import barrel

@@ -1,12 +1,12 @@
 """Blind departure: thrusts that take a vehicle without an estimate off the surface, and then up.
 
-Nothing is known any more of how the hull moves, so the thrusts are set beforehand. Those of the last sound step held
-the hull in its current; they go on, less their part against the contact. On top comes a force off the surface along
-the tool axis, then one up. It scales with the vehicle's mass, and down where a thruster has no more to give. Roll and
-pitch are left to weight and buoyancy. With the thrusters merely stopped, the current would carry the tool back.
+Nothing is known any more of how the hull moves, so the thrusts are set beforehand. Those that have held the hull in its
+current, on average, go on, less their part against the contact. On top comes a force off the surface along the tool
+axis, then one up. It scales with the vehicle's mass, and down where a thruster has no more to give. Roll and pitch are
+left to weight and buoyancy. With the thrusters merely stopped, the current would carry the tool back.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import mujoco
 import numpy as np
@@ -30,6 +30,16 @@ class DepartureStage:
     thrusters: Array  # (m,) normalised propeller speed in [-1, 1]
 
 
+@dataclass(slots=True, eq=False)
+class DepartureState:
+    """Means of what balances the hull, over some `SAFETY.balance_time`."""
+
+    time: float = -np.inf  # [s] of the newest command
+    commanded: Array | None = None  # (m,) thrusters of that command, to tell a new one
+    thrust: Array = field(default_factory=lambda: np.zeros(0))  # (m,) [N] steady, in still water
+    force_W: Array = field(default_factory=lambda: np.zeros(3))  # (3,) [N] of the contact; NaN: not known
+
+
 class BlindDeparture:
     """Departure of one vehicle with an arm."""
 
@@ -44,26 +54,38 @@ class BlindDeparture:
         self._vehicle, self._arm, self._curves = vehicle, arm, curves(vehicle.thruster_table)
         self._push = SAFETY.leave_acceleration * float(model.body_subtreemass[vehicle.hull])
 
-    def stages(self, sound: StateEstimate, command: Command, reference: Reference) -> tuple[DepartureStage, ...]:
+    def follow(self, state: DepartureState, command: Command) -> None:
+        """Take a finite command into the means, at each new one of the hull."""
+        if command.thrusters is state.commanded:
+            return
+        thrust = np.array([thrust_at(*one) for one in zip(self._curves, command.thrusters, strict=True)])
+        share = 1.0 - np.exp(-max(command.time - state.time, 0.0) / SAFETY.balance_time)
+        if state.commanded is None:
+            state.thrust, state.force_W = thrust, command.contact.force_W
+        else:
+            state.thrust = state.thrust + share * (thrust - state.thrust)
+            before = state.force_W if np.isfinite(state.force_W).all() else command.contact.force_W
+            state.force_W = before + share * (command.contact.force_W - before)
+        state.time, state.commanded = command.time, command.thrusters
+
+    def stages(self, state: DepartureState, sound: StateEstimate, reference: Reference) -> tuple[DepartureStage, ...]:
         """Stages of the departure; none where no tool pose is commanded, since then the tool is nowhere near.
 
         Args:
+            state: of `follow`. Where it knows no contact, the set force counts.
             sound: the last sound estimate.
-            command: the last finite command, with its estimate of the contact. Where that is unknown, the set force
-                counts.
             reference: set points at that time.
         """
         if reference.X_WG is None:
             return ()
         R_BW, off_W = sound.X_WB[:3, :3].T, -reference.X_WG[:3, 2]
         wrench, B = np.zeros(6), np.array(self._vehicle.thruster_wrench)
-        known = command.contact.known and bool(np.isfinite(command.contact.force_W).all())
-        wrench[:3] = R_BW @ (command.contact.force_W if known else reference.force * off_W)
+        known = bool(np.isfinite(state.force_W).all())
+        wrench[:3] = R_BW @ (state.force_W if known else reference.force * off_W)
         wrench[3:] = np.cross(self._arm.tip(sound.q)[0][:3, 3], wrench[:3])
         B[:, list(reference.lost_thrusters)] = 0.0
-        given = np.array([thrust_at(*one) for one in zip(self._curves, command.thrusters, strict=True)])
         inverse = np.linalg.pinv(B)
-        held = given + inverse @ wrench
+        held = state.thrust + inverse @ wrench
         up_W = ascent_direction(off_W)
         found = []
         for until, along_W in (

@@ -17,14 +17,14 @@ Wraps any `sim.interfaces.protocols.Controller`:
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import mujoco
 import numpy as np
 
 from controllers.arm.inverse_dynamics import ArmDynamics
-from controllers.safety.blind_departure import BlindDeparture, DepartureStage
+from controllers.safety.blind_departure import BlindDeparture, DepartureStage, DepartureState
 from controllers.safety.fault_detection import FaultDetection, FaultDetectionState, finite
 from controllers.tuning import SAFETY, FaultLimits
 from models.vehicle import Vehicle
@@ -47,6 +47,7 @@ class SafetyWrapperState:
     command: Command  # the last finite one
     blind_for: float = 0.0  # [s] without a sound estimate, or command
     stopped: Fault | None = None  # the reason for a stop; None: not stopped
+    balance: DepartureState = field(default_factory=DepartureState)
     departure: tuple[DepartureStage, ...] = ()  # from the stop on
 
 
@@ -156,6 +157,8 @@ class SafetyWrapper:
         if state.health is not None and state.health.probe is not None:
             command = replace(command, thrusters=self.health.sent(state.health, command.thrusters))
         state.sound, state.command, state.blind_for = estimate, command, 0.0 if fresh else state.blind_for + self.period
+        if self._departure is not None:
+            self._departure.follow(state.balance, command)
         if not faults:
             return command
         return replace(command, joint_torque=self._servoed(command.joint_torque, estimate, faults), faults=faults)
@@ -222,7 +225,7 @@ class SafetyWrapper:
         if state.stopped is None and state.blind_for > self._patience:
             state.stopped = Fault(kind=kind, part="", index=-1, time=state.sound.time + state.blind_for)
             if self._departure is not None:
-                state.departure = self._departure.stages(state.sound, state.command, reference)
+                state.departure = self._departure.stages(state.balance, state.sound, reference)
         if state.stopped is None:
             return replace(state.command, faults=faults)
         return replace(

@@ -41,3 +41,20 @@ def test_a_frozen_torque_sensor_is_ridden_through_and_a_lost_thruster_ends_in_a_
         assert trace.rows[:, 10].max() < 1.5 * trace.set_force
     gone = lost.rows[lost.rows[:, 0] > lost.states[-1][0]]
     assert not gone[:, 1].any()  # off the object, and it stays off
+
+
+@pytest.mark.long
+@pytest.mark.usefixtures("scripts")
+def test_without_an_estimate_the_hull_leaves_and_does_not_come_back():
+    """With the thrusters merely stopped the current holds the tool on the object, here for 2.4 s."""
+    from scenarios import assemble, barrel
+    from scenarios.campaigns.fault_cases import Trace, run_branched
+
+    traces: list[Trace] = []
+    scenario = barrel(path="transverse", seed=0, forces=(90.0,), quick=True)
+    run_branched(assemble(scenario), ("IMU silent",), traces.append)
+    (trace,) = traces
+    left = next(time for time, state, _ in trace.states if state is WorkState.RETREAT)
+    assert trace.rows[-1, 0] > left + 5.0
+    assert not trace.rows[trace.rows[:, 0] > left + 1.0, 10].any()  # 0.56 s measured
+    assert not trace.rows[:, 8].any()

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 import models
 from controllers.arm.inverse_dynamics import ArmDynamics
-from controllers.safety.blind_departure import BlindDeparture, ascent_direction
+from controllers.safety.blind_departure import BlindDeparture, DepartureStage, DepartureState, ascent_direction
 from controllers.safety.safety_wrapper import SafetyWrapper
 from controllers.tuning import SAFETY
 from models.vehicle import Vehicle
@@ -67,6 +67,14 @@ def at_work(rng: np.random.Generator, force: float) -> tuple[StateEstimate, Comm
     return sound, command, reference
 
 
+def stages(sound: StateEstimate, reference: Reference, *commands: Command) -> tuple[DepartureStage, ...]:
+    """Stages after `commands`."""
+    departure, state = BlindDeparture(MODEL, VEHICLE, ARM), DepartureState()
+    for command in commands:
+        departure.follow(state, command)
+    return departure.stages(state, sound, reference)
+
+
 def thrusts(commands: Array) -> Array:
     """Steady thrusts (m,) [N] in still water."""
     table = VEHICLE.thruster_table
@@ -88,7 +96,7 @@ def test_the_hull_is_held_without_the_contact_and_pushed_off_the_surface_then_up
     assert reference.X_WG is not None
     off_W = -reference.X_WG[:3, 2]
     up_W = ascent_direction(off_W) / np.linalg.norm(ascent_direction(off_W))
-    leave, rise = BlindDeparture(MODEL, VEHICLE, ARM).stages(sound, command, reference)
+    leave, rise = stages(sound, reference, command)
     assert (leave.until, rise.until) == (SAFETY.leave_time, SAFETY.leave_time + SAFETY.rise_time)
     table = VEHICLE.thruster_table
     for stage, along_W in ((leave, off_W), (rise, up_W)):
@@ -109,7 +117,7 @@ def test_an_unknown_contact_counts_as_the_set_force():
     assert reference.X_WG is not None
     off_W = -reference.X_WG[:3, 2]
     unknown = replace(command, contact=ContactEstimate())
-    leave, _ = BlindDeparture(MODEL, VEHICLE, ARM).stages(sound, unknown, reference)
+    leave, _ = stages(sound, reference, unknown)
     wrench = pushed(sound, unknown, 40.0 * off_W, leave.thrusters)
     assert wrench[:3] @ (sound.X_WB[:3, :3].T @ off_W) == pytest.approx(PUSH, abs=1e-9)
     assert np.abs(wrench[3:]).max() < 1e-9
@@ -124,7 +132,7 @@ def test_a_full_thruster_takes_the_push_with_it_if_it_would_have_a_part_in_it(na
     full = np.array(command.thrusters)
     full[VEHICLE.thruster_names.index(name)] = 1.0
     command = replace(command, thrusters=full)
-    leave, _ = BlindDeparture(MODEL, VEHICLE, ARM).stages(sound, command, reference)
+    leave, _ = stages(sound, reference, command)
     more = VEHICLE.thruster_wrench @ (thrusts(leave.thrusters) - thrusts(full))
     assert more == pytest.approx([0.0, 0.0, PUSH if pushes else 0.0, 0.0, 0.0, 0.0], abs=1e-9)
 
@@ -133,9 +141,40 @@ def test_a_lost_thruster_is_left_alone():
     sound, command, reference = at_work(np.random.default_rng(3), 40.0)
     lost = VEHICLE.thruster_names.index("heave_front")
     reference = replace(reference, lost_thrusters=(lost,))
-    for stage in BlindDeparture(MODEL, VEHICLE, ARM).stages(sound, command, reference):
+    for stage in stages(sound, reference, command):
         assert stage.thrusters[lost] == pytest.approx(command.thrusters[lost], abs=1e-9)
         assert not np.allclose(np.delete(stage.thrusters, lost), np.delete(command.thrusters, lost), atol=1e-3)
+
+
+def test_what_swings_about_a_mean_departs_from_the_mean():
+    """Thrusts and contact that swing together, as in the moments before an estimate is lost."""
+    sound, command, reference = at_work(np.random.default_rng(5), 30.0)
+    assert reference.X_WG is not None
+    off_W = -reference.X_WG[:3, 2]
+    swung = []
+    for k in range(1200):
+        swing = np.sin(2.0 * np.pi * k * DT / 0.2)
+        contact = ContactEstimate(force_W=(1.0 + 0.3 * swing) * command.contact.force_W, normal=30.0)
+        thrusters = command.thrusters * (1.0 + 0.1 * swing)
+        swung.append(replace(command, time=k * DT, thrusters=thrusters, contact=contact))
+    leave, _ = stages(sound, reference, *swung)
+    mean = np.mean([thrusts(one.thrusters) for one in swung[-20:]], axis=0)  # of the last period
+    at_tip = np.zeros(6)
+    at_tip[:3] = sound.X_WB[:3, :3].T @ command.contact.force_W
+    at_tip[3:] = np.cross(ARM.tip(sound.q)[0][:3, 3], at_tip[:3])
+    wrench = VEHICLE.thruster_wrench @ (thrusts(leave.thrusters) - mean) - at_tip
+    push = np.append(PUSH * (sound.X_WB[:3, :3].T @ off_W), np.zeros(3))
+    last = VEHICLE.thruster_wrench @ (thrusts(swung[-5].thrusters) - mean)  # what the mean spares, at a crest
+    assert np.abs(wrench - push).max() < 0.1 * np.abs(last).max()  # 0.053 measured
+
+
+def test_a_contact_that_becomes_known_counts_from_then_on():
+    sound, command, reference = at_work(np.random.default_rng(6), 30.0)
+    unknown = replace(command, contact=ContactEstimate())
+    later = replace(command, time=DT, thrusters=np.array(command.thrusters))
+    known, as_known = stages(sound, reference, unknown, later), stages(sound, reference, command)
+    for one, other in zip(known, as_known, strict=True):
+        assert np.allclose(one.thrusters, other.thrusters, rtol=0.0, atol=1e-12)
 
 
 def test_the_wrapper_leaves_then_rises_then_stops():
@@ -163,7 +202,7 @@ def test_the_wrapper_leaves_then_rises_then_stops():
             state, one = wrapper.step(state, blind, given_reference)
             commands.append(one.thrusters)
         sent[name] = np.array(commands)[round(0.05 / DT) :]
-    leave, rise = BlindDeparture(MODEL, VEHICLE, ARM).stages(sound, command, reference)
+    leave, rise = stages(sound, reference, command)
     near, margin = sent["near"], round(0.1 / DT)  # patience and the steps left out above
     rises, stops = round(leave.until / DT), round(rise.until / DT)
     assert np.all(near[: rises - margin] == leave.thrusters)

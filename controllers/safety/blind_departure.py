@@ -6,6 +6,7 @@ axis, then one up. It scales with the vehicle's mass, and down where a thruster 
 left to weight and buoyancy. With the thrusters merely stopped, the current would carry the tool back.
 """
 
+import math
 from dataclasses import dataclass, field
 
 import mujoco
@@ -31,13 +32,26 @@ class DepartureStage:
 
 
 @dataclass(slots=True, eq=False)
-class DepartureState:
+class HullBalance:
     """Means of what balances the hull, over some `SAFETY.balance_time`."""
 
-    time: float = -np.inf  # [s] of the newest command
+    time: float = -math.inf  # [s] of the newest command
     commanded: Array | None = None  # (m,) thrusters of that command, to tell a new one
-    thrust: Array = field(default_factory=lambda: np.zeros(0))  # (m,) [N] steady, in still water
+    thrusters: Array = field(default_factory=lambda: np.zeros(0))  # (m,) [-]
     force_W: Array = field(default_factory=lambda: np.zeros(3))  # (3,) [N] of the contact; NaN: not known
+
+    def follow(self, command: Command, time: float) -> None:
+        """Take a finite command at `time` [s] into the means, at each new one of the hull."""
+        if command.thrusters is self.commanded:
+            return
+        share = 1.0 - math.exp(-max(time - self.time, 0.0) / SAFETY.balance_time)
+        if self.commanded is None:
+            self.thrusters, self.force_W = command.thrusters, command.contact.force_W
+        else:
+            self.thrusters = self.thrusters + share * (command.thrusters - self.thrusters)
+            before = self.force_W if math.isfinite(self.force_W[0]) else command.contact.force_W
+            self.force_W = before + share * (command.contact.force_W - before)
+        self.time, self.commanded = time, command.thrusters
 
 
 class BlindDeparture:
@@ -54,25 +68,11 @@ class BlindDeparture:
         self._vehicle, self._arm, self._curves = vehicle, arm, curves(vehicle.thruster_table)
         self._push = SAFETY.leave_acceleration * float(model.body_subtreemass[vehicle.hull])
 
-    def follow(self, state: DepartureState, command: Command) -> None:
-        """Take a finite command into the means, at each new one of the hull."""
-        if command.thrusters is state.commanded:
-            return
-        thrust = np.array([thrust_at(*one) for one in zip(self._curves, command.thrusters, strict=True)])
-        share = 1.0 - np.exp(-max(command.time - state.time, 0.0) / SAFETY.balance_time)
-        if state.commanded is None:
-            state.thrust, state.force_W = thrust, command.contact.force_W
-        else:
-            state.thrust = state.thrust + share * (thrust - state.thrust)
-            before = state.force_W if np.isfinite(state.force_W).all() else command.contact.force_W
-            state.force_W = before + share * (command.contact.force_W - before)
-        state.time, state.commanded = command.time, command.thrusters
-
-    def stages(self, state: DepartureState, sound: StateEstimate, reference: Reference) -> tuple[DepartureStage, ...]:
+    def stages(self, balance: HullBalance, sound: StateEstimate, reference: Reference) -> tuple[DepartureStage, ...]:
         """Stages of the departure; none where no tool pose is commanded, since then the tool is nowhere near.
 
         Args:
-            state: of `follow`. Where it knows no contact, the set force counts.
+            balance: what has held the hull until now. Where it knows no contact, the set force counts.
             sound: the last sound estimate.
             reference: set points at that time.
         """
@@ -80,12 +80,13 @@ class BlindDeparture:
             return ()
         R_BW, off_W = sound.X_WB[:3, :3].T, -reference.X_WG[:3, 2]
         wrench, B = np.zeros(6), np.array(self._vehicle.thruster_wrench)
-        known = bool(np.isfinite(state.force_W).all())
-        wrench[:3] = R_BW @ (state.force_W if known else reference.force * off_W)
+        known = bool(np.isfinite(balance.force_W).all())
+        wrench[:3] = R_BW @ (balance.force_W if known else reference.force * off_W)
         wrench[3:] = np.cross(self._arm.tip(sound.q)[0][:3, 3], wrench[:3])
         B[:, list(reference.lost_thrusters)] = 0.0
         inverse = np.linalg.pinv(B)
-        held = state.thrust + inverse @ wrench
+        given = np.array([thrust_at(*one) for one in zip(self._curves, balance.thrusters, strict=True)])
+        held = given + inverse @ wrench
         up_W = ascent_direction(off_W)
         found = []
         for until, along_W in (

@@ -24,7 +24,7 @@ import mujoco
 import numpy as np
 
 from controllers.arm.inverse_dynamics import ArmDynamics
-from controllers.safety.blind_departure import BlindDeparture, DepartureStage, DepartureState
+from controllers.safety.blind_departure import BlindDeparture, DepartureStage, HullBalance
 from controllers.safety.fault_detection import FaultDetection, FaultDetectionState, finite
 from controllers.tuning import SAFETY, FaultLimits
 from models.vehicle import Vehicle
@@ -47,7 +47,7 @@ class SafetyWrapperState:
     command: Command  # the last finite one
     blind_for: float = 0.0  # [s] without a sound estimate, or command
     stopped: Fault | None = None  # the reason for a stop; None: not stopped
-    balance: DepartureState = field(default_factory=DepartureState)
+    balance: HullBalance = field(default_factory=HullBalance)
     departure: tuple[DepartureStage, ...] = ()  # from the stop on
 
 
@@ -158,7 +158,7 @@ class SafetyWrapper:
             command = replace(command, thrusters=self.health.sent(state.health, command.thrusters))
         state.sound, state.command, state.blind_for = estimate, command, 0.0 if fresh else state.blind_for + self.period
         if self._departure is not None:
-            self._departure.follow(state.balance, command)
+            state.balance.follow(command, estimate.time)
         if not faults:
             return command
         return replace(command, joint_torque=self._servoed(command.joint_torque, estimate, faults), faults=faults)

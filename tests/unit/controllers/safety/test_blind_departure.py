@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 import models
 from controllers.arm.inverse_dynamics import ArmDynamics
-from controllers.safety.blind_departure import BlindDeparture, DepartureStage, DepartureState, ascent_direction
+from controllers.safety.blind_departure import BlindDeparture, DepartureStage, HullBalance, ascent_direction
 from controllers.safety.safety_wrapper import SafetyWrapper
 from controllers.tuning import SAFETY
 from models.vehicle import Vehicle
@@ -69,10 +69,10 @@ def at_work(rng: np.random.Generator, force: float) -> tuple[StateEstimate, Comm
 
 def stages(sound: StateEstimate, reference: Reference, *commands: Command) -> tuple[DepartureStage, ...]:
     """Stages after `commands`."""
-    departure, state = BlindDeparture(MODEL, VEHICLE, ARM), DepartureState()
+    balance = HullBalance()
     for command in commands:
-        departure.follow(state, command)
-    return departure.stages(state, sound, reference)
+        balance.follow(command, command.time)
+    return BlindDeparture(MODEL, VEHICLE, ARM).stages(balance, sound, reference)
 
 
 def thrusts(commands: Array) -> Array:

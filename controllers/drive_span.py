@@ -177,9 +177,9 @@ class DriveSpan:
         )
         state.time = estimate.time
         if code == BROKEN or (hull_due and not np.isfinite(command.thrusters).all()):
-            return self._wrapper.without(state, estimate, reference, FaultKind.CONTROLLER)
+            return self._wrapper.without(state, estimate, FaultKind.CONTROLLER)
         if code == SUSPECT:
             self._wrapper.health.judge_joints(self._health, estimate.time)
         if hull_due:
             self._wrapper.health.judge_hull(self._health, estimate, command)
-        return self._wrapper.passed(state, estimate, command, tuple(self._health.faults))
+        return self._wrapper.passed(state, estimate, command, reference, tuple(self._health.faults))

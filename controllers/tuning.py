@@ -293,7 +293,7 @@ class SafetyTuning:
     braking_speed: float = tuned(0.4, "[rad/s] joint speed from which on the full braking torque acts")
     braking_share: float = tuned(0.5, "[-] braking torque as a share of the drive's torque limit")
     gentle_force: float = tuned(50.0, "[N] at the tip, above which the arm gives way once the work is broken off")
-    balance_time: float = tuned(0.5, "[s] over which thrusts and contact are averaged for a blind departure")
+    balance_time: float = tuned(1.0, "[s] over which thrusts and contact are averaged for a blind departure")
     leave_acceleration: float = tuned(0.2, "[m/s^2] times the vehicle's mass: force of a blind departure")
     leave_time: float = tuned(3.0, "[s] for which it acts off the surface")
     rise_time: float = tuned(10.0, "[s] for which it then acts upwards")

@@ -2,8 +2,8 @@
 
 Nothing is known any more of how the hull moves, so the thrusts are set beforehand. Those that have held the hull in its
 current, on average, go on, less their part against the contact. On top comes a force off the surface along the tool
-axis, then one up. It scales with the vehicle's mass, and down where a thruster has no more to give. Roll and pitch are
-left to weight and buoyancy. With the thrusters merely stopped, the current would carry the tool back.
+axis, then one up; off an overhang there is no second one. Roll and pitch are left to weight and buoyancy. With the
+thrusters merely stopped, the current would carry the tool back.
 """
 
 import math
@@ -13,14 +13,15 @@ import mujoco
 import numpy as np
 
 from controllers.arm.inverse_dynamics import ArmDynamics
+from controllers.hull.allocation import PRIORITIES_AFTER_LOSS, Allocation
 from controllers.tuning import SAFETY
 from models.vehicle import Vehicle
-from models.water.thruster_curves import command_for, thrust_at
-from models.water.thrusters import FORWARD, REVERSE, curves
+from models.water.thruster_curves import thrust_at
+from models.water.thrusters import curves
 from sim.interfaces.messages import Command, Reference, StateEstimate
 from sim.interfaces.spatial import Array
 
-_ROUNDING = 1e-9  # [-] share of the largest thrust below which one is rounding noise, also where it has no more to give
+_FOLDED = 0.2  # [rad] from the folded arm's joint angles, up to which the tool is near nothing
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -36,22 +37,9 @@ class HullBalance:
     """Means of what balances the hull, over some `SAFETY.balance_time`."""
 
     time: float = -math.inf  # [s] of the newest command
-    commanded: Array | None = None  # (m,) thrusters of that command, to tell a new one
-    thrusters: Array = field(default_factory=lambda: np.zeros(0))  # (m,) [-]
-    force_W: Array = field(default_factory=lambda: np.zeros(3))  # (3,) [N] of the contact; NaN: not known
-
-    def follow(self, command: Command, time: float) -> None:
-        """Take a finite command at `time` [s] into the means, at each new one of the hull."""
-        if command.thrusters is self.commanded:
-            return
-        share = 1.0 - math.exp(-max(time - self.time, 0.0) / SAFETY.balance_time)
-        if self.commanded is None:
-            self.thrusters, self.force_W = command.thrusters, command.contact.force_W
-        else:
-            self.thrusters = self.thrusters + share * (command.thrusters - self.thrusters)
-            before = self.force_W if math.isfinite(self.force_W[0]) else command.contact.force_W
-            self.force_W = before + share * (command.contact.force_W - before)
-        self.time, self.commanded = time, command.thrusters
+    step: object = None  # what tells that command of the hull from the next
+    thrust: Array = field(default_factory=lambda: np.zeros(0))  # (m,) [N] steady, in still water; empty: none yet
+    force_W: Array = field(default_factory=lambda: np.zeros(3))  # (3,) [N] of the contact
 
 
 class BlindDeparture:
@@ -64,53 +52,79 @@ class BlindDeparture:
             model: compiled model of the vehicle, the believed one.
             vehicle: the vehicle in it.
             arm: its arm.
+
+        Raises:
+            ConfigurationError: the thrusters do not span all six directions.
         """
-        self._vehicle, self._arm, self._curves = vehicle, arm, curves(vehicle.thruster_table)
+        self._arm, self._allocation = arm, Allocation(vehicle)
+        self._B, self._curves = np.array(vehicle.thruster_wrench), curves(vehicle.thruster_table)
+        self._q_home = np.array(vehicle.q_home)
         self._push = SAFETY.leave_acceleration * float(model.body_subtreemass[vehicle.hull])
 
-    def stages(self, balance: HullBalance, sound: StateEstimate, reference: Reference) -> tuple[DepartureStage, ...]:
-        """Stages of the departure; none where no tool pose is commanded, since then the tool is nowhere near.
+    def follow(self, balance: HullBalance, command: Command, reference: Reference, time: float) -> None:
+        """Take each new command of the hull into its balance.
 
         Args:
-            balance: what has held the hull until now. Where it knows no contact, the set force counts.
-            sound: the last sound estimate.
-            reference: set points at that time.
+            balance: changed in place.
+            command: finite. Its estimate of the contact counts while the tool is to touch something; where it is
+                unknown, the set force does.
+            reference: set points that it follows.
+            time: [s] of it.
         """
-        if reference.X_WG is None:
+        step = time if command.hull_load is None else command.hull_load
+        if step == balance.step:
+            return
+        thrust = np.array([thrust_at(*one) for one in zip(self._curves, command.thrusters, strict=True)])
+        force_W = _contact_force(command, reference)
+        if balance.thrust.size:
+            share = 1.0 - math.exp(-max(time - balance.time, 0.0) / SAFETY.balance_time)
+            thrust = balance.thrust + share * (thrust - balance.thrust)
+            force_W = balance.force_W + share * (force_W - balance.force_W)
+        balance.time, balance.step, balance.thrust, balance.force_W = time, step, thrust, force_W
+
+    def stages(self, balance: HullBalance, sound: StateEstimate, lost: tuple[int, ...]) -> tuple[DepartureStage, ...]:
+        """Stages of the departure; none while the arm is folded, or before the first sound command.
+
+        Args:
+            balance: what has held the hull until now.
+            sound: the last sound estimate.
+            lost: indices of thrusters that are not to be used.
+        """
+        if not balance.thrust.size or np.abs(sound.q - self._q_home).max() < _FOLDED:
             return ()
-        R_BW, off_W = sound.X_WB[:3, :3].T, -reference.X_WG[:3, 2]
-        wrench, B = np.zeros(6), np.array(self._vehicle.thruster_wrench)
-        known = bool(np.isfinite(balance.force_W).all())
-        wrench[:3] = R_BW @ (balance.force_W if known else reference.force * off_W)
-        wrench[3:] = np.cross(self._arm.tip(sound.q)[0][:3, 3], wrench[:3])
-        B[:, list(reference.lost_thrusters)] = 0.0
-        inverse = np.linalg.pinv(B)
-        given = np.array([thrust_at(*one) for one in zip(self._curves, balance.thrusters, strict=True)])
-        held = given + inverse @ wrench
+        X_BG, R_BW = self._arm.tip(sound.q)[0], sound.X_WB[:3, :3].T
+        off_W = -R_BW.T @ X_BG[:3, 2]
         up_W = ascent_direction(off_W)
+        held_B = self._B @ balance.thrust
+        force_B = R_BW @ balance.force_W
+        held_B[:3] += force_B
+        held_B[3:] += np.cross(X_BG[:3, 3], force_B)
+        allocation = self._allocation.without(*lost, priorities=PRIORITIES_AFTER_LOSS) if lost else self._allocation
+        legs = [(SAFETY.leave_time, off_W)]
+        if up_W[2] > 0.0:
+            legs.append((SAFETY.leave_time + SAFETY.rise_time, up_W / np.linalg.norm(up_W)))
         found = []
-        for until, along_W in (
-            (SAFETY.leave_time, off_W),
-            (SAFETY.leave_time + SAFETY.rise_time, up_W / np.linalg.norm(up_W)),
-        ):
-            more = inverse[:, :3] @ (self._push * (R_BW @ along_W))
-            pairs = zip(self._curves, self._within(held, more), strict=True)
-            found.append(DepartureStage(until, np.array([command_for(*one) for one in pairs])))
+        for until, along_W in legs:
+            wrench_B = held_B.copy()
+            wrench_B[:3] += self._push * (R_BW @ along_W)
+            found.append(DepartureStage(until, allocation.command(allocation.thrust(wrench_B))))
         return tuple(found)
 
-    def _within(self, held: Array, more: Array) -> Array:
-        """Thrusts (m,) [N] `held`, with as much of `more` as no thruster exceeds its limit for."""
-        table = self._vehicle.thruster_table
-        low, high = -table[:, REVERSE], table[:, FORWARD]
-        held = np.clip(held, low, high)
-        room = np.where(more > 0.0, high - held, low - held)
-        moved = np.abs(more) > _ROUNDING * np.abs(more).max(initial=0.0)
-        return held + more * float(np.min(room[moved] / more[moved], initial=1.0))
+
+def _contact_force(command: Command, reference: Reference) -> Array:
+    """Contact force (3,) [N], W, that the thrusts are to balance; zero where none is meant to be."""
+    if reference.force > 0.0 or reference.force_control:
+        as_set_W = np.zeros(3) if reference.X_WG is None else -reference.force * reference.X_WG[:3, 2]
+        for force_W in (command.contact.force_W, as_set_W):
+            if math.isfinite(force_W[0] + force_W[1] + force_W[2]):
+                return force_W
+    return np.zeros(3)
 
 
 def ascent_direction(normal_W: Array) -> Array:
-    """Direction (3,) of an ascent off a surface with normal `normal_W` (3,): up, and up to half as much along it.
+    """Direction (3,) of an ascent off a surface with normal `normal_W` (3,): up, and half as much along the normal.
 
-    Straight up a steep flank the tool would strike parts of the object that bulge above it.
+    Straight up a steep flank the tool would strike parts of the object that bulge above it. More along the normal keeps
+    it off an overhang, down from one that is level.
     """
     return np.array([0.0, 0.0, 1.0]) + max(0.0, 0.5 - normal_W[2]) * normal_W

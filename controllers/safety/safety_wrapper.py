@@ -10,9 +10,9 @@ Wraps any `sim.interfaces.protocols.Controller`:
   friction of its gear holds it.
 - An estimate with numbers that are not finite, or with IMU data that are too old, never reaches the controller. One
   with a time that stands still reaches it for `patience` only.
-- Without a valid estimate the last command is repeated for `patience`. After that the arm is braked. Where a tool pose
-  was commanded the hull departs blindly (`controllers.safety.blind_departure`). Then the thrusters are stopped for
-  good. The same holds for a controller with commands that are not finite.
+- Without a valid estimate the last command is repeated for `patience`. After that the arm is braked. With the
+  arm unfolded the hull departs blindly (`controllers.safety.blind_departure`). Then the thrusters are stopped for good.
+  The same holds for a controller with commands that are not finite.
 """
 
 import math
@@ -28,6 +28,7 @@ from controllers.safety.blind_departure import BlindDeparture, DepartureStage, H
 from controllers.safety.fault_detection import FaultDetection, FaultDetectionState, finite
 from controllers.tuning import SAFETY, FaultLimits
 from models.vehicle import Vehicle
+from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import Command, ContactEstimate, Fault, FaultKind, Reference, StateEstimate
 from sim.interfaces.protocols import Controller
 from sim.interfaces.spatial import Array
@@ -48,6 +49,7 @@ class SafetyWrapperState:
     blind_for: float = 0.0  # [s] without a sound estimate, or command
     stopped: Fault | None = None  # the reason for a stop; None: not stopped
     balance: HullBalance = field(default_factory=HullBalance)
+    lost: tuple[int, ...] = ()  # thrusters not to be used, by index
     departure: tuple[DepartureStage, ...] = ()  # from the stop on
 
 
@@ -76,7 +78,7 @@ class SafetyWrapper:
         self._limits = np.array(vehicle.torque_limits)
         self._armed = vehicle.joints.size > 0
         self._arm = ArmDynamics(model) if self._armed else None
-        self._departure = BlindDeparture(model, vehicle, self._arm) if self._arm is not None else None
+        self._departure = _departure(model, vehicle, self._arm)
         self._armature, self._damping = np.array(vehicle.armature), np.array(vehicle.joint_damping)
         self.health = FaultDetection(model, period=controller.period, limits=limits)
         self._thrusters = len(vehicle.thruster_names)
@@ -115,29 +117,30 @@ class SafetyWrapper:
         """
         e = estimate
         if state.stopped is not None or not finite(e.X_WB, e.v_WB_B, e.w_WB_B, e.a_WB_B, e.q, e.qd, e.time):
-            return state, self.without(state, estimate, reference, FaultKind.ESTIMATE)
+            return state, self.without(state, estimate, FaultKind.ESTIMATE)
         if e.imu_age > SAFETY.old_imu:
-            return state, self.without(state, estimate, reference, FaultKind.ESTIMATE)
+            return state, self.without(state, estimate, FaultKind.ESTIMATE)
         fresh = e.time > state.time
         if not fresh and state.blind_for + self.period > self._patience:
-            return state, self.without(state, estimate, reference, FaultKind.ESTIMATE)
+            return state, self.without(state, estimate, FaultKind.ESTIMATE)
         state.time = e.time
         if state.health is None:
             state.health = self.health.init(replace(estimate, tau=np.nan_to_num(e.tau, posinf=0.0, neginf=0.0)))
         estimate = self._replaced(state.health, estimate)
         state.inner, command = self.controller.step(state.inner, estimate, reference)
         if not (_numbers(command.joint_torque) and _numbers(command.thrusters)):
-            return state, self.without(state, estimate, reference, FaultKind.CONTROLLER)
+            return state, self.without(state, estimate, FaultKind.CONTROLLER)
         if reference.abort is not None:
             command = replace(command, joint_torque=self._gentle(command.joint_torque, estimate))
         faults = self.health.step(state.health, estimate, command) if fresh else tuple(state.health.faults)
-        return state, self.passed(state, estimate, command, faults, fresh=fresh)
+        return state, self.passed(state, estimate, command, reference, faults, fresh=fresh)
 
     def passed(
         self,
         state: SafetyWrapperState,
         estimate: StateEstimate,
         command: Command,
+        reference: Reference,
         faults: tuple[Fault, ...],
         *,
         fresh: bool = True,
@@ -148,17 +151,19 @@ class SafetyWrapper:
             state: of the wrapper; changed in place.
             estimate: of the vehicle now.
             command: of the wrapped controller, finite.
+            reference: of the planner.
             faults: found so far.
             fresh: the time of `estimate` has advanced.
 
         Returns:
             The command with the faults; drives with a faulty encoder only bear the arm's weight.
         """
+        if self._departure is not None:
+            self._departure.follow(state.balance, command, reference, estimate.time)
+            state.lost = reference.lost_thrusters
         if state.health is not None and state.health.probe is not None:
             command = replace(command, thrusters=self.health.sent(state.health, command.thrusters))
         state.sound, state.command, state.blind_for = estimate, command, 0.0 if fresh else state.blind_for + self.period
-        if self._departure is not None:
-            state.balance.follow(command, estimate.time)
         if not faults:
             return command
         return replace(command, joint_torque=self._servoed(command.joint_torque, estimate, faults), faults=faults)
@@ -206,15 +211,12 @@ class SafetyWrapper:
         most = SAFETY.gentle_force * np.maximum(lever, _LEAST_LEVER)
         return borne + np.clip(torque - borne, -most, most)
 
-    def without(
-        self, state: SafetyWrapperState, estimate: StateEstimate, reference: Reference, kind: FaultKind
-    ) -> Command:
+    def without(self, state: SafetyWrapperState, estimate: StateEstimate, kind: FaultKind) -> Command:
         """Command without a controller: the last one repeated, after `patience` brakes and a blind departure.
 
         Args:
             state: of the wrapper; changed in place.
             estimate: of the vehicle now, possibly invalid.
-            reference: of the planner.
             kind: what is missing.
 
         Returns:
@@ -225,7 +227,7 @@ class SafetyWrapper:
         if state.stopped is None and state.blind_for > self._patience:
             state.stopped = Fault(kind=kind, part="", index=-1, time=state.sound.time + state.blind_for)
             if self._departure is not None:
-                state.departure = self._departure.stages(state.balance, state.sound, reference)
+                state.departure = self._departure.stages(state.balance, state.sound, state.lost)
         if state.stopped is None:
             return replace(state.command, faults=faults)
         return replace(
@@ -268,6 +270,14 @@ class SafetyWrapper:
             v_current_W=np.zeros(3),
             wrench_tip_G=np.zeros(6),
         )[0]
+
+
+def _departure(model: mujoco.MjModel, vehicle: Vehicle, arm: ArmDynamics | None) -> BlindDeparture | None:
+    """Departure of a vehicle with an arm, and thrusters that can hold it; None for another."""
+    try:
+        return None if arm is None else BlindDeparture(model, vehicle, arm)
+    except ConfigurationError:
+        return None
 
 
 def _numbers(values: Array) -> bool:

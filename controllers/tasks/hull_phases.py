@@ -10,6 +10,7 @@ import numpy as np
 from controllers.planning.trajectories import JointMove, PoseMove
 from controllers.safety.blind_departure import ascent_direction
 from controllers.tasks.phase import ZERO, Abort, Context, Held, Outcome, Phase, PhaseEvent, Setpoint, way_back
+from controllers.tuning import SAFETY
 from sim.interfaces.messages import AbortCode, StateEstimate
 from sim.interfaces.spatial import Array, exp_so3, pose
 
@@ -371,9 +372,9 @@ class HaltState:
 
 
 class Halt(Phase):
-    """Wait for a vehicle without control to come to rest."""
+    """Wait while a vehicle without control leaves, as the safety wrapper lets it."""
 
-    def __init__(self, seconds: float = 3.0) -> None:
+    def __init__(self, seconds: float = SAFETY.leave_time + SAFETY.rise_time) -> None:
         self._seconds = seconds
 
     def enter(self, held: Held, now: Context) -> HaltState:

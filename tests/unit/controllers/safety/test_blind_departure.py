@@ -1,6 +1,6 @@
 """Blind departure: the thrusts balance what they did without the contact, and push off the surface, then up."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -14,7 +14,7 @@ from controllers.safety.safety_wrapper import SafetyWrapper
 from controllers.tuning import SAFETY
 from models.vehicle import Vehicle
 from models.water.thruster_curves import thrust_at
-from models.water.thrusters import FORWARD, REVERSE, curves
+from models.water.thrusters import curves
 from sim.interfaces.messages import Command, ContactEstimate, Reference, StateEstimate, WorkState
 from sim.interfaces.spatial import Array, exp_so3, pose
 
@@ -27,16 +27,17 @@ DT = 0.01
 
 
 def at_work(rng: np.random.Generator, force: float) -> tuple[StateEstimate, Command, Reference]:
-    """Hull and tool in random directions, pressed with `force` [N] at random thrusts within a half of full ones."""
+    """Hull and arm at random, pressed with `force` [N] at random thrusts of up to a tenth of full ones."""
     X_WB = pose(exp_so3(0.3 * rng.standard_normal(3)), rng.standard_normal(3))
-    X_WG = pose(exp_so3(rng.standard_normal(3)), rng.standard_normal(3))
+    q = np.array(VEHICLE.q_ready) + 0.1 * rng.standard_normal(N)
+    X_WG = X_WB @ ARM.tip(q)[0]
     sound = StateEstimate(
         time=0.0,
         X_WB=X_WB,
         v_WB_B=np.zeros(3),
         w_WB_B=np.zeros(3),
         a_WB_B=np.zeros(3),
-        q=np.array(VEHICLE.q_ready) + 0.1 * rng.standard_normal(N),
+        q=q,
         qd=np.zeros(N),
         tau=np.zeros(N),
     )
@@ -44,7 +45,7 @@ def at_work(rng: np.random.Generator, force: float) -> tuple[StateEstimate, Comm
     command = Command(
         time=0.0,
         joint_torque=np.zeros(N),
-        thrusters=rng.uniform(-0.5, 0.5, M),
+        thrusters=rng.uniform(-0.3, 0.3, M),
         scan=False,
         contact=ContactEstimate(force_W=force_W, normal=force),
     )
@@ -69,10 +70,10 @@ def at_work(rng: np.random.Generator, force: float) -> tuple[StateEstimate, Comm
 
 def stages(sound: StateEstimate, reference: Reference, *commands: Command) -> tuple[DepartureStage, ...]:
     """Stages after `commands`."""
-    balance = HullBalance()
+    departure, balance = BlindDeparture(MODEL, VEHICLE, ARM), HullBalance()
     for command in commands:
-        balance.follow(command, command.time)
-    return BlindDeparture(MODEL, VEHICLE, ARM).stages(balance, sound, reference)
+        departure.follow(balance, command, reference, command.time)
+    return departure.stages(balance, sound, reference.lost_thrusters)
 
 
 def thrusts(commands: Array) -> Array:
@@ -96,54 +97,69 @@ def test_the_hull_is_held_without_the_contact_and_pushed_off_the_surface_then_up
     assert reference.X_WG is not None
     off_W = -reference.X_WG[:3, 2]
     up_W = ascent_direction(off_W) / np.linalg.norm(ascent_direction(off_W))
-    leave, rise = stages(sound, reference, command)
-    assert (leave.until, rise.until) == (SAFETY.leave_time, SAFETY.leave_time + SAFETY.rise_time)
-    table = VEHICLE.thruster_table
-    for stage, along_W in ((leave, off_W), (rise, up_W)):
-        given_thrusts = thrusts(stage.thrusters)
-        assert np.all(given_thrusts <= table[:, FORWARD] + 1e-6)
-        assert np.all(given_thrusts >= -table[:, REVERSE] - 1e-6)
+    found = stages(sound, reference, command)
+    assert [stage.until for stage in found] == [SAFETY.leave_time, SAFETY.leave_time + SAFETY.rise_time][: len(found)]
+    assert len(found) == (2 if up_W[2] > 0.0 else 1)
+    for stage, along_W in zip(found, (off_W, up_W), strict=False):
         wrench = pushed(sound, command, command.contact.force_W, stage.thrusters)
-        along_B = sound.X_WB[:3, :3].T @ along_W
-        push = float(wrench[:3] @ along_B)
-        limited = np.any((given_thrusts > table[:, FORWARD] - 1e-6) | (given_thrusts < -table[:, REVERSE] + 1e-6))
-        assert push == pytest.approx(PUSH, abs=1e-9) or (limited and -1e-9 <= push < PUSH)
-        # No other force, and no moment: the hull's balance stays what it was. Measured: 4e-13.
-        assert np.allclose(wrench, np.append(push * along_B, np.zeros(3)), rtol=0.0, atol=1e-9)
+        # The push, no other force, and no moment: the hull's balance stays what it was. Measured: 5e-14.
+        push = np.append(PUSH * (sound.X_WB[:3, :3].T @ along_W), np.zeros(3))
+        assert np.allclose(wrench, push, rtol=0.0, atol=1e-9)
 
 
-def test_an_unknown_contact_counts_as_the_set_force():
+@pytest.mark.parametrize("unknown", [ContactEstimate(), ContactEstimate(normal=40.0)])
+def test_an_unknown_contact_counts_as_the_set_force(unknown: ContactEstimate):
     sound, command, reference = at_work(np.random.default_rng(1), 40.0)
     assert reference.X_WG is not None
     off_W = -reference.X_WG[:3, 2]
-    unknown = replace(command, contact=ContactEstimate())
-    leave, _ = stages(sound, reference, unknown)
-    wrench = pushed(sound, unknown, 40.0 * off_W, leave.thrusters)
-    assert wrench[:3] @ (sound.X_WB[:3, :3].T @ off_W) == pytest.approx(PUSH, abs=1e-9)
-    assert np.abs(wrench[3:]).max() < 1e-9
+    leave = stages(sound, reference, replace(command, contact=unknown))[0]
+    wrench = pushed(sound, command, 40.0 * off_W, leave.thrusters)
+    assert np.allclose(wrench, np.append(PUSH * (sound.X_WB[:3, :3].T @ off_W), np.zeros(3)), rtol=0.0, atol=1e-9)
 
 
-@pytest.mark.parametrize(("name", "pushes"), [("heave_left", False), ("sway", True)])
-def test_a_full_thruster_takes_the_push_with_it_if_it_would_have_a_part_in_it(name: str, pushes: bool):
-    """The others alone would turn the hull."""
+def test_a_force_where_none_is_meant_to_be_does_not_count():
+    """Bias of the torque sensors before the tare: the thrusts did not balance it."""
+    sound, command, reference = at_work(np.random.default_rng(1), 40.0)
+    assert reference.X_WG is not None
+    leave = stages(sound, replace(reference, force=0.0, force_control=False), command)[0]
+    wrench = pushed(sound, command, np.zeros(3), leave.thrusters)
+    off_B = sound.X_WB[:3, :3].T @ -reference.X_WG[:3, 2]
+    assert np.allclose(wrench, np.append(PUSH * off_B, np.zeros(3)), rtol=0.0, atol=1e-9)
+
+
+def test_full_thrusters_give_up_the_push_before_they_tilt_the_hull():
     sound, command, reference = at_work(np.random.default_rng(2), 0.0)
-    sound = replace(sound, X_WB=np.eye(4))
-    reference = replace(reference, X_WG=pose(np.diag([1.0, -1.0, -1.0]), np.zeros(3)))  # the surface lies below
     full = np.array(command.thrusters)
-    full[VEHICLE.thruster_names.index(name)] = 1.0
+    heave = [i for i, name in enumerate(VEHICLE.thruster_names) if name.startswith("heave")]
+    full[heave] = [0.0, 0.9, 0.9]
     command = replace(command, thrusters=full)
-    leave, _ = stages(sound, reference, command)
-    more = VEHICLE.thruster_wrench @ (thrusts(leave.thrusters) - thrusts(full))
-    assert more == pytest.approx([0.0, 0.0, PUSH if pushes else 0.0, 0.0, 0.0, 0.0], abs=1e-9)
+    for stage in stages(sound, reference, command):
+        wrench = pushed(sound, command, command.contact.force_W, stage.thrusters)
+        assert np.abs(wrench[3:5]).max() < 1e-6
+        assert wrench[2] < PUSH
 
 
-def test_a_lost_thruster_is_left_alone():
+def test_a_lost_thruster_is_not_used():
     sound, command, reference = at_work(np.random.default_rng(3), 40.0)
     lost = VEHICLE.thruster_names.index("heave_front")
-    reference = replace(reference, lost_thrusters=(lost,))
-    for stage in stages(sound, reference, command):
-        assert stage.thrusters[lost] == pytest.approx(command.thrusters[lost], abs=1e-9)
-        assert not np.allclose(np.delete(stage.thrusters, lost), np.delete(command.thrusters, lost), atol=1e-3)
+    for stage in stages(sound, replace(reference, lost_thrusters=(lost,)), command):
+        assert stage.thrusters[lost] == 0.0
+        assert np.delete(stage.thrusters, lost).any()
+
+
+def test_nothing_departs_with_the_arm_folded_or_before_the_first_command():
+    sound, command, reference = at_work(np.random.default_rng(3), 40.0)
+    assert stages(replace(sound, q=np.array(VEHICLE.q_home) + 0.1), reference, command) == ()
+    assert stages(sound, reference) == ()
+
+
+def test_off_an_overhang_the_hull_does_not_rise():
+    for tilt, count in ((0.0, 2), (np.pi / 2.0, 2), (np.pi, 1)):
+        sound, command, reference = at_work(np.random.default_rng(3), 0.0)
+        now = np.eye(3) @ sound.X_WB[:3, :3] @ ARM.tip(sound.q)[0][:3, :3]
+        wanted = exp_so3(np.array([tilt, 0.0, 0.0])) @ np.diag([1.0, -1.0, -1.0])  # z of the tool down, across, up
+        sound = replace(sound, X_WB=pose(wanted @ now.T @ sound.X_WB[:3, :3], np.zeros(3)))
+        assert len(stages(sound, reference, command)) == count
 
 
 def test_what_swings_about_a_mean_departs_from_the_mean():
@@ -157,7 +173,7 @@ def test_what_swings_about_a_mean_departs_from_the_mean():
         contact = ContactEstimate(force_W=(1.0 + 0.3 * swing) * command.contact.force_W, normal=30.0)
         thrusters = command.thrusters * (1.0 + 0.1 * swing)
         swung.append(replace(command, time=k * DT, thrusters=thrusters, contact=contact))
-    leave, _ = stages(sound, reference, *swung)
+    leave = stages(sound, reference, *swung)[0]
     mean = np.mean([thrusts(one.thrusters) for one in swung[-20:]], axis=0)  # of the last period
     at_tip = np.zeros(6)
     at_tip[:3] = sound.X_WB[:3, :3].T @ command.contact.force_W
@@ -168,45 +184,62 @@ def test_what_swings_about_a_mean_departs_from_the_mean():
     assert np.abs(wrench - push).max() < 0.1 * np.abs(last).max()  # 0.053 measured
 
 
-def test_a_contact_that_becomes_known_counts_from_then_on():
-    sound, command, reference = at_work(np.random.default_rng(6), 30.0)
-    unknown = replace(command, contact=ContactEstimate())
-    later = replace(command, time=DT, thrusters=np.array(command.thrusters))
-    known, as_known = stages(sound, reference, unknown, later), stages(sound, reference, command)
-    for one, other in zip(known, as_known, strict=True):
-        assert np.allclose(one.thrusters, other.thrusters, rtol=0.0, atol=1e-12)
+@dataclass
+class Steady:
+    """A controller that sends one command."""
+
+    command: Command
+    period: float = DT
+
+    def init(self, estimate: StateEstimate) -> None:
+        del estimate
+
+    def step(self, state: None, estimate: StateEstimate, reference: Reference) -> tuple[None, Command]:
+        del estimate, reference
+        return state, self.command
+
+
+def wrapped(
+    sound: StateEstimate, command: Command, reference: Reference, *blind: StateEstimate, lead: int = 1
+) -> Array:
+    """Thrusters (k, m) that the wrapper sends for `lead` sound estimates, then for those `blind`."""
+
+    wrapper = SafetyWrapper(Steady(command), MODEL)
+    state, sent = wrapper.init(sound if lead else blind[0]), list[Array]()
+    for one in (*[replace(sound, time=k * DT) for k in range(lead)], *blind):
+        state, given_command = wrapper.step(state, one, reference)
+        sent.append(given_command.thrusters)
+    assert np.isfinite(sent).all()
+    return np.array(sent)
 
 
 def test_the_wrapper_leaves_then_rises_then_stops():
-    """Without a tool pose it stops at once."""
     sound, command, reference = at_work(np.random.default_rng(4), 40.0)
-
-    class Steady:
-        period = DT
-
-        def init(self, estimate: StateEstimate) -> None:
-            del estimate
-
-        def step(self, state: None, estimate: StateEstimate, reference: Reference) -> tuple[None, Command]:
-            del estimate, reference
-            return state, command
-
-    sent = {}
-    for name, given_reference in (("near", reference), ("away", replace(reference, X_WG=None))):
-        wrapper = SafetyWrapper(Steady(), MODEL)
-        state = wrapper.init(sound)
-        state, _ = wrapper.step(state, sound, given_reference)
-        blind = replace(sound, a_WB_B=np.full(3, np.nan))
-        commands = []
-        for _ in range(round(14.0 / DT)):
-            state, one = wrapper.step(state, blind, given_reference)
-            commands.append(one.thrusters)
-        sent[name] = np.array(commands)[round(0.05 / DT) :]
     leave, rise = stages(sound, reference, command)
-    near, margin = sent["near"], round(0.1 / DT)  # patience and the steps left out above
-    rises, stops = round(leave.until / DT), round(rise.until / DT)
+    near = wrapped(sound, command, reference, *[replace(sound, a_WB_B=np.full(3, np.nan))] * round(14.0 / DT))
+    near = near[round(0.06 / DT) :]
+    rises, stops, margin = round(leave.until / DT), round(rise.until / DT), round(0.1 / DT)
     assert np.all(near[: rises - margin] == leave.thrusters)
     assert np.all(near[rises : stops - margin] == rise.thrusters)
     assert near[: stops - margin].any(axis=1).all()
     assert not near[stops:].any()
-    assert not sent["away"].any()
+
+
+def test_an_estimate_without_a_time_departs_although_the_task_has_halted_by_then():
+    """The task gives up the tool pose within the wrapper's patience."""
+    sound, command, reference = at_work(np.random.default_rng(4), 40.0)
+    halted = replace(reference, X_WG=None, force=0.0, force_control=False)
+
+    wrapper = SafetyWrapper(Steady(command), MODEL)
+    state = wrapper.init(sound)
+    state, _ = wrapper.step(state, sound, reference)
+    for _ in range(10):
+        state, _ = wrapper.step(state, replace(sound, time=np.nan), halted)
+    sent = wrapper.step(state, replace(sound, time=np.nan), halted)[1]
+    assert np.array_equal(sent.thrusters, stages(sound, reference, command)[0].thrusters)
+
+
+def test_an_estimate_that_was_never_sound_stops():
+    sound, command, reference = at_work(np.random.default_rng(4), 40.0)
+    blind = replace(sound, q=np.full(N, np.nan))
+    assert not wrapped(sound, command, reference, *[blind] * 50, lead=0).any()

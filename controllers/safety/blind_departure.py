@@ -2,8 +2,9 @@
 
 Nothing is known any more of how the hull moves, so the thrusts are set beforehand. Those that have held the hull in its
 current, on average, go on, less their part against the contact. On top comes a force off the surface along the tool
-axis, then one up; off an overhang there is no second one. Roll and pitch are left to weight and buoyancy. With the
-thrusters merely stopped, the current would carry the tool back.
+axis, then one up; off an overhang there is no second one. With the arm folded nobody knows where the object is, and the
+hull rises at once. Its last velocity is braked first. Roll and pitch are left to weight and buoyancy. With thrusters
+that merely stop, the current would carry the vehicle onto the object.
 """
 
 import math
@@ -43,15 +44,15 @@ class HullBalance:
 
 
 class BlindDeparture:
-    """Departure of one vehicle with an arm."""
+    """Departure of one vehicle."""
 
-    def __init__(self, model: mujoco.MjModel, vehicle: Vehicle, arm: ArmDynamics) -> None:
+    def __init__(self, model: mujoco.MjModel, vehicle: Vehicle, arm: ArmDynamics | None) -> None:
         """Set up the departure.
 
         Args:
             model: compiled model of the vehicle, the believed one.
             vehicle: the vehicle in it.
-            arm: its arm.
+            arm: its arm; None: it has none.
 
         Raises:
             ConfigurationError: the thrusters do not span all six directions.
@@ -59,7 +60,7 @@ class BlindDeparture:
         self._arm, self._allocation = arm, Allocation(vehicle)
         self._B, self._curves = np.array(vehicle.thruster_wrench), curves(vehicle.thruster_table)
         self._q_home = np.array(vehicle.q_home)
-        self._push = SAFETY.leave_acceleration * float(model.body_subtreemass[vehicle.hull])
+        self._mass = float(model.body_subtreemass[vehicle.hull])
 
     def follow(self, balance: HullBalance, command: Command, reference: Reference, time: float) -> None:
         """Take each new command of the hull into its balance.
@@ -83,30 +84,32 @@ class BlindDeparture:
         balance.time, balance.step, balance.thrust, balance.force_W = time, step, thrust, force_W
 
     def stages(self, balance: HullBalance, sound: StateEstimate, lost: tuple[int, ...]) -> tuple[DepartureStage, ...]:
-        """Stages of the departure; none while the arm is folded, or before the first sound command.
+        """Stages of the departure; none before the first sound command.
 
         Args:
             balance: what has held the hull until now.
             sound: the last sound estimate.
             lost: indices of thrusters that are not to be used.
         """
-        if not balance.thrust.size or np.abs(sound.q - self._q_home).max() < _FOLDED:
+        if not balance.thrust.size:
             return ()
-        X_BG, R_BW = self._arm.tip(sound.q)[0], sound.X_WB[:3, :3].T
-        off_W = -R_BW.T @ X_BG[:3, 2]
-        up_W = ascent_direction(off_W)
-        held_B = self._B @ balance.thrust
-        force_B = R_BW @ balance.force_W
-        held_B[:3] += force_B
-        held_B[3:] += np.cross(X_BG[:3, 3], force_B)
+        R_BW, up_W, held_B = sound.X_WB[:3, :3].T, np.array([0.0, 0.0, 1.0]), self._B @ balance.thrust
+        legs = [(SAFETY.leave_time, up_W), (SAFETY.leave_time + SAFETY.rise_time, up_W)]
+        if self._arm is not None and np.abs(sound.q - self._q_home).max() > _FOLDED:
+            X_BG, force_B = self._arm.tip(sound.q)[0], R_BW @ balance.force_W
+            held_B += np.append(force_B, np.cross(X_BG[:3, 3], force_B))
+            off_W = -R_BW.T @ X_BG[:3, 2]
+            up_W = ascent_direction(off_W)
+            legs = [(SAFETY.leave_time, off_W)]
+            if up_W[2] > 0.0:
+                legs.append((SAFETY.leave_time + SAFETY.rise_time, up_W / np.linalg.norm(up_W)))
         allocation = self._allocation.without(*lost, priorities=PRIORITIES_AFTER_LOSS) if lost else self._allocation
-        legs = [(SAFETY.leave_time, off_W)]
-        if up_W[2] > 0.0:
-            legs.append((SAFETY.leave_time + SAFETY.rise_time, up_W / np.linalg.norm(up_W)))
-        found = []
+        found: list[DepartureStage] = []
         for until, along_W in legs:
             wrench_B = held_B.copy()
-            wrench_B[:3] += self._push * (R_BW @ along_W)
+            wrench_B[:3] += self._mass * SAFETY.leave_acceleration * (R_BW @ along_W)
+            if not found:
+                wrench_B[:3] -= self._mass * sound.v_WB_B / SAFETY.leave_time
             found.append(DepartureStage(until, allocation.command(allocation.thrust(wrench_B))))
         return tuple(found)
 

@@ -10,9 +10,9 @@ Wraps any `sim.interfaces.protocols.Controller`:
   friction of its gear holds it.
 - An estimate with numbers that are not finite, or with IMU data that are too old, never reaches the controller. One
   with a time that stands still reaches it for `patience` only.
-- Without a valid estimate the last command is repeated for `patience`. After that the arm is braked. With the
-  arm unfolded the hull departs blindly (`controllers.safety.blind_departure`). Then the thrusters are stopped for good.
-  The same holds for a controller with commands that are not finite.
+- Without a valid estimate the last command is repeated for `patience`. After that the arm is braked. The hull
+  departs blindly (`controllers.safety.blind_departure`). Then the thrusters are stopped for good. The same holds for a
+  controller with commands that are not finite.
 """
 
 import math
@@ -273,9 +273,9 @@ class SafetyWrapper:
 
 
 def _departure(model: mujoco.MjModel, vehicle: Vehicle, arm: ArmDynamics | None) -> BlindDeparture | None:
-    """Departure of a vehicle with an arm, and thrusters that can hold it; None for another."""
+    """Departure of a vehicle whose thrusters can hold it; None for another, a torpedo for instance."""
     try:
-        return None if arm is None else BlindDeparture(model, vehicle, arm)
+        return BlindDeparture(model, vehicle, arm)
     except ConfigurationError:
         return None
 

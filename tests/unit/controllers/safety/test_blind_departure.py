@@ -147,9 +147,22 @@ def test_a_lost_thruster_is_not_used():
         assert np.delete(stage.thrusters, lost).any()
 
 
-def test_nothing_departs_with_the_arm_folded_or_before_the_first_command():
-    sound, command, reference = at_work(np.random.default_rng(3), 40.0)
-    assert stages(replace(sound, q=np.array(VEHICLE.q_home) + 0.1), reference, command) == ()
+def test_with_the_arm_folded_or_without_one_the_hull_rises_and_is_braked_first():
+    sound, command, reference = at_work(np.random.default_rng(3), 0.0)
+    v_B = np.array([0.2, -0.1, 0.0])
+    sound = replace(sound, q=np.array(VEHICLE.q_home) + 0.1, v_WB_B=v_B)
+    up_B = sound.X_WB[:3, :3].T @ [0.0, 0.0, 1.0]
+    brake = PUSH / SAFETY.leave_acceleration * v_B / SAFETY.leave_time
+    balance, without_arm = HullBalance(), BlindDeparture(MODEL, VEHICLE, None)
+    without_arm.follow(balance, command, reference, 0.0)
+    for found in (stages(sound, reference, command), without_arm.stages(balance, sound, ())):
+        for stage, force_B in zip(found, (PUSH * up_B - brake, PUSH * up_B), strict=True):
+            wrench = pushed(sound, command, np.zeros(3), stage.thrusters)
+            assert np.allclose(wrench, np.append(force_B, np.zeros(3)), rtol=0.0, atol=1e-9)
+
+
+def test_nothing_departs_before_the_first_command():
+    sound, _, reference = at_work(np.random.default_rng(3), 40.0)
     assert stages(sound, reference) == ()
 
 

@@ -22,7 +22,7 @@ from models.water.thrusters import curves
 from sim.interfaces.messages import Command, Reference, StateEstimate
 from sim.interfaces.spatial import Array
 
-_FOLDED = 0.2  # [rad] from the folded arm's joint angles, up to which the tool is near nothing
+_FOLDED = 0.2  # [rad], slides [m], from the folded arm's joint angles, up to which the tool is near nothing
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -84,7 +84,7 @@ class BlindDeparture:
         balance.time, balance.step, balance.thrust, balance.force_W = time, step, thrust, force_W
 
     def stages(self, balance: HullBalance, sound: StateEstimate, lost: tuple[int, ...]) -> tuple[DepartureStage, ...]:
-        """Stages of the departure; none before the first sound command.
+        """Stages of the departure in their order, at most two; none before the first sound command.
 
         Args:
             balance: what has held the hull until now.
@@ -105,11 +105,10 @@ class BlindDeparture:
                 legs.append((SAFETY.leave_time + SAFETY.rise_time, up_W / np.linalg.norm(up_W)))
         allocation = self._allocation.without(*lost, priorities=PRIORITIES_AFTER_LOSS) if lost else self._allocation
         found: list[DepartureStage] = []
+        braking_B = -self._mass * sound.v_WB_B / SAFETY.leave_time  # of the first stage
         for until, along_W in legs:
-            wrench_B = held_B.copy()
-            wrench_B[:3] += self._mass * SAFETY.leave_acceleration * (R_BW @ along_W)
-            if not found:
-                wrench_B[:3] -= self._mass * sound.v_WB_B / SAFETY.leave_time
+            push_B = self._mass * SAFETY.leave_acceleration * (R_BW @ along_W)
+            wrench_B = held_B + np.append(push_B if found else push_B + braking_B, np.zeros(3))
             found.append(DepartureStage(until, allocation.command(allocation.thrust(wrench_B))))
         return tuple(found)
 

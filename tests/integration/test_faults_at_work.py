@@ -4,6 +4,7 @@ import sys
 
 import pytest
 
+from controllers.tuning import SAFETY
 from sim.interfaces.messages import WorkState
 
 
@@ -55,6 +56,6 @@ def test_without_an_estimate_the_hull_leaves_and_does_not_come_back():
     run_branched(assemble(scenario), ("IMU silent",), traces.append)
     (trace,) = traces
     left = next(time for time, state, _ in trace.states if state is WorkState.RETREAT)
-    assert trace.rows[-1, 0] > left + 5.0
-    assert not trace.rows[trace.rows[:, 0] > left + 1.0, 10].any()  # 0.56 s measured
+    assert trace.rows[-1, 0] > left + SAFETY.leave_time + SAFETY.rise_time  # the thrusters have stopped
+    assert not trace.rows[trace.rows[:, 0] > left + 1.0, 10].any()  # 0.59 s measured
     assert not trace.rows[:, 8].any()

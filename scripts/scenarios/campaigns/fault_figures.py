@@ -82,7 +82,7 @@ def figures(trace: Trace, path: str, seed: int) -> FaultFigures:
         touch_s=float(touched.max()) if touched.size else None,
         excursion_m=float(hull.max()),
         tilt_deg=float(np.degrees(trace.rows[:, 7].max())),
-        lost_s=float(np.count_nonzero(least[working] < 1.0) * step) if states[0] is WorkState.WORK else 0.0,
+        lost_s=float(np.count_nonzero(least[working] < _TOUCHING) * step) if states[0] is WorkState.WORK else 0.0,
         final=str(states[-1]),
         note=trace.blew_up or trace.states[-1][2],
         damage=bool(peak > DAMAGE * PUSH or trace.rows[:, 8].any() or trace.blew_up),

@@ -11,10 +11,10 @@ import models
 from controllers.arm.inverse_dynamics import ArmDynamics
 from controllers.safety.blind_departure import BlindDeparture, DepartureStage, HullBalance, ascent_direction
 from controllers.safety.safety_wrapper import SafetyWrapper
-from controllers.tuning import SAFETY
+from controllers.tuning import HULL, SAFETY
 from models.vehicle import Vehicle
 from models.water.thruster_curves import thrust_at
-from models.water.thrusters import curves
+from models.water.thrusters import FORWARD, curves
 from sim.interfaces.messages import Command, ContactEstimate, Reference, StateEstimate, WorkState
 from sim.interfaces.spatial import Array, exp_so3, pose
 
@@ -129,14 +129,14 @@ def test_a_force_where_none_is_meant_to_be_does_not_count():
 
 def test_full_thrusters_give_up_the_push_before_they_tilt_the_hull():
     sound, command, reference = at_work(np.random.default_rng(2), 0.0)
-    full = np.array(command.thrusters)
-    heave = [i for i, name in enumerate(VEHICLE.thruster_names) if name.startswith("heave")]
-    full[heave] = [0.0, 0.9, 0.9]
-    command = replace(command, thrusters=full)
-    for stage in stages(sound, reference, command):
-        wrench = pushed(sound, command, command.contact.force_W, stage.thrusters)
-        assert np.abs(wrench[3:5]).max() < 1e-6
-        assert wrench[2] < PUSH
+    heave = [name.startswith("heave") for name in VEHICLE.thruster_names]
+    command = replace(command, thrusters=np.where(heave, 0.97, command.thrusters))
+    rise = stages(sound, reference, command)[-1]
+    wrench = pushed(sound, command, command.contact.force_W, rise.thrusters)
+    table = VEHICLE.thruster_table
+    assert thrusts(rise.thrusters).max() == pytest.approx(HULL.headroom * table[:, FORWARD].max())
+    assert np.abs(wrench[3:5]).max() < 1e-6
+    assert wrench[2] < 0.5 * PUSH  # a rise asks for nearly all of it along the hull's z
 
 
 def test_a_lost_thruster_is_not_used():
@@ -169,7 +169,7 @@ def test_nothing_departs_before_the_first_command():
 def test_off_an_overhang_the_hull_does_not_rise():
     for tilt, count in ((0.0, 2), (np.pi / 2.0, 2), (np.pi, 1)):
         sound, command, reference = at_work(np.random.default_rng(3), 0.0)
-        now = np.eye(3) @ sound.X_WB[:3, :3] @ ARM.tip(sound.q)[0][:3, :3]
+        now = sound.X_WB[:3, :3] @ ARM.tip(sound.q)[0][:3, :3]
         wanted = exp_so3(np.array([tilt, 0.0, 0.0])) @ np.diag([1.0, -1.0, -1.0])  # z of the tool down, across, up
         sound = replace(sound, X_WB=pose(wanted @ now.T @ sound.X_WB[:3, :3], np.zeros(3)))
         assert len(stages(sound, reference, command)) == count
@@ -194,7 +194,7 @@ def test_what_swings_about_a_mean_departs_from_the_mean():
     wrench = VEHICLE.thruster_wrench @ (thrusts(leave.thrusters) - mean) - at_tip
     push = np.append(PUSH * (sound.X_WB[:3, :3].T @ off_W), np.zeros(3))
     last = VEHICLE.thruster_wrench @ (thrusts(swung[-5].thrusters) - mean)  # what the mean spares, at a crest
-    assert np.abs(wrench - push).max() < 0.1 * np.abs(last).max()  # 0.053 measured
+    assert np.abs(wrench - push).max() < 0.1 * np.abs(last).max()  # 0.044 measured
 
 
 @dataclass
@@ -216,7 +216,6 @@ def wrapped(
     sound: StateEstimate, command: Command, reference: Reference, *blind: StateEstimate, lead: int = 1
 ) -> Array:
     """Thrusters (k, m) that the wrapper sends for `lead` sound estimates, then for those `blind`."""
-
     wrapper = SafetyWrapper(Steady(command), MODEL)
     state, sent = wrapper.init(sound if lead else blind[0]), list[Array]()
     for one in (*[replace(sound, time=k * DT) for k in range(lead)], *blind):
@@ -242,7 +241,6 @@ def test_an_estimate_without_a_time_departs_although_the_task_has_halted_by_then
     """The task gives up the tool pose within the wrapper's patience."""
     sound, command, reference = at_work(np.random.default_rng(4), 40.0)
     halted = replace(reference, X_WG=None, force=0.0, force_control=False)
-
     wrapper = SafetyWrapper(Steady(command), MODEL)
     state = wrapper.init(sound)
     state, _ = wrapper.step(state, sound, reference)

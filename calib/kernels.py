@@ -6,19 +6,18 @@ Tables are those of `models.arms.kinematics`. Angles in rad, lengths in m, all v
 import math
 
 import numpy as np
-from numba import boolean, float64, int64, njit, types
+from numba import boolean, float64, int64, types
 
 from models.arms.kinematics import ALPHA, BETA, ROW, A, D, frame_step
 from models.arms.tip_places import cross_into
-from sim.interfaces.kernels import keyed_by_imports
+from sim.interfaces.kernels import kernel
 
 # Explicit signatures: each kernel compiles once, for read-only and writable arrays alike.
 _V, _M, _T, _X4 = (types.Array(float64, d, "C", readonly=True) for d in (1, 2, 3, 4))
 _FLAGS, _PLACES = types.Array(boolean, 1, "C", readonly=True), types.Array(int64, 1, "C", readonly=True)
 
 
-@njit(types.Tuple((float64, float64[::1]))(_M, _M, _V), cache=True)
-@keyed_by_imports
+@kernel(signature=types.Tuple((float64, float64[::1]))(_M, _M, _V))
 def arm_size(table, X_flange, tcp):
     """Size of the arm [m], the root of the summed squares of all lengths that touching observes, and its derivative.
 
@@ -65,13 +64,11 @@ def arm_size(table, X_flange, tcp):
     return length, gradient / max(length, 1e-300)
 
 
-@njit(
-    types.Tuple((float64[:, ::1], float64[::1], float64[:, ::1], float64[:, ::1], float64[:, :, ::1]))(
+@kernel(
+    signature=types.Tuple((float64[:, ::1], float64[::1], float64[:, ::1], float64[:, ::1], float64[:, :, ::1]))(
         _M, _T, _V, _PLACES, _PLACES
-    ),
-    cache=True,
+    )
 )
-@keyed_by_imports
 def centred_rows(p, J, weights, starts, index):
     """Tips and their derivatives about the weighted mean of each series.
 
@@ -117,8 +114,7 @@ def centred_rows(p, J, weights, starts, index):
     return residuals, r, rows, c, C
 
 
-@njit(float64[:, ::1](_X4, _FLAGS, _T, _T, _T, _T), cache=True)
-@keyed_by_imports
+@kernel(signature=float64[:, ::1](_X4, _FLAGS, _T, _T, _T, _T))
 def joint_loads(X, slides, forces, points, extra_forces, extra_points):
     """Load (M, n) of hanging bodies on each joint along its axis: [N m] of hinges, [N] of slides.
 
@@ -158,8 +154,7 @@ def joint_loads(X, slides, forces, points, extra_forces, extra_points):
     return tau
 
 
-@njit(boolean(_M, _FLAGS, _M, _M, _V, _V, _M, float64[::1], boolean, int64), cache=True)
-@keyed_by_imports
+@kernel(signature=boolean(_M, _FLAGS, _M, _M, _V, _V, _M, float64[::1], boolean, int64))
 def reach_pose(table, slides, X_base, X_flange, tcp, goal, R_goal, q, orient, iterations):
     """Inverse kinematics by damped least squares: joint values for a tip at `goal`, optionally with an orientation.
 

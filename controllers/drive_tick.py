@@ -6,7 +6,6 @@ no part is replaced. Where the hull's step is due, the caller makes it.
 
 from typing import NamedTuple
 
-import numba
 import numpy as np
 
 from controllers.arm.inverse_dynamics import ArmParameters
@@ -35,7 +34,7 @@ from controllers.estimation.tip_force_estimator import (
 )
 from controllers.safety.fault_detection import finite
 from controllers.safety.joint_residuals import JointResidualModel, JointResiduals, update_residuals
-from sim.interfaces.kernels import keyed_by_imports
+from sim.interfaces.kernels import kernel
 from sim.interfaces.messages import Reference
 from sim.interfaces.spatial import Array
 
@@ -135,8 +134,7 @@ class DriveRecord(NamedTuple):
     ticks: np.ndarray  # (2,) int64
 
 
-@numba.njit(cache=True)
-@keyed_by_imports
+@kernel
 def drive_tick(record, estimate, reference):
     """One tick: contact force, tool motion on its ticks, joint torques, residuals of the sensors.
 

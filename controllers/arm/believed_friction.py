@@ -1,13 +1,11 @@
 """Believed dry friction of the gears, for drives without torque sensors."""
 
-import numba
 import numpy as np
 
-from sim.interfaces.kernels import keyed_by_imports
+from sim.interfaces.kernels import kernel
 
 
-@numba.njit(cache=True)
-@keyed_by_imports
+@kernel
 def dry_friction(coulomb, stiction, stribeck_speed, width, qd, friction):
     """Stribeck friction torque of every gear, with the step at rest smoothed.
 
@@ -24,8 +22,7 @@ def dry_friction(coulomb, stiction, stribeck_speed, width, qd, friction):
         friction[j] = (coulomb[j] + (stiction[j] - coulomb[j]) * share) * np.tanh(qd[j] / width)
 
 
-@numba.njit(cache=True)
-@keyed_by_imports
+@kernel
 def dry_friction_sigma(coulomb, stiction, width, known, qd, sigma):
     """Standard deviation of the dry friction torque: at rest 0.6 of stiction, in motion the unknown share of Coulomb's.
 

@@ -15,12 +15,12 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import mujoco
-import numba
 import numpy as np
 
 from models import hydrodynamics
 from models.vehicle import Vehicle
 from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.kernels import kernel
 from sim.interfaces.spatial import Array, exp_so3, finite_number
 
 _FIXED, _HINGE, _SLIDE = 0, 1, 2  # joint kinds
@@ -83,32 +83,32 @@ class _Tree:
         return np.concatenate([np.ravel(block) for block in blocks])
 
 
-@numba.njit(cache=True)
+@kernel
 def _cross(a, b, out):
     out[0] = a[1] * b[2] - a[2] * b[1]
     out[1] = a[2] * b[0] - a[0] * b[2]
     out[2] = a[0] * b[1] - a[1] * b[0]
 
 
-@numba.njit(cache=True)
+@kernel
 def _rotate(R, a, out):
     for i in range(3):
         out[i] = R[i, 0] * a[0] + R[i, 1] * a[1] + R[i, 2] * a[2]
 
 
-@numba.njit(cache=True)
+@kernel
 def _rotate_back(R, a, out):
     for i in range(3):
         out[i] = R[0, i] * a[0] + R[1, i] * a[1] + R[2, i] * a[2]
 
 
-@numba.njit(cache=True)
+@kernel
 def workspace(layout):
     """Working memory of `newton_euler` for a tree of this layout (4, nb)."""
     return np.empty(39 * layout.shape[1] + 27)
 
 
-@numba.njit(cache=True)
+@kernel
 def newton_euler(arm, joints, hull, wrench_tip, work, tau, wrench_B):
     """Recursive Newton-Euler: forward pass for motion, backward pass for forces.
 
@@ -328,7 +328,7 @@ def newton_euler(arm, joints, hull, wrench_tip, work, tau, wrench_B):
                 up[3 + i] += t2[i] + t3[i]
 
 
-@numba.njit(cache=True)
+@kernel
 def tip_kinematics(arm, work, X_BG, J_B):
     """Tip pose in the hull's frame and its Jacobian, from the state that `newton_euler` left in `work`.
 
@@ -380,7 +380,7 @@ def tip_kinematics(arm, work, X_BG, J_B):
 # Entries from Python take records as plain tuples: numba finds the type of a NamedTuple ten times as slowly.
 
 
-@numba.njit(cache=True)
+@kernel
 def inverse_dynamics(arm, joints, hull, wrench_tip):
     """Joint torques (n,) [N m] and wrench (6,) [N, N m] of the arm on the hull, by `newton_euler`.
 
@@ -399,7 +399,7 @@ def inverse_dynamics(arm, joints, hull, wrench_tip):
     return tau, wrench_B
 
 
-@numba.njit(cache=True)
+@kernel
 def _tip(arm, q):
     arm, n = ArmParameters(*arm), q.shape[0]
     rest, work, X_BG, J_B = np.zeros(n), workspace(arm.layout), np.empty((4, 4)), np.empty((6, n))

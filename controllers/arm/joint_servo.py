@@ -8,14 +8,13 @@ their fields, which numba types faster.
 from dataclasses import dataclass
 from typing import NamedTuple
 
-import numba
 import numpy as np
 
 from controllers.arm.inverse_dynamics import ArmParameters, JointMotion, newton_euler, workspace
 from controllers.ik.priorities import DAMPING, prioritised
 from controllers.tuning import ArmTuning
 from models.vehicle import Vehicle
-from sim.interfaces.kernels import keyed_by_imports
+from sim.interfaces.kernels import kernel
 from sim.interfaces.spatial import Array
 
 
@@ -155,8 +154,7 @@ class JointServo:
         return state.tau
 
 
-@numba.njit(cache=True)
-@keyed_by_imports
+@kernel
 def track_gear_friction(tau_motor, tau_measured, qd, qdd, gears, friction):
     """Track the dry friction torque of the gears, as the torque sensors show it.
 
@@ -179,8 +177,7 @@ def track_gear_friction(tau_motor, tau_measured, qd, qdd, gears, friction):
         friction[j] = min(max(friction[j], -most[j]), most[j])
 
 
-@numba.njit(cache=True)
-@keyed_by_imports
+@kernel
 def servo_joints(arm, drives, seen, wanted, soft, borne, integral):
     """Drive torques for the wanted joint motion: computed torque with PID on the joints, and a compliant tool axis.
 
@@ -228,8 +225,7 @@ def servo_joints(arm, drives, seen, wanted, soft, borne, integral):
     return tau
 
 
-@numba.njit(cache=True)
-@keyed_by_imports
+@kernel
 def resolve_tool_motion(X_AB, X_WB, tool, hull, tip, drift, speed_limit, out):
     """Re-aiming, p*_C = R^T (p*_O - r) in [Konoplin 2022]: tool pose in the arm's base, and its joint rates.
 
@@ -290,8 +286,7 @@ def resolve_tool_motion(X_AB, X_WB, tool, hull, tip, drift, speed_limit, out):
             qd[j] *= speed_limit / fastest
 
 
-@numba.njit(cache=True)
-@keyed_by_imports
+@kernel
 def _all_at_once(J_B, wanted, qd, qdd, yielding):
     """Joint speeds, accelerations and motion along the tool axis for the twists `wanted` (3, 6), damped."""
     # J^T (J J^T + damping)^-1 by Cholesky in place: a call of LAPACK costs more than these sums.

@@ -4,7 +4,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, cast
 
-import numba
 import numpy as np
 from llvmlite import ir
 from numba import types
@@ -14,7 +13,7 @@ from numba.np.numpy_support import carray
 
 from controllers.arm.position_force import NUMBERS, WANTED, ForceDisplacement, ForceDisplacementState, K
 from sim.interfaces.errors import ConfigurationError, plain
-from sim.interfaces.kernels import keyed_by_imports
+from sim.interfaces.kernels import c_function, kernel
 
 # double law(double* memory, double wanted, double felt, double servo_compliance, double dt)
 _LAW = types.float64(types.CPointer(types.float64), *(types.float64,) * 4)
@@ -41,13 +40,13 @@ class KernelForceLaw(ForceDisplacement):
         super(KernelForceLaw, self).__post_init__()
         if self.numbers < 1:
             raise ConfigurationError(f"numbers of the force law: must be at least 1, got {self.numbers}")
-        size, law = self.numbers, numba.njit(self.law)
+        size, law = self.numbers, kernel(self.law)
 
         def of_pointer(memory: Any, wanted: float, felt: float, servo_compliance: float, dt: float) -> float:
             return law(carray(memory, size), wanted, felt, servo_compliance, dt)
 
         try:
-            object.__setattr__(self, "_compiled", numba.cfunc(_LAW)(of_pointer))
+            object.__setattr__(self, "_compiled", c_function(_LAW)(of_pointer))
         except NumbaError as error:
             lines = [line.strip() for line in plain(str(error)).splitlines()]
             said = [line for line in lines if line and not line.startswith("Failed in")]
@@ -97,8 +96,7 @@ def _call(_typing: Any, _address: Any, _memory: Any, _wanted: Any, _felt: Any, _
 _call_law = cast(Any, intrinsic(_call))
 
 
-@numba.njit(cache=True)
-@keyed_by_imports
+@kernel
 def displace_by(law, bounds, numbers, wanted, felt, servo_compliance, dt):
     """Step of `KernelForceLaw`.
 

@@ -19,10 +19,10 @@ tool at once by the surface's share; the loop corrects only the unknown rest.
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
-import numba
 import numpy as np
 
 from controllers.tuning import ForceLoopTuning, tuned
+from sim.interfaces.kernels import kernel
 from sim.interfaces.spatial import Array
 
 # Entries of `ForceDisplacementState.numbers`
@@ -126,7 +126,7 @@ class ForceDisplacement(ForceLoopTuning):
         return let_go(state.numbers, self.speed * dt, inwards)
 
 
-@numba.njit(cache=True)
+@kernel
 def displace(gains, numbers, wanted, felt, servo_compliance, dt):
     """Step of `ForceDisplacement`.
 
@@ -162,7 +162,7 @@ def displace(gains, numbers, wanted, felt, servo_compliance, dt):
     return k
 
 
-@numba.njit(cache=True)
+@kernel
 def _learn(gains, numbers, felt, change, dt):
     """Update the surface compliance: least-squares slope of k over the measured force while the set force changes.
 
@@ -187,7 +187,7 @@ def _learn(gains, numbers, felt, change, dt):
     numbers[COMPLIANCE] = min(max(slope, 0.0), gains.softest)
 
 
-@numba.njit(cache=True)
+@kernel
 def let_go(numbers, most, inwards):
     """Step of `ForceDisplacement.release`, by at most `most` [m]; returns the displacement k [m]."""
     numbers[K] -= min(max(numbers[K], -most if inwards else 0.0), most)

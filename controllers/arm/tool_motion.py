@@ -6,7 +6,6 @@ kinematics on the branch of the last angles. The jump where the arm began to fol
 
 from typing import NamedTuple
 
-import numba
 import numpy as np
 
 from controllers.arm.joint_servo import ResolvedMotion, ToolTarget, resolve_tool_motion
@@ -15,7 +14,7 @@ from controllers.ik.damped_descent import solve_keep
 from controllers.ik.method import tracking_method
 from controllers.ik.tracking_solvers import solve_at, solver_address
 from controllers.tuning import ArmTuning
-from sim.interfaces.kernels import keyed_by_imports
+from sim.interfaces.kernels import kernel
 from sim.interfaces.spatial import Array
 
 _POSITION, _ORIENTATION = 1e-6, 1e-5  # [m], [rad] tolerances of the inverse kinematics
@@ -67,8 +66,7 @@ class ToolTracking(NamedTuple):
         return cls(X_AB, follows_hull, tuning.joint_speed_limit, tuning.blend_time, tuning.task_period, solver)
 
 
-@numba.njit(cache=True)
-@keyed_by_imports
+@kernel
 def hold_joints(motion, q, qd, since):
     """Hold or move joint angles.
 
@@ -86,8 +84,7 @@ def hold_joints(motion, q, qd, since):
     motion.holding[0] = True
 
 
-@numba.njit(cache=True)
-@keyed_by_imports
+@kernel
 def track_tool(tracking, motion, target, since, displaced, X_WB, hull, tip):
     """Follow a tool pose.
 
@@ -139,8 +136,7 @@ def track_tool(tracking, motion, target, since, displaced, X_WB, hull, tip):
     return True, resolved.X_AG
 
 
-@numba.njit(cache=True)
-@keyed_by_imports
+@kernel
 def extrapolated(X_WG, v_WG_W, w_WG_W, since, k, offset_W):
     """Extrapolate a tool pose by its velocities, then displace it along its axis and by an offset.
 
@@ -172,8 +168,7 @@ def extrapolated(X_WG, v_WG_W, w_WG_W, since, k, offset_W):
     return out
 
 
-@numba.njit(cache=True)
-@keyed_by_imports
+@kernel
 def bumpless(q, qd, q_last, offset, offset_rate, blend_time, most, dt):
     """Bumpless transfer to a new joint reference: a remaining offset decays, critically damped.
 

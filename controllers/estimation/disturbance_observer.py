@@ -20,10 +20,10 @@ to none.
 from dataclasses import dataclass
 from typing import NamedTuple
 
-import numba
 import numpy as np
 
 from controllers.tuning import ObserverDeviations
+from sim.interfaces.kernels import kernel
 from sim.interfaces.spatial import Array
 
 
@@ -153,7 +153,7 @@ class _Hull(NamedTuple):
     moment_bandwidth: float  # [rad/s]
 
 
-@numba.njit(cache=True)
+@kernel
 def _observe(hull, seen, wrenches, dt, state):
     """Step of all filters.
 
@@ -172,7 +172,7 @@ def _observe(hull, seen, wrenches, dt, state):
     _observe_turning(hull, w_WB_B, given_B, other_B, dt, w_B, moment_B)
 
 
-@numba.njit(cache=True)
+@kernel
 def _observe_moving(hull, seen, given_B, other_B, dt, state):
     """Step of the three four-state filters; the last of `seen` (3,) [rad/s] is the change of the angular velocity."""
     R_WB, v_B, turned = seen
@@ -215,7 +215,7 @@ def _observe_moving(hull, seen, given_B, other_B, dt, state):
     offset_W += R_WB @ dd
 
 
-@numba.njit(cache=True)
+@kernel
 def _observe_turning(hull, w_WB_B, given_B, other_B, dt, w_B, moment_B):
     """Step of the moment observer: `w_B` tracks the measured rate, `moment_B` is the disturbance that this takes."""
     turning, inverse_turning, pace = hull.turning, hull.inverse_turning, hull.moment_bandwidth * dt

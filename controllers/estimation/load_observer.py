@@ -19,7 +19,6 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import mujoco
-import numba
 import numpy as np
 
 from controllers.arm.believed_friction import dry_friction, dry_friction_sigma
@@ -35,7 +34,7 @@ from controllers.tuning import DRIVE_PERIOD, ArmTuning
 from models.arms.gear_friction import DryFriction
 from models.vehicle import Vehicle
 from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.kernels import keyed_by_imports
+from sim.interfaces.kernels import kernel
 from sim.interfaces.messages import ContactEstimate, Reference, StateEstimate
 from sim.interfaces.spatial import Array, fitting
 
@@ -161,8 +160,7 @@ class LoadObserver:
         return state.tau_e.copy()
 
 
-@numba.njit(cache=True)
-@keyed_by_imports
+@kernel
 def _observe(arm, bare, gears, hull, seen, timing, state):
     """Step of the observer; with `first` it only stores the momentum, since the past is unknown."""
     arm, bare, gears = ArmParameters(*arm), ArmParameters(*bare), GearModel(*gears)
@@ -190,8 +188,7 @@ def _observe(arm, bare, gears, hull, seen, timing, state):
         known[j] = now
 
 
-@numba.njit(cache=True)
-@keyed_by_imports
+@kernel
 def momentum(arm, work, p_joint, turning):
     """Generalised momentum of every joint and dT/dq, in still water.
 

@@ -15,11 +15,10 @@ priors on d, b and w. A part whose excess is unobservable keeps its believed mas
 from dataclasses import dataclass
 from typing import NamedTuple
 
-import numba
 import numpy as np
 
 from controllers.arm.inverse_dynamics import ArmDynamics, ArmParameters, JointMotion, inverse_dynamics
-from sim.interfaces.kernels import keyed_by_imports
+from sim.interfaces.kernels import kernel
 from sim.interfaces.spatial import Array
 
 
@@ -132,8 +131,7 @@ class PayloadIdentification:
         return self._arm.parameters._replace(numbers=numbers)
 
 
-@numba.njit(cache=True)
-@keyed_by_imports
+@kernel
 def _add(terms, joints, hull, tau_e, total):
     """Add one sample to the sums `total` (n, nb + n + 2): -G, -I, -H, tau_e; `terms` are the fields of `_Terms`."""
     layout, parts, water, stations = terms

@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 from typing import Any, NamedTuple, Protocol
 
 import mujoco
-import numba
 import numpy as np
 
 from controllers.arm.inverse_dynamics import (
@@ -28,7 +27,7 @@ from controllers.estimation.payload_identification import PayloadIdentification,
 from controllers.tuning import DRIVE_PERIOD, ArmTuning
 from models.arms.gear_friction import DryFriction
 from models.vehicle import Vehicle
-from sim.interfaces.kernels import keyed_by_imports
+from sim.interfaces.kernels import kernel
 from sim.interfaces.messages import ContactEstimate, Reference, StateEstimate
 from sim.interfaces.spatial import Array, skew
 
@@ -108,8 +107,7 @@ class Tare(NamedTuple):
         return cls(np.zeros(n), np.zeros(1))
 
 
-@numba.njit(cache=True)
-@keyed_by_imports
+@kernel
 def add_to_tare(tare, tau_e, bias):
     """Add a sample of external torques free of contact; the mean of all samples goes to `bias`.
 
@@ -125,8 +123,7 @@ def add_to_tare(tare, tau_e, bias):
         bias[j] = total[j] / samples[0]
 
 
-@numba.njit(cache=True)
-@keyed_by_imports
+@kernel
 def estimate_tip_force(arm, readings, errors, timing, sensed, f_W):
     """Filtered force of the world on the tip from torque sensors less the arm model; returns the normal force [N].
 
@@ -167,8 +164,7 @@ def estimate_tip_force(arm, readings, errors, timing, sensed, f_W):
     return _in_axes(X_WB, out, f_W)
 
 
-@numba.njit(cache=True)
-@keyed_by_imports
+@kernel
 def force_from_external_torques(X_WB, tau_scale, errors, sensed, f_W):
     """Force of the world on the tip from the external torques `sensed.tau_e`, unfiltered; returns the normal force [N].
 
@@ -189,8 +185,7 @@ def force_from_external_torques(X_WB, tau_scale, errors, sensed, f_W):
     return _in_axes(X_WB, out, f_W)
 
 
-@numba.njit(cache=True)
-@keyed_by_imports
+@kernel
 def _in_axes(X_WB, out, f_W):
     """Force in tool axes and in W; returns the normal force."""
     X_BG, f_B = out.X_BG, out.f_B
@@ -200,8 +195,7 @@ def _in_axes(X_WB, out, f_W):
     return -out.f_G[2]  # the tool presses along its z axis; the world pushes back
 
 
-@numba.njit(cache=True)
-@keyed_by_imports
+@kernel
 def unfiltered_tip_force(arm, joints, tau_measured, errors, sensed):
     """Unfiltered force of the world on the tip (3,) [N], hull axes, from torque sensors less the arm model.
 
@@ -223,8 +217,7 @@ def unfiltered_tip_force(arm, joints, tau_measured, errors, sensed):
     return _least_squares(sensed.J_B, sensed.tau_e, tau_measured, errors)
 
 
-@numba.njit(cache=True)
-@keyed_by_imports
+@kernel
 def _least_squares(J_B, tau_e, tau_scale, errors):
     """Force on the tip (3,) [N], hull axes: `controllers.estimation.force_from_torques.tip_force` by Cholesky."""
     bias, floor, noise = errors.bias, errors.floor, errors.noise
@@ -255,8 +248,7 @@ def _least_squares(J_B, tau_e, tau_scale, errors):
     return (y0 - l10 * y - l20 * z) / l00, y, z
 
 
-@numba.njit(cache=True)
-@keyed_by_imports
+@kernel
 def force_sigma(X_BG, J_B, weighed, variance):
     """Standard deviation (3,) [N] of the estimated force in tool axes, by `force_from_torques.force_covariance`.
 

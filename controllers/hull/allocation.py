@@ -24,7 +24,6 @@ import itertools
 from collections.abc import Sequence
 from typing import Self
 
-import numba
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -34,7 +33,7 @@ from models.vehicle import Vehicle
 from models.water.thruster_curves import command_for
 from models.water.thrusters import FORWARD, LEAST, REVERSE, curves
 from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.kernels import keyed_by_imports
+from sim.interfaces.kernels import kernel
 from sim.interfaces.spatial import Array, checked, fitting
 
 AXES = ("surge", "sway", "heave", "roll", "pitch", "yaw")  # order of a wrench on the hull, hull axes
@@ -266,8 +265,7 @@ def normal_equations(A: Array, effort: Array) -> tuple[Array, Array]:
     return H + _EFFORT * np.trace(H) / len(H) * np.diag(effort**2 / np.mean(effort**2)), A.T.copy()
 
 
-@numba.njit(cache=True)
-@keyed_by_imports
+@kernel
 def _commands(curve, thrust):
     command = np.empty(thrust.shape[0])
     for i in range(thrust.shape[0]):
@@ -275,8 +273,7 @@ def _commands(curve, thrust):
     return command
 
 
-@numba.njit(cache=True)
-@keyed_by_imports
+@kernel
 def bounded(H, c, low, high, x):
     """Minimise x^T H x / 2 - c^T x over low <= x <= high by a primal active-set method; result in `x` (m,).
 
@@ -358,8 +355,7 @@ def bounded(H, c, low, high, x):
     return steps
 
 
-@numba.njit(cache=True)
-@keyed_by_imports
+@kernel
 def _solve_free(H, c, x, free, count, L, z):
     """Minimise over the `count` variables in `free`, the others held at `x`; result in `z` in the order of `free`."""
     m = c.shape[0]
@@ -387,8 +383,7 @@ def _solve_free(H, c, x, free, count, L, z):
         z[a] /= L[a, a]
 
 
-@numba.njit(cache=True)
-@keyed_by_imports
+@kernel
 def nearest_thrusts(H, c, low, high, least, patterns):
     """Thrusts of least cost x^T H x / 2 - c^T x within bounds, each zero or at least its minimal thrust in size.
 
@@ -459,8 +454,7 @@ def nearest_thrusts(H, c, low, high, least, patterns):
     return x
 
 
-@numba.njit(cache=True)
-@keyed_by_imports
+@kernel
 def _limit(branch, low, high, least, from_, to, i):
     """Set the bounds `from_` and `to` of thruster `i` on one branch: -1 reverse, 0 off, 1 forward."""
     if least == 0.0:  # it has no gap
@@ -470,8 +464,7 @@ def _limit(branch, low, high, least, from_, to, i):
     to[i] = high if branch > 0 else -least if branch < 0 else 0.0
 
 
-@numba.njit(cache=True)
-@keyed_by_imports
+@kernel
 def _cost(H, c, x):
     total = 0.0
     for i in range(c.shape[0]):

@@ -17,7 +17,6 @@ from dataclasses import dataclass
 from typing import Literal, NamedTuple, Protocol
 
 import mujoco
-import numba
 import numpy as np
 
 from controllers.arm.inverse_dynamics import ArmDynamics
@@ -30,7 +29,7 @@ from models.vehicle import Vehicle
 from models.water.thruster_curves import command_in_flow, thrust_at, thrust_in_flow
 from models.water.thrusters import INFLOW_LOSS, SLEW_RATE, TIME_CONSTANT, curves, inflow_levers
 from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.kernels import keyed_by_imports
+from sim.interfaces.kernels import kernel
 from sim.interfaces.messages import Reference, StateEstimate
 from sim.interfaces.spatial import Array, fitting, number
 
@@ -132,8 +131,7 @@ class ThrusterLead:
         return command
 
 
-@numba.njit(cache=True)
-@keyed_by_imports
+@kernel
 def _inflow(advance, i, nu_r_B):
     """Speed of advance [m/s] of thruster `i` through the water, along its thrust."""
     total = 0.0
@@ -142,8 +140,7 @@ def _inflow(advance, i, nu_r_B):
     return total
 
 
-@numba.njit(cache=True)
-@keyed_by_imports
+@kernel
 def _static(model, thrust, nu_r_B):
     curve, figures, _, advance, _ = model
     command = np.empty(thrust.shape[0])
@@ -152,8 +149,7 @@ def _static(model, thrust, nu_r_B):
     return command
 
 
-@numba.njit(cache=True)
-@keyed_by_imports
+@kernel
 def _lead(model, wanted, nu_r_B, dt, state, command):
     """Commands for the next `dt`; `model` is `_Propellers`, `state` is passed, speed and given_B of the state."""
     curve, figures, B, advance, response = model

@@ -11,16 +11,16 @@ feasible and leaves the levels above unchanged. Steps are found by orthogonal pr
 
 from typing import NamedTuple
 
-import numba
 import numpy as np
 
+from sim.interfaces.kernels import kernel
 from sim.interfaces.spatial import Array
 
 _SAME = 1e-10  # [-] share of a row's norm below which its remainder after projection is rounding noise
 _HELD = 1e-9  # [-] of a unit step: below it the levels above fix a variable, and its bound adds no constraint
 
 
-@numba.njit(cache=True)
+@kernel
 def solve_levels(A, b, starts, effort, low, high, x):
     """Solve least-squares priority levels, then the effort, within bounds; result in `x`.
 
@@ -64,7 +64,7 @@ def solve_levels(A, b, starts, effort, low, high, x):
     return steps
 
 
-@numba.njit(cache=True)
+@kernel
 def _keep(row, kept, count):
     """Append the component of `row` outside the span of the orthonormal rows `kept`; returns their new number."""
     m = row.shape[0]
@@ -77,7 +77,7 @@ def _keep(row, kept, count):
     return count
 
 
-@numba.njit(cache=True)
+@kernel
 def _off(v, basis, count):
     """Project `v` in place off the span of the orthonormal rows of `basis`, twice against rounding; its norm then."""
     m = v.shape[0]
@@ -104,7 +104,7 @@ class _Factors(NamedTuple):
     T: Array  # (k, m)
 
 
-@numba.njit(cache=True)
+@kernel
 def _level(A, b, kept, count, low, high, x):
     """Minimise |A x - b|^2 from `x` within bounds while `kept[:count] @ x` stays unchanged; returns the steps taken."""
     k, m = A.shape
@@ -162,7 +162,7 @@ def _level(A, b, kept, count, low, high, x):
     return 30 * (m + 1)
 
 
-@numba.njit(cache=True)
+@kernel
 def _split(U, j, L):
     """Orthonormalise row `j` of U against those before it; row `j` of L receives its coefficients."""
     m = U.shape[1]
@@ -183,7 +183,7 @@ def _split(U, j, L):
             U[j, i] /= length
 
 
-@numba.njit(cache=True)
+@kernel
 def _beside(A, low, high, factors, count, longest):
     """Factorise A over the free variables, outside the span of `count` rows of U, into T V; returns the rank."""
     k, m = A.shape
@@ -226,7 +226,7 @@ def _beside(A, low, high, factors, count, longest):
     return rank
 
 
-@numba.njit(cache=True)
+@kernel
 def _least(T, residual, k, rank, s):
     """Minimise |T s + residual| over s (rank,), T (k, rank) of full column rank, by modified Gram-Schmidt."""
     Q, R, right = np.empty((rank, k)), np.empty((rank, rank)), residual.copy()
@@ -258,7 +258,7 @@ def _least(T, residual, k, rank, s):
         s[c] /= R[c, c]
 
 
-@numba.njit(cache=True)
+@kernel
 def _wrong_way(A, residual, s, kept, factors, enough, in_order):
     """Active bound whose release lowers the cost most, or the first such one if `in_order` [Bland 1977]; -1 if none."""
     k, m = A.shape

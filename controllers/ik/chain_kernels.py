@@ -25,8 +25,10 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit, types
+from numba import types
 from numba.extending import overload
+
+from sim.interfaces.kernels import kernel
 
 KIND, OFFSET, COS_ALPHA, SIN_ALPHA, LINK, LOWER, UPPER, COS_OFFSET, SIN_OFFSET, AFTER, COLUMNS = (
     0,
@@ -56,8 +58,7 @@ ALONG, WITHIN, THROUGH = 0, 1, 2  # treatment of the limits, see `controllers.ik
 
 TWO_PI = 2.0 * math.pi  # [rad]
 _WALK = 0.1  # [rad] longest step of a joint between two Jacobians that `branch_left` compares
-# Not cached, for numba would not detect changes in other files. The entry points of `controllers.ik.entries` are.
-jit = njit(nogil=True, error_model="numpy", fastmath={"contract"})
+jit = kernel(nogil=True, error_model="numpy", fastmath={"contract"})
 
 
 class Memory(NamedTuple):

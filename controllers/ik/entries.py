@@ -10,7 +10,7 @@ from functools import cache
 from typing import Any
 
 import numpy as np
-from numba import njit, types
+from numba import types
 from numpy.typing import DTypeLike
 
 from controllers.ik.chain_kernels import (
@@ -28,65 +28,53 @@ from controllers.ik.damped_descent import solve_hybrid, solve_keep
 from controllers.ik.paper_stages import solve_plain, stage_axes, three_goals
 from controllers.ik.priorities import solve_priority
 from controllers.ik.sweeps import solve_jacobian_free
-from sim.interfaces.kernels import imports_stamp
+from sim.interfaces.kernels import kernel
 
 _VECTOR, _TABLE = types.float64[::1], types.float64[:, ::1]
 _GIVEN = {d: types.Array(types.float64, d, "C", readonly=True) for d in (1, 2, 3)}  # writable arrays are accepted too
 _REAL, _COUNT, _FLAG = types.float64, types.int64, types.boolean
 _SETTINGS = types.NamedTuple((_COUNT, *(_REAL,) * 4, _COUNT, _COUNT, _FLAG, _FLAG), Settings)
-_holding = njit(cache=True, error_model="numpy")
-_releasing = njit(cache=True, nogil=True, error_model="numpy")
+_holding = kernel(error_model="numpy")
+_releasing = kernel(nogil=True, error_model="numpy")
 
 
-def _make_entries(stamp: int) -> dict[str, tuple[Any, tuple[Any, ...]]]:
-    """Build the entries, each with the types of its arguments after `memory`.
-
-    Numba keys its cache by the file of a function and by the variables that it closes over. Each entry therefore closes
-    over `stamp`; without it numba would not detect a change in another file.
-    """
+def _make_entries() -> dict[str, tuple[Any, tuple[Any, ...]]]:
+    """Build the entries, each with the types of its arguments after `memory`."""
 
     @_holding
     def kinematics(memory, q, X, J):
-        _ = stamp
         table, _, _, work, _, _ = partition(memory, q.shape[0])
         forward(table, q, work, X, J)
 
     # The usual calls of `solve` take plain numbers: numba would have to take a record of settings apart at each call.
     @_holding
     def hybrid(memory, X, q0, tol_p, tol_r, limit, restarts, out):
-        _ = stamp
         settings = Settings(HYBRID, tol_p, tol_r, tol_r, tol_r, limit, restarts, False, False)
         return solve_hybrid(memory, X, q0, settings, memory[:0].reshape(0, 1), out)
 
     @_holding
     def keep(memory, X, q0, tol_p, tol_r, limit, restarts, out):
-        _ = stamp
         settings = Settings(HYBRID, tol_p, tol_r, tol_r, tol_r, limit, restarts, True, False)
         return solve_keep(memory, X, q0, settings, memory[:0].reshape(0, 1), out)
 
     @_holding
     def traced_hybrid(memory, X, q0, settings, trail, out):
-        _ = stamp
         return solve_hybrid(memory, X, q0, settings, trail, out)
 
     @_holding
     def traced_keep(memory, X, q0, settings, trail, out):
-        _ = stamp
         return solve_keep(memory, X, q0, settings, trail, out)
 
     @_holding
     def jacobian_free(memory, X, q0, settings, trail, out):
-        _ = stamp
         return solve_jacobian_free(memory, X, q0, settings, trail, out)
 
     @_holding
     def plain(memory, X, q0, settings, trail, out):
-        _ = stamp
         return solve_plain(memory, X, q0, settings, trail, out)
 
     @_holding
     def priority(memory, X, q0, settings, trail, out):
-        _ = stamp
         return solve_priority(memory, X, q0, settings, trail, out)
 
     @_holding
@@ -95,7 +83,6 @@ def _make_entries(stamp: int) -> dict[str, tuple[Any, tuple[Any, ...]]]:
 
         F_R [m], F_alpha1 and F_alpha2 [rad] of each row of `trail` (N, n) go to `out` (N, 3).
         """
-        _ = stamp
         table, goal, _, work, _, q = partition(memory, trail.shape[1])
         set_goal(table, X, goal)
         for row in range(trail.shape[0]):
@@ -111,7 +98,6 @@ def _make_entries(stamp: int) -> dict[str, tuple[Any, tuple[Any, ...]]]:
 
         Joint values go to `q` (N, n), the five numbers that the solver of one target returns to `out` (N, 5).
         """
-        _ = stamp
         trail = memory[:0].reshape(0, 1)
         for i in range(first, last):
             if settings.method == JACOBIAN_FREE:
@@ -142,12 +128,12 @@ def _make_entries(stamp: int) -> dict[str, tuple[Any, tuple[Any, ...]]]:
     }
 
 
-_ENTRIES = _make_entries(int(imports_stamp(globals()), 16))
+_ENTRIES = _make_entries()
 
 
 @cache
 def entry(name: str, precision: DTypeLike = np.float64) -> Any:
-    """Return the entry `name`, compiled for memory of `precision` or loaded from numba's cache.
+    """Return the entry `name`, compiled for memory of `precision` or loaded from the store.
 
     Compilation for other argument types is disabled: the entry raises TypeError for them. Numba would otherwise compile
     another copy of the solver for each new combination of types.

@@ -6,7 +6,6 @@ A method is compiled only where it is chosen; the loop then need not contain all
 from functools import cache
 from typing import Any, cast
 
-import numba
 from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic
@@ -17,26 +16,20 @@ from controllers.ik.method import Method
 from controllers.ik.paper_stages import solve_plain
 from controllers.ik.priorities import solve_priority
 from controllers.ik.sweeps import solve_jacobian_free
-from sim.interfaces.kernels import imports_stamp
+from sim.interfaces.kernels import c_function, kernel
 
-_STAMP = int(imports_stamp(globals()), 16)
 _NUMBER = types.CPointer(types.float64)
 # code = solver(n, tolerances (3), most sweeps, memory, X (4, 4), q0 (n), q (n) out, errors (2) out)
 _SOLVER = types.int64(types.int64, *(types.float64,) * 2, types.int64, *(_NUMBER,) * 5)
-_size = numba.njit(memory_size)
+_size = kernel(memory_size)
 
 
 @cache
 def _compiled(method: Method) -> Any:
     """C function of a method; it must stay alive, since its address is in use."""
-    stamp, plain, priority = (
-        _STAMP,
-        method == "plain",
-        method == "priority",
-    )  # closed over: numba's cache is keyed by them
+    plain, priority = method == "plain", method == "priority"  # closed over: each method is compiled for itself
 
     def of_pointers(n, tol_p, tol_r, limit, memory, X, q0, q, errors):
-        _ = stamp
         chain, trail = carray(memory, _size(n)), carray(memory, (0, 1))
         target, start, out, said = carray(X, (4, 4)), carray(q0, n), carray(q, n), carray(errors, 2)
         axis = tol_r * 0.5**0.5
@@ -51,7 +44,7 @@ def _compiled(method: Method) -> Any:
             code, _, _, said[0], said[1] = solve_jacobian_free(chain, target, start, settings, trail, out)
         return code
 
-    return numba.cfunc(_SOLVER, cache=True, error_model="numpy")(of_pointers)
+    return c_function(_SOLVER, error_model="numpy")(of_pointers)
 
 
 def solver_address(method: Method) -> int:
@@ -87,7 +80,7 @@ def _call(
 _call_solver = cast(Any, intrinsic(_call))
 
 
-@numba.njit
+@kernel
 def solve_at(address, chain, X, q0, tolerances, limit, q, errors):
     """Solve by the method at `address`, on the branch of `q0` and without restarts.
 

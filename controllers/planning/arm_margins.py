@@ -4,7 +4,6 @@ from dataclasses import dataclass
 from enum import Enum, auto
 from typing import NamedTuple
 
-import numba
 import numpy as np
 
 from controllers.hull.thrust_margin import ThrustMargin
@@ -12,6 +11,7 @@ from controllers.mkps import Chain, IkOptions, IkResult, solve
 from controllers.planning.arm_size import FULL, reach
 from controllers.planning.hull_path import arm_gap, joint_centres_kernel, joint_gap_kernel
 from models.vehicle import Vehicle
+from sim.interfaces.kernels import kernel
 from sim.interfaces.spatial import Array, inverse
 
 FEW_STEPS = IkOptions(max_iterations=60)
@@ -26,7 +26,7 @@ _SCALE = np.array([1.0, 1.0, 1.0, 0.4, 0.4, 0.4])[:, None]  # [m/rad] weights ro
 _SINGULAR = 0.12  # smallest singular value of the weighted Jacobian that gives a margin of 1
 
 
-@numba.njit(cache=True)
+@kernel
 def _step_and_room(before, q, low, high):
     """Largest change of a joint from `before` to `q`, and the smallest distance of `q` to the limits; (n,) each."""
     jump, room = 0.0, np.inf
@@ -36,7 +36,7 @@ def _step_and_room(before, q, low, high):
     return jump, room
 
 
-@numba.njit(cache=True)
+@kernel
 def _are_above(margin, J, push, torque_limits):
     """True if the margins of torque and of singular postures are above `margin` by more than rounding.
 

@@ -3,7 +3,6 @@
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
 
-import numba
 import numpy as np
 from scipy.spatial import ConvexHull
 
@@ -11,6 +10,7 @@ from controllers.mkps import Chain
 from controllers.planning.arm_size import size
 from controllers.planning.trajectories import PoseMove
 from models.vehicle import Vehicle
+from sim.interfaces.kernels import kernel
 from sim.interfaces.spatial import Array, exp_so3, pose, transform_points
 
 CLEARANCE = 0.2  # [m] of hull, joints and tip to the object; covers the tool's size, marine growth and tracking lag
@@ -116,7 +116,7 @@ def hull_gap(X_WB: Array, hull_box: Array, obstacle: Array) -> float:
     return inside if inside < 0.0 else float(np.sqrt((np.maximum(outside, 0.0) ** 2).sum(axis=1).min()))
 
 
-@numba.njit(cache=True)
+@kernel
 def hull_gap_kernel(X_WB: Array, hull_box: Array, obstacle: Array, away: Array, enough: float) -> float:
     """As `hull_gap` of an obstacle displaced by -`away` (3,) [m], to the rounding; any value below `enough` ends it."""
     nearest = np.inf
@@ -160,7 +160,7 @@ def joint_centres(chain: Chain, q: Array) -> Array:
     return centres
 
 
-@numba.njit(cache=True)
+@kernel
 def joint_gap_kernel(joints_A: Array, X_AW: Array, planes: Array, gone: Array) -> float:
     """As `arm_gap`, of given joint centres (k, 3) [m]."""
     nearest = np.inf
@@ -176,7 +176,7 @@ def joint_gap_kernel(joints_A: Array, X_AW: Array, planes: Array, gone: Array) -
     return nearest
 
 
-@numba.njit(cache=True)
+@kernel
 def joint_centres_kernel(slides: np.ndarray, axes: Array, points: Array, q: Array) -> Array:
     """As `joint_centres`, to the rounding; `slides` (n,) tells which joints do."""
     centres = np.empty((len(q), 3))

@@ -3,9 +3,9 @@
 from dataclasses import replace
 from typing import NamedTuple
 
-import numba
 import numpy as np
 
+from sim.interfaces.kernels import kernel
 from sim.interfaces.messages import ToolPath
 from sim.interfaces.spatial import Array, pose
 
@@ -69,7 +69,7 @@ class _Samples(NamedTuple):
     x: Array  # (k, 3)
 
 
-@numba.njit(cache=True)
+@kernel
 def _tool_pose(path, s, roll, X, tangent, turn):
     low, high = max(0.0, s - _HALF_STEP), min(path.s[-1], s + _HALF_STEP)
     R_low, p_low = _frame(path, low, roll)
@@ -84,7 +84,7 @@ def _tool_pose(path, s, roll, X, tangent, turn):
         tangent[i] = (p_high[i] - p_low[i]) / (high - low)
 
 
-@numba.njit(cache=True)
+@kernel
 def _frame(path, s, roll):
     """Axes (3, 3) and position (3,) of the tool at `s`, interpolated between the path's samples."""
     i = min(max(np.searchsorted(path.s, s) - 1, 0), path.s.shape[0] - 2)

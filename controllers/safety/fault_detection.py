@@ -24,7 +24,6 @@ from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import mujoco
-import numba
 import numpy as np
 
 from controllers.hull.station_keeping import hull_inertia
@@ -35,7 +34,7 @@ from models import hydrodynamics
 from models.vehicle import Vehicle
 from models.water.thruster_curves import thrust_at, thrust_in_flow
 from models.water.thrusters import INFLOW_LOSS, SLEW_RATE, TIME_CONSTANT, curves, inflow_levers
-from sim.interfaces.kernels import keyed_by_imports
+from sim.interfaces.kernels import kernel
 from sim.interfaces.messages import Command, Fault, FaultKind, HullLoad, StateEstimate
 from sim.interfaces.spatial import Array
 
@@ -353,8 +352,7 @@ class FaultDetection:
                 self._fail(state, best, time, figures, thrust, missed)
 
 
-@numba.njit(cache=True)
-@keyed_by_imports
+@kernel
 def finite(X_WB, v_B, w_B, a_B, q, qd, time):
     """True if all required numbers of an estimate are finite; compiled, since it runs every step.
 
@@ -375,8 +373,7 @@ def finite(X_WB, v_B, w_B, a_B, q, qd, time):
     return total == 0.0
 
 
-@numba.njit(cache=True)
-@keyed_by_imports
+@kernel
 def _hull(model, seen, dt, time, residuals):
     """Unexplained wrench on the hull, `residuals.missing` (6,) [N, N m], after thrusts commanded for `dt` [s].
 
@@ -432,8 +429,7 @@ def _hull(model, seen, dt, time, residuals):
         r.missing[i] = gained[i] + r.rest[i]
 
 
-@numba.njit(cache=True)
-@keyed_by_imports
+@kernel
 def _explain(model, residuals, leftover):
     """Attribute the unusual part of the missing wrench to the thruster that explains it best.
 

@@ -2,10 +2,9 @@
 
 from typing import NamedTuple
 
-import numba
 import numpy as np
 
-from sim.interfaces.kernels import keyed_by_imports
+from sim.interfaces.kernels import kernel
 from sim.interfaces.spatial import Array
 
 
@@ -59,8 +58,7 @@ class JointResidualModel(NamedTuple):
     learning_time: float  # [s]
 
 
-@numba.njit(cache=True)
-@keyed_by_imports
+@kernel
 def update_residuals(model, seen, age, warm, residuals):
     """Update the residuals of torque sensors and encoders by one sample; True if any needs evaluation.
 

@@ -8,7 +8,9 @@ between near-parallel axes. Angles in rad, lengths in m, all vectors in base axe
 import math
 
 import numpy as np
-from numba import boolean, float64, njit, types
+from numba import boolean, float64, types
+
+from sim.interfaces.kernels import kernel
 
 THETA, D, A, ALPHA, BETA, ROW = 0, 1, 2, 3, 4, 5  # columns of a table row, and their number
 
@@ -17,7 +19,7 @@ _M = types.Array(float64, 2, "C", readonly=True)
 _FLAGS = types.Array(boolean, 1, "C", readonly=True)
 
 
-@njit(cache=True)
+@kernel
 def frame_step(R, o, row, q, slide, axes):
     """Advance the frame (R, o) in place over one joint; `axes` (4, 3) receives z and o before it, x and y after."""
     theta = row[THETA] + (0.0 if slide else q)
@@ -35,7 +37,7 @@ def frame_step(R, o, row, q, slide, axes):
         R[i, 0], R[i, 1], R[i, 2] = cb * x - sb * z, y, cb * z + sb * x
 
 
-@njit(float64[:, :, :, ::1](_M, _FLAGS, _M, _M), cache=True)
+@kernel(signature=float64[:, :, :, ::1](_M, _FLAGS, _M, _M))
 def frames(table, slides, X_base, q):
     """Link frames 0..n in the base at each pose, X (M, n + 1, 4, 4); frame k has the axis of joint k + 1 as its z.
 

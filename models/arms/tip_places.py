@@ -5,10 +5,10 @@ Derivatives are analytic: a turn about an axis through o moves the tip p by axis
 """
 
 import numpy as np
-from numba import boolean, float64, njit, types
+from numba import boolean, float64, types
 
 from models.arms.kinematics import ALPHA, BETA, ROW, THETA, A, D, frame_step
-from sim.interfaces.kernels import keyed_by_imports
+from sim.interfaces.kernels import kernel
 
 NO_JACOBIAN = np.empty((0, 0, 0))  # as `J` of `tips`: compute no derivatives
 
@@ -17,8 +17,7 @@ _V, _M = (types.Array(float64, d, "C", readonly=True) for d in (1, 2))
 _FLAGS = types.Array(boolean, 1, "C", readonly=True)
 
 
-@njit(cache=True)
-@keyed_by_imports
+@kernel
 def cross_into(out, a, b, c):
     """Write a x (b - c) into `out` (3,)."""
     x, y, z = b[0] - c[0], b[1] - c[1], b[2] - c[2]
@@ -27,8 +26,7 @@ def cross_into(out, a, b, c):
     out[2] = a[0] * y - a[1] * x
 
 
-@njit(float64[:, ::1](_M, _FLAGS, _M, _M, _V, _M, float64[:, :, ::1]), cache=True)
-@keyed_by_imports
+@kernel(signature=float64[:, ::1](_M, _FLAGS, _M, _M, _V, _M, float64[:, :, ::1]))
 def tips(table, slides, X_base, X_flange, tcp, q, J):
     """Tip positions (M, 3) [m] for joint values q (M, n), optionally with their Jacobian.
 

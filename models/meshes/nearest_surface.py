@@ -3,9 +3,9 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike
 
+from sim.interfaces.kernels import kernel
 from sim.interfaces.spatial import Array
 
 _LEAF = 4  # largest number of triangles in a leaf
@@ -47,7 +47,7 @@ class NearestSurface:
         return Nearest(distance=distance, point=point, triangle=self.order[at], weights=weights)
 
 
-@njit(cache=True)
+@kernel
 def _tree(corners: Array) -> tuple[np.ndarray, Array, np.ndarray]:
     """Build the tree by halving each box across its longest side: order (T,), boxes (B, 6), spans (B, 3)."""
     count = len(corners)
@@ -85,7 +85,7 @@ def _tree(corners: Array) -> tuple[np.ndarray, Array, np.ndarray]:
     return order, boxes[:made].copy(), spans[:made].copy()
 
 
-@njit(cache=True)
+@kernel
 def _search(asked: Array, corners: Array, boxes: Array, spans: np.ndarray, at: np.ndarray, weights: Array) -> None:
     """Write the index `at` (N,) of the triangle nearest to each point, and the barycentric weights (N, 3) there."""
     waiting, away = np.empty(128, dtype=np.int64), np.empty(128)
@@ -114,7 +114,7 @@ def _search(asked: Array, corners: Array, boxes: Array, spans: np.ndarray, at: n
             depth += 2
 
 
-@njit(cache=True)
+@kernel
 def _from_box(x: float, y: float, z: float, box: Array) -> float:
     """Squared distance of a point from a box."""
     a = max(box[0] - x, x - box[3], 0.0)
@@ -123,7 +123,7 @@ def _from_box(x: float, y: float, z: float, box: Array) -> float:
     return a * a + b * b + c * c
 
 
-@njit(cache=True)
+@kernel
 def _on_triangle(x: float, y: float, z: float, corner: Array) -> tuple[float, float, float, float]:
     """Barycentric weights of the nearest point on a triangle with corners (3, 3), and its squared distance."""
     ax, ay, az = corner[1, 0] - corner[0, 0], corner[1, 1] - corner[0, 1], corner[1, 2] - corner[0, 2]

@@ -3,10 +3,10 @@
 from pathlib import Path
 
 import numpy as np
-from numba import njit
 
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.files import bytes_of
+from sim.interfaces.kernels import kernel
 from sim.interfaces.spatial import Array
 
 _TYPES = {("F", 4): "<f4", ("F", 8): "<f8"} | {
@@ -118,7 +118,7 @@ def _cut_short(file: Path, count: int) -> ConfigurationError:
     return ConfigurationError(f"cloud {file}: the file is cut short, there are {count} points in its header")
 
 
-@njit(cache=True)
+@kernel
 def _unpack(packed: np.ndarray, whole: np.ndarray) -> int:
     """Decompress LZF into `whole`; returns the number of bytes written, or -1 for malformed data [Lehmann 2000]."""
     i, o = 0, 0

@@ -5,10 +5,10 @@ One curve is one row of numbers, so that plant and controllers evaluate the same
 
 from collections.abc import Sequence
 
-import numba
 import numpy as np
 
 from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.kernels import kernel
 from sim.interfaces.spatial import Array
 
 QUADRATIC, POLYNOMIAL, TABLE = range(3)
@@ -53,7 +53,7 @@ def pack_table(command: Sequence[float], thrust: Sequence[float], least: float) 
     return np.array([TABLE, len(x), still[0], still[-1], least, *x, *y, *_slopes(x, y)])
 
 
-@numba.njit(cache=True)
+@kernel
 def reach_at(curve, command):
     """Share in [0, 1] of the command's magnitude beyond the dead band."""
     if command > curve[_HIGH]:
@@ -63,7 +63,7 @@ def reach_at(curve, command):
     return 0.0
 
 
-@numba.njit(cache=True)
+@kernel
 def thrust_at(curve, command):
     """Steady thrust [N] in still water at a command in [-1, 1]."""
     reach = reach_at(curve, command)
@@ -83,7 +83,7 @@ def thrust_at(curve, command):
     return thrust
 
 
-@numba.njit(cache=True)
+@kernel
 def command_for(curve, thrust):
     """Inverse curve: the command whose steady thrust in still water is `thrust` [N], to rounding.
 
@@ -130,7 +130,7 @@ def command_for(curve, thrust):
     return np.sign(thrust) * (band + (1.0 - band) * reach)
 
 
-@numba.njit(cache=True)
+@kernel
 def thrust_in_flow(curve, loss, inflow, command):
     """Steady thrust [N] in moving water: less by `loss` [N s/m], times the reach of the command, times `inflow` [m/s].
 
@@ -140,7 +140,7 @@ def thrust_in_flow(curve, loss, inflow, command):
     return thrust - loss * reach_at(curve, command) * inflow if thrust != 0.0 else 0.0
 
 
-@numba.njit(cache=True)
+@kernel
 def command_in_flow(curve, loss, inflow, thrust):
     """Command whose steady thrust in moving water is `thrust` [N], or the nearest to it in the direction of `thrust`.
 
@@ -170,7 +170,7 @@ def command_in_flow(curve, loss, inflow, thrust):
     return high
 
 
-@numba.njit(cache=True)
+@kernel
 def _closer(low, high, x, error, slope):
     """One step of Newton's method on a rising function, bisection outside the bracket.
 
@@ -190,7 +190,7 @@ def _closer(low, high, x, error, slope):
     return low, high, nearer, high - low <= 4e-16 * abs(x)
 
 
-@numba.njit(cache=True)
+@kernel
 def _horner(coefficients, count, r):
     """Value and derivative of `c[0] r + c[1] r^2 + ...`."""
     value, slope = 0.0, 0.0
@@ -200,7 +200,7 @@ def _horner(coefficients, count, r):
     return value * r, value + slope * r
 
 
-@numba.njit(cache=True)
+@kernel
 def _segment(x, count, command):
     at = 0
     while at < count - 2 and x[at + 1] < command:
@@ -208,7 +208,7 @@ def _segment(x, count, command):
     return at
 
 
-@numba.njit(cache=True)
+@kernel
 def _cubic(blocks, count, at, command):
     """Value and slope of the Hermite cubic between points `at` and the next; constant beyond its ends."""
     x0, x1 = blocks[at], blocks[at + 1]

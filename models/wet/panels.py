@@ -10,13 +10,12 @@ parts, unlike a density of sources.
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike
 
 from models.hydrodynamics import SEA_WATER
 from models.wet.solid_angle import half_solid_angle
 from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.kernels import keyed_by_imports
+from sim.interfaces.kernels import kernel
 from sim.interfaces.spatial import Array, readonly, real_array, skew
 
 MOST = 8000  # panels of one surface: 1 GB, half a minute
@@ -113,8 +112,7 @@ def _nearest_positive(matrix: Array) -> tuple[Array, float]:
     return 0.5 * (positive + positive.T), lifted
 
 
-@njit(cache=True, error_model="numpy")
-@keyed_by_imports
+@kernel(error_model="numpy")
 def _system(corners: Array, centers: Array, normals: Array, flux: Array) -> tuple[Array, Array]:
     """Green's identity at the centroids: (N, N) matrix of the potentials, and (N, 6) right-hand sides.
 

@@ -8,8 +8,8 @@ projected area is the area of the lines that meet the union.
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
+from sim.interfaces.kernels import kernel
 from sim.interfaces.spatial import Array
 
 _FEWEST = 64  # lines along the shorter side
@@ -89,7 +89,7 @@ def along_lines(corners: Array, axis: int, u: Array, v: Array, cell: float = 0.0
     )
 
 
-@njit(cache=True)
+@kernel
 def _boundary(line: np.ndarray, step: np.ndarray) -> np.ndarray:
     """Which crossings bound the union; those of a line that does not come to zero are left out from the last entry."""
     keep = np.zeros(len(line), dtype=np.bool_)
@@ -108,7 +108,7 @@ def _boundary(line: np.ndarray, step: np.ndarray) -> np.ndarray:
     return keep
 
 
-@njit(cache=True)
+@kernel
 def _crossings(corners: Array, u: Array, v: Array) -> tuple[np.ndarray, Array, np.ndarray, np.ndarray]:
     """All crossings: line, place along the first axis, +1 for an entry and -1 for an exit, triangle."""
     line, at = np.empty(0, dtype=np.int64), np.empty(0)
@@ -142,7 +142,7 @@ def _crossings(corners: Array, u: Array, v: Array) -> tuple[np.ndarray, Array, n
     return line, at, step, triangle
 
 
-@njit(cache=True)
+@kernel
 def _side(p: Array, q: Array, u: float, v: float) -> float:
     """Twice the area of (p, q, point), never zero, the exact opposite for (q, p): neighbours agree who is crossed."""
     swapped = p[1] > q[1] or (p[1] == q[1] and p[2] > q[2])

@@ -8,7 +8,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import ConvexHull, QhullError
@@ -16,7 +15,7 @@ from scipy.spatial import ConvexHull, QhullError
 from models.meshes.closed_shells import open_edges, volume, welded
 from models.wet.solid_angle import half_solid_angle
 from models.wet.surface import level_surface
-from sim.interfaces.kernels import keyed_by_imports
+from sim.interfaces.kernels import kernel
 from sim.interfaces.spatial import Array
 
 _WELD = 1e-6  # of the mesh's size
@@ -174,8 +173,7 @@ def _by_winding(points: Array, faces: np.ndarray) -> tuple[Array | None, float]:
     return vertices[triangles], 0.5 * float(more - less) * cell**3
 
 
-@njit(cache=True, error_model="numpy")
-@keyed_by_imports
+@kernel(error_model="numpy")
 def _winding(points: Array, corners: Array) -> Array:
     """Winding number (N,) of triangles (T, 3, 3) around points (N, 3)."""
     out = np.zeros(len(points))

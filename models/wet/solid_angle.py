@@ -2,12 +2,11 @@
 
 import math
 
-from numba import njit
-
+from sim.interfaces.kernels import kernel
 from sim.interfaces.spatial import Array
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def half_solid_angle(r: Array, d: Array) -> float:
     """Half the signed solid angle [sr] of a triangle, by [Oosterom 1983].
 

@@ -7,8 +7,8 @@ them. A tree uses neither. The results equal those of `scipy.spatial.cKDTree.que
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from sim.interfaces.kernels import kernel
 from sim.interfaces.spatial import Array
 
 _CELL = 3.0  # [spacings] width of a cell
@@ -46,7 +46,7 @@ class NearestPoint(NamedTuple):
         return np.where(found < len(self.order), np.sqrt(square), np.inf), found
 
 
-@njit(cache=True)
+@kernel
 def _sorted(points: Array, corner: Array, shape: np.ndarray, cell: float) -> tuple[np.ndarray, np.ndarray]:
     """Indices (m,) of the points cell by cell, and the first index of each cell."""
     where = np.empty(len(points), dtype=np.int64)
@@ -66,7 +66,7 @@ def _sorted(points: Array, corner: Array, shape: np.ndarray, cell: float) -> tup
     return order, first
 
 
-@njit(cache=True)
+@kernel
 def _search(grid: NearestPoint, asked: Array, square: Array, found: np.ndarray) -> None:
     """Lower `square` (n,) [m^2] to the nearest point's and store its index in `found`, by shells of cells.
 

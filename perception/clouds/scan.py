@@ -7,7 +7,6 @@ that all later steps have one data type.
 from dataclasses import dataclass, fields
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike
 from scipy import ndimage
 from scipy.sparse import coo_matrix
@@ -17,6 +16,7 @@ from scipy.spatial import cKDTree
 from models.meshes.ray_casting import RayScene
 from perception.clouds.cloud_grid import jump, lattice_grid, organised_grid, scatter_grid
 from sim.interfaces.errors import ConfigurationError, PerceptionError
+from sim.interfaces.kernels import kernel
 from sim.interfaces.messages import DepthImage
 from sim.interfaces.spatial import Array, number, readonly, real_array
 
@@ -445,7 +445,7 @@ def _largest_plane(points: Array, sensor: SensorModel, rng: np.random.Generator)
     return _Plane(center, normal, inliers)
 
 
-@njit(cache=True)
+@kernel
 def near_any(points: Array, centers: Array, reach: float) -> np.ndarray:
     """Mask (h, w) of the points within `reach` of any of the centres; False for NaN.
 
@@ -541,7 +541,7 @@ def facing_normals(points: Array, neighbours: int = 20, at: np.ndarray | slice =
     return normals
 
 
-@njit(cache=True)
+@kernel
 def _least_axes(points: Array, near: np.ndarray) -> Array:
     """Unit axes (n, 3) of least spread of the points `near` (n, k) each: the smallest principal component.
 

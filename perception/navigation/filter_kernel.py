@@ -17,10 +17,9 @@ All that the filter remembers is one record of the type FILTER. Kernels that are
 faster to pass from Python.
 """
 
-import numba
 import numpy as np
 
-from sim.interfaces.kernels import keyed_by_imports
+from sim.interfaces.kernels import kernel
 from sim.interfaces.records import EstimateRecord, ImuRecord, JointRecord
 from sim.interfaces.spatial import GRAVITY
 
@@ -102,8 +101,7 @@ FILTER = np.dtype(
 )
 
 
-@numba.njit(cache=True)
-@keyed_by_imports
+@kernel
 def turn(R, R_meas, w_B, dt, rate_bias, gyro, variances):
     """Propagate the attitude by the gyro and correct it by the attitude reference, in place.
 
@@ -141,8 +139,7 @@ def turn(R, R_meas, w_B, dt, rate_bias, gyro, variances):
     rotate(R, angle)
 
 
-@numba.njit(cache=True)
-@keyed_by_imports
+@kernel
 def rotate(R, angle):
     """Rotate R (3, 3) by `angle` (3,) [rad] about its own axes, in place."""
     theta = np.sqrt(angle[0] ** 2 + angle[1] ** 2 + angle[2] ** 2)
@@ -163,8 +160,7 @@ def rotate(R, angle):
                 R[i, j] -= 0.5 * new[i, k] * (new[0, k] * new[0, j] + new[1, k] * new[1, j] + new[2, k] * new[2, j])
 
 
-@numba.njit(cache=True)
-@keyed_by_imports
+@kernel
 def propagate(f, row):
     """Advance mean and covariance of `f` by one stored IMU step `row` (INPUT,), in place."""
     x, P, walks = f.x, f.P, f.walks
@@ -207,8 +203,7 @@ def propagate(f, row):
             P[i, i] += walks[1] * (1.0 - kept * kept)
 
 
-@numba.njit(cache=True)
-@keyed_by_imports
+@kernel
 def compare(kind, fix, row, layout, x, P):
     """Innovation of a fix, its covariance and cross covariance with the states, all in W.
 
@@ -259,8 +254,7 @@ def compare(kind, fix, row, layout, x, P):
     return innovation, cross, S
 
 
-@numba.njit(cache=True)
-@keyed_by_imports
+@kernel
 def inverse3(S):
     """Inverse of a symmetric positive definite (3, 3)."""
     c00 = S[1, 1] * S[2, 2] - S[1, 2] * S[2, 1]
@@ -278,8 +272,7 @@ def inverse3(S):
     return out
 
 
-@numba.njit(cache=True)
-@keyed_by_imports
+@kernel
 def correct(x, P, n, innovation, cross, weight):
     """Kalman update of the first `n` states, in place.
 
@@ -301,8 +294,7 @@ def correct(x, P, n, innovation, cross, weight):
             P[j, i] = P[i, j]
 
 
-@numba.njit(cache=True)
-@keyed_by_imports
+@kernel
 def absorb(f, kind, fix, row):
     """Kalman update of mean and covariance of `f` by one fix, in place.
 
@@ -317,8 +309,7 @@ def absorb(f, kind, fix, row):
     correct(x, P, n, innovation, cross, inverse3(S))
 
 
-@numba.njit(cache=True)
-@keyed_by_imports
+@kernel
 def compare_track(row, first, x, P):
     """Innovation of a reading of the track, cross covariance with the states, and weight of the innovation.
 
@@ -349,8 +340,7 @@ def compare_track(row, first, x, P):
     return innovation, cross, 0.5 * (weight + weight.T)
 
 
-@numba.njit(cache=True)
-@keyed_by_imports
+@kernel
 def absorb_track(f, row):
     """Kalman update of `f` by a reading of the track, and the begin of a track, in place.
 
@@ -372,8 +362,7 @@ def absorb_track(f, row):
                 P[j, first + i] = P[first + i, j] if j < first or j >= first + 3 else P[i, j - first]
 
 
-@numba.njit(cache=True)
-@keyed_by_imports
+@kernel
 def advance(f, dt, specific_force_B, w_B, R_meas, unknown):
     """Process one IMU sample: attitude, mean, covariance, and a new row of the stored past.
 
@@ -421,8 +410,7 @@ def advance(f, dt, specific_force_B, w_B, R_meas, unknown):
     return True
 
 
-@numba.njit(cache=True)
-@keyed_by_imports
+@kernel
 def _store(f, at):
     """Store mean and covariance in row `at` of the past."""
     n, P, past_P = f.layout[STATES], f.P, f.past_P[at]
@@ -432,8 +420,7 @@ def _store(f, at):
             past_P[i, j] = P[i, j]
 
 
-@numba.njit(cache=True)
-@keyed_by_imports
+@kernel
 def take_imu(memory, sample):
     """Process one sample of the IMU, unless it is old, not finite or frozen.
 
@@ -461,8 +448,7 @@ def take_imu(memory, sample):
         f.imu_time = sample.time[0]
 
 
-@numba.njit(cache=True)
-@keyed_by_imports
+@kernel
 def take_sample(memory, sample):
     """Process what the IMU gave in one step of the loop; without it for too long, go on at constant velocity.
 
@@ -480,8 +466,7 @@ def take_sample(memory, sample):
         advance(f, dt, force, f.rate_bias, f.R_WB, BLIND * dt)
 
 
-@numba.njit(cache=True)
-@keyed_by_imports
+@kernel
 def put_out(memory, joints, out):
     """Write the estimate of now; withheld corrections are released as by a damped spring.
 
@@ -538,8 +523,7 @@ def put_out(memory, joints, out):
     f.given = f.clock
 
 
-@numba.njit(cache=True)
-@keyed_by_imports
+@kernel
 def row_at(memory, time):
     """Row of the past nearest to a time.
 
@@ -560,8 +544,7 @@ def row_at(memory, time):
     return at if abs(shift) <= 0.75 * known + 1e-9 else -1, shift
 
 
-@numba.njit(cache=True)
-@keyed_by_imports
+@kernel
 def mahalanobis(memory, kind, fix, at):
     """Distance of a fix from the stored estimate at step `at`.
 
@@ -592,8 +575,7 @@ def mahalanobis(memory, kind, fix, at):
     return total, innovation, white
 
 
-@numba.njit(cache=True)
-@keyed_by_imports
+@kernel
 def replay(memory, at):
     """Restart the filter at step `at` and run it forward with every fix received since: exact, in order of time.
 

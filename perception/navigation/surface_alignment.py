@@ -13,11 +13,10 @@ information there is zero.
 
 from dataclasses import dataclass
 
-import numba
 import numpy as np
 from scipy import ndimage
 
-from sim.interfaces.kernels import keyed_by_imports
+from sim.interfaces.kernels import kernel
 from sim.interfaces.spatial import Array, exp_so3
 
 LEVELS = (2.5, 0.8)  # [px] blur of the intensity, coarse to fine
@@ -191,8 +190,7 @@ def _rotation_vector(R: Array) -> Array:
     return np.array([antisymmetric[2, 1], antisymmetric[0, 2], antisymmetric[1, 0]])
 
 
-@numba.njit(cache=True)
-@keyed_by_imports
+@kernel
 def normal_equations(key, key_inverse, normals, now, now_inverse, K, R, t, scales):
     """Gauss-Newton normal equations of intensity and depth residuals for a small motion (v, w) of the points in C.
 
@@ -272,8 +270,7 @@ def normal_equations(key, key_inverse, normals, now, now_inverse, K, R, t, scale
     return H, g, nd, found_i[:ni], found_d[:nd]
 
 
-@numba.njit(cache=True)
-@keyed_by_imports
+@kernel
 def _add(H, g, J, error, sigma, huber):
     """Add one residual with its Huber weight."""
     away = abs(error) / sigma

@@ -11,13 +11,13 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from scipy import ndimage
 
 from models.meshes.closed_shells import sphere
 from perception.clouds.scan import Scan, SensorModel, connected_surfaces, facing_normals, voxel_means
 from perception.registration.model_surface import ModelSurface
 from perception.registration.point_pairs import point_pair_poses
+from sim.interfaces.kernels import kernel
 from sim.interfaces.spatial import Array, exp_so3, rotation_from_z, transform_points
 
 _SPINS = 12  # rotations about the line of sight, for each view
@@ -297,7 +297,7 @@ class _Equations(NamedTuple):
     row: Array  # (6,)
 
 
-@njit(cache=True)
+@kernel
 def _settle(X_ST: Array, points: Array, normals: Array, sigma: float, gates: Array, views: _Views) -> Array:
     """Fast ICP of every pose of `X_ST` (n, 4, 4), in place; returns the explained share (n,) of the points.
 
@@ -364,7 +364,7 @@ def _settle(X_ST: Array, points: Array, normals: Array, sigma: float, gates: Arr
     return explained
 
 
-@njit(cache=True)
+@kernel
 def _view(X_ST: Array, ways: Array, center: Array) -> int:
     """Index of the `ways` (v, 3) closest to the direction from the model's centre to the sensor."""
     p = X_ST[:3, 3]
@@ -379,7 +379,7 @@ def _view(X_ST: Array, ways: Array, center: Array) -> int:
     return index
 
 
-@njit(cache=True)
+@kernel
 def _add(equations: _Equations, weight: float, offset: float, way: _Triple, at: _Triple) -> None:
     """Add an `offset` [m] along the unit `way` at the place `at` [radii] from the centre to the normal equations."""
     H, g, row = equations.H, equations.g, equations.row
@@ -393,7 +393,7 @@ def _add(equations: _Equations, weight: float, offset: float, way: _Triple, at: 
             H[a, b] += weighted * row[b]
 
 
-@njit(cache=True)
+@kernel
 def _move(X_ST: Array, step: np.ndarray, center: Array, radius: float) -> None:
     """Move the model by `step` (6,) (linear [m]; angular x radius [m]), in T about its centre."""
     x, y, z = step[3] / radius, step[4] / radius, step[5] / radius
@@ -406,7 +406,7 @@ def _move(X_ST: Array, step: np.ndarray, center: Array, radius: float) -> None:
     X_ST[:3, :3] = R @ turn
 
 
-@njit(cache=True)
+@kernel
 def _confirmed(X_ST: Array, views: _Views, picture: _Picture, tolerance: float) -> Array:
     """Share (n,) of the visible model confirmed by the scan, less the share it sees through, at the poses (n, 4, 4)."""
     share = np.empty(len(X_ST))

@@ -5,7 +5,6 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from scipy import ndimage
 from scipy.spatial import cKDTree
 
@@ -14,6 +13,7 @@ from perception.clouds.scan import Contour, Scan, contour, jump, outward
 from perception.registration.evidence import Evidence
 from perception.registration.likelihood import OCCLUDER
 from perception.registration.model_surface import ModelSurface
+from sim.interfaces.kernels import kernel
 from sim.interfaces.spatial import Array, inverse, transform_points
 
 SHARP_EDGE = np.cos(np.deg2rad(70.0))  # where a surface turns away more slowly the sensor fails, it has no edge
@@ -239,7 +239,7 @@ def _plane_terms(
     return H, g, float(np.sqrt(sums[1] / sums[0])) if sums[0] > 0.0 else np.inf
 
 
-@njit(cache=True)
+@kernel
 def _pair(
     scan: _Readings, model: _ModelPoints, n: int, i: int, X_ST: Array, center: Array, gate: float, J: Array
 ) -> tuple[float, float, float]:
@@ -278,7 +278,7 @@ def _pair(
     return full / (1.0 + u) ** 2, full * (1.0 - 3.0 * u) / (1.0 + u) ** 3, along
 
 
-@njit(cache=True)
+@kernel
 def _plane_sums(
     scan: _Readings, model: _ModelPoints, index: np.ndarray, X_ST: Array, center: Array, gate: float
 ) -> tuple[Array, Array, Array]:
@@ -306,7 +306,7 @@ def _plane_sums(
     return H, g, sums
 
 
-@njit(cache=True)
+@kernel
 def _plane_rows(
     scan: _Readings, model: _ModelPoints, index: np.ndarray, X_ST: Array, center: Array, gate: float
 ) -> tuple[Array, Array]:
@@ -371,7 +371,7 @@ def _across(pixels: Array, steps: np.ndarray) -> Array:
     return found
 
 
-@njit(cache=True)
+@kernel
 def _across_sorted(pixels: Array, steps: Array) -> Array:
     """As `_across`, for points sorted by their first coordinate."""
     n = len(pixels)
@@ -416,7 +416,7 @@ def _nearest_in_image(points: Array, at: Array, reach: float) -> np.ndarray:
     return np.where(found >= 0, order[found], -1)
 
 
-@njit(cache=True)
+@kernel
 def _nearest_sorted(points: Array, at: Array, reach: float) -> np.ndarray:
     """As `_nearest_in_image`, for points sorted by their first coordinate."""
     found = np.full(len(at), -1)

@@ -10,9 +10,9 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from perception.registration.model_surface import ModelSurface, one_per_cube
+from sim.interfaces.kernels import kernel
 from sim.interfaces.spatial import Array
 
 _MODEL_POINTS = 500  # of the model that are paired, about
@@ -80,7 +80,7 @@ def _frames(normals: Array) -> Array:
     return np.stack([normals, u, np.cross(normals, u)], axis=1).astype(np.float64)
 
 
-@njit(cache=True)
+@kernel
 def _feature(p: Array, frame: Array, q: Array, normal: Array, step: float) -> tuple[int, float]:
     """Number of the feature of two oriented points, -1 for none, and the turn [rad] about the first normal."""
     x, y, z = q[0] - p[0], q[1] - p[1], q[2] - p[2]
@@ -101,7 +101,7 @@ def _feature(p: Array, frame: Array, q: Array, normal: Array, step: float) -> tu
     return number, np.arctan2(-v, u)
 
 
-@njit(cache=True)
+@kernel
 def _features(points: Array, frames: Array, step: float) -> tuple[np.ndarray, Array]:
     """Features (m, m) of all ordered pairs, -1 for none, and turns (m, m) [rad]."""
     feature = np.full((len(points), len(points)), -1)
@@ -113,7 +113,7 @@ def _features(points: Array, frames: Array, step: float) -> tuple[np.ndarray, Ar
     return feature, turn
 
 
-@njit(cache=True)
+@kernel
 def _vote(points: Array, frames: Array, references: np.ndarray, pairs: _Pairs, nearby: float) -> tuple[Array, Array]:
     """Poses (k, peaks, 4, 4) and votes (k, peaks) of the k `references` among the scan's points."""
     X = np.zeros((len(references), _PEAKS, 4, 4))
@@ -147,7 +147,7 @@ def _vote(points: Array, frames: Array, references: np.ndarray, pairs: _Pairs, n
     return X, votes
 
 
-@njit(cache=True)
+@kernel
 def _lay(X: Array, p: Array, frame: Array, q: Array, model_frame: Array, angle: float) -> None:
     """Write the pose `X` (4, 4) that lays a model point with its frame on a scan point, turned about the normal."""
     c, s = np.cos(angle), np.sin(angle)

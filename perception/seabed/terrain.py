@@ -12,13 +12,13 @@ Frame S is that of the cloud (the hull frame Oxyz of [Konoplin 2019]); `up` is i
 
 from dataclasses import dataclass, field
 
-import numba
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial import Delaunay, QhullError, cKDTree
 
 from models.meshes.ray_casting import RayScene
 from sim.interfaces.errors import ConfigurationError, PerceptionError
+from sim.interfaces.kernels import kernel
 from sim.interfaces.spatial import Array, checked_place, finite_number, readonly, real_array, unit_vector
 
 _FARTHEST = 1e5  # [m] largest accepted distance of ground from the sensor
@@ -371,7 +371,7 @@ def _fitted(points: Array, count: np.ndarray, noise: float) -> tuple[Array, Arra
     return height, sigma, noise, good
 
 
-@numba.njit(cache=True)
+@kernel
 def _fit_quadrics(points, index, distance, count, fit, scatter, leverage):
     """For each point: height of a robust quadric through its neighbours, their scatter about it, and its leverage."""
     n, k = index.shape

@@ -8,7 +8,6 @@ B-spline smooths the whole path.
 
 from dataclasses import replace
 
-import numba
 import numpy as np
 from scipy import ndimage
 from scipy.interpolate import BSpline, make_interp_spline, make_lsq_spline
@@ -19,6 +18,7 @@ from perception.registration.identification import Identification
 from perception.toolpath.path_deviation import BESIDE, Deviation, deviate, scanned_axis, tilted_axis
 from perception.toolpath.turns_at_rest import turning_at_rest
 from sim.interfaces.errors import ConfigurationError, PerceptionError
+from sim.interfaces.kernels import kernel
 from sim.interfaces.messages import ToolPath
 from sim.interfaces.spatial import Array, readonly, transform_points
 
@@ -306,7 +306,7 @@ def lift(surface: Array, outward: Array, radius: float) -> Array:
     return _erosion(points, ways, _dilation(points, ways, radius), radius)
 
 
-@numba.njit(cache=True)
+@kernel
 def _dilation(points, ways, radius):
     """Centres (n, l, 3) of the ball over each point, as low as all points near it allow."""
     n, m = points.shape[:2]
@@ -325,7 +325,7 @@ def _dilation(points, ways, radius):
     return centres
 
 
-@numba.njit(cache=True)
+@kernel
 def _erosion(points, ways, centres, radius):
     """Height (n, l) over each point of the lowest underside of a ball at any of `centres`."""
     n, m = points.shape[:2]
@@ -343,7 +343,7 @@ def _erosion(points, ways, centres, radius):
     return height
 
 
-@numba.njit(cache=True)
+@kernel
 def _near(points, i, radius):
     """Range of rows whose middle point is within 1.5 `radius` of that of row `i`."""
     n, middle = points.shape[0], points.shape[1] // 2
@@ -356,7 +356,7 @@ def _near(points, i, radius):
     return first, last
 
 
-@numba.njit(cache=True)
+@kernel
 def _square(points, i, j, k):
     total = 0.0
     for c in range(3):
@@ -364,7 +364,7 @@ def _square(points, i, j, k):
     return total
 
 
-@numba.njit(cache=True)
+@kernel
 def _split(points, j, k, origin, way):
     """Height of points[j, k] over `origin` along `way`, and the squared distance from that line."""
     over, total = 0.0, 0.0

@@ -70,7 +70,7 @@ def command(
     sensing = scenario.sensing
     if scenario.task.looks and (sensing.sensor != SURVEY or sensing.arm_camera is not None):
         ray_casting.installed()  # or the refusal, before anything is compiled
-    first_start.build()
+    compiled = first_start.build()
     folder = new_folder(scenario.name, options.out, scenario.seed)  # before the work: the folder may be unusable
     assembly = assembled(scenario, full=options.record)
     for line in filter(None, (assembly.said, *preflight(scenario, assembly.own))):
@@ -82,6 +82,7 @@ def command(
     recorder = Recorder(plant.model, timestep=plant.timestep, full=options.record)
     observers: list[Observer] = []
     rehearse(assembly)
+    start = first_start.noted(compiled)
     write_scenario(scenario, folder / SCENARIO_FILE)
     log: Any = None
     try:
@@ -106,7 +107,7 @@ def command(
                 result = run_through(assembly, recorder, observers, stop=stop)
             if result.part_by_part:
                 console.print(f"no compiled ticks, which are faster: {result.part_by_part}", highlight=False)
-            assessment = assessed(assembly, result).made_by(made_by)
+            assessment = assessed(assembly, result).made_by(made_by).started(start)
             assessment.write(folder / "metrics.json")  # before the log, which is slow to close
             if log is not None:
                 log.close()

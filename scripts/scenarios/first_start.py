@@ -6,6 +6,7 @@ The list says which kernels a contact job needs, what they take, and which of th
 kernel that is missing, or that takes something else by now, is compiled where it is first called.
 """
 
+import contextlib
 import importlib
 import json
 import os
@@ -13,9 +14,10 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from dataclasses import asdict, dataclass
+from functools import cache
 from pathlib import Path
 from queue import SimpleQueue
 from typing import Any
@@ -28,8 +30,10 @@ from numba.np import numpy_support
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
-from sim.interfaces import kernel_cache
+from sim.evaluation.run_metrics import StartMetrics
 from sim.interfaces.errors import UuvError
+from sim.interfaces.kernels import is_stored, store
+from sim.interfaces.kernels.stored import StoredKernel, counts
 from sim.loop.record_box import RecordBoxType
 
 LIST = Path(__file__).with_suffix(".json")
@@ -44,6 +48,10 @@ _config: Any = importlib.import_module("numba.core.config")  # its names are mad
 MOST = 8  # processes; more would wait for each other
 
 
+WORTH_IT = 4.0  # [s] of compilation from which processes of their own pay
+SILENCE = 10.0  # [s] between two lines where there is no terminal
+
+
 @dataclass(frozen=True, slots=True)
 class Job:
     """One kernel to compile, or a function to call that compiles some."""
@@ -55,15 +63,25 @@ class Job:
     seconds: float  # [s] of one core, without those; where the list was made
 
     def do(self) -> None:
-        """Compile it into the cache on disk."""
-        module, name = self.kernel.split(":")
-        kernel = getattr(importlib.import_module(module), name)
+        """Compile it into the store."""
         if self.takes is None:
-            kernel(*self.given)
+            self._named()(*self.given)
         else:
-            kernel.compile(tuple(decoded(each) for each in self.takes))
+            self._named().compile(self._types())
+
+    def is_stored(self) -> bool:
+        """True if the store has its machine code; never of a function to call."""
+        return self.takes is not None and is_stored(self._named(), self._types())
+
+    def _named(self) -> Any:
+        module, name = self.kernel.split(":")
+        return getattr(importlib.import_module(module), name)
+
+    def _types(self) -> tuple[Any, ...]:
+        return tuple(decoded(each) for each in self.takes or ())
 
 
+@cache
 def jobs() -> list[Job]:
     """The list; those that a job calls stand before it."""
     rows = json.loads(LIST.read_text(encoding="utf-8"))
@@ -157,17 +175,45 @@ class _Worker:
         self._process.communicate()
 
 
-def build() -> None:
-    """Compile what the loop needs, unless it is there; shows its progress on stderr.
+def build() -> int:
+    """Compile what the loop needs and the store lacks, on all cores; shows its progress on stderr.
 
     A kernel that cannot be compiled here is left to its first call, which tells why.
-    """
-    from scenarios.ticks.compiled_ticks import run_ticks
 
-    if _config.DISABLE_JIT or kernel_cache.is_kept(run_ticks):
-        return
+    Returns:
+        How many kernels were compiled.
+    """
+    if _config.DISABLE_JIT:
+        return 0
+    lacking = _lacking()
+    if sum(lacking.values()) < WORTH_IT:
+        return 0
+    if store.folder() is None:
+        print(f"no store of compiled kernels: this start compiles {sum(lacking.values()):.0f} s", file=sys.stderr)
+        return 0
+    return _compiled_by_workers(lacking)
+
+
+def noted(built: int) -> StartMetrics:
+    """Kernels of this start until now, with those that `build` compiled; the store remembers it."""
+    start = StartMetrics(kernels_loaded=counts.loaded, kernels_compiled=counts.compiled + built)
+    store.note_start(start.kernels_loaded, start.kernels_compiled)
+    return start
+
+
+def _lacking() -> dict[int, float]:
+    """Rows of the list that the store lacks, in order, and their seconds."""
+    rows = jobs()
+    lacking = {row: job.seconds for row, job in enumerate(rows) if job.takes is not None and not job.is_stored()}
+    if lacking:
+        lacking |= {row: job.seconds for row, job in enumerate(rows) if job.takes is None}
+    return lacking
+
+
+def _compiled_by_workers(lacking: Mapping[int, float]) -> int:
+    """Compile these rows in processes of their own; returns how many could be."""
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    todo, workers = jobs(), SimpleQueue[_Worker]()
+    workers = SimpleQueue[_Worker]()
     started = [_Worker() for _ in range(min(MOST, cores))]
     for worker in started:
         workers.put(worker)
@@ -179,37 +225,75 @@ def build() -> None:
         finally:
             workers.put(worker)
 
-    columns = (TextColumn("[progress.description]{task.description}"), BarColumn(), TimeElapsedColumn())
+    done = 0
     try:
-        with Progress(*columns, console=Console(stderr=True)) as bar, ThreadPoolExecutor(len(started)) as pool:
-            task = bar.add_task("first start: compiling the inner loops", total=sum(job.seconds for job in todo))
-            failed = 0
-            for row, fine in _in_order(todo, pool, compile_one, len(started)):
-                failed += not fine
-                bar.advance(task, todo[row].seconds)
-            if failed:
-                bar.console.print(f"{failed} of {len(todo)} kernels are left to their first call")
+        with _progress(lacking, len(started)) as advance, ThreadPoolExecutor(len(started)) as pool:
+            for row, fine in _in_order(jobs(), lacking, lambda row: pool.submit(compile_one, row), len(started)):
+                done += fine
+                advance(row)
     finally:
         for worker in started:
             worker.end()
+    if done < len(lacking):
+        print(f"{len(lacking) - done} of {len(lacking)} inner loops are left to their first call", file=sys.stderr)
+    return done
 
 
-def _in_order(todo: list[Job], pool: ThreadPoolExecutor, do: Any, most: int) -> Iterator[tuple[int, bool]]:
-    """Run `do` for every row, each after those that it calls, at most `most` at once; the longest way to the end first.
+@contextlib.contextmanager
+def _progress(seconds: Mapping[int, float], workers: int) -> Iterator[Callable[[int], None]]:
+    """Shows how far the rows with these seconds are: a bar on a terminal, else a line now and then."""
+    whole = sum(seconds.values())
+    if sys.stderr.isatty():
+        columns = (TextColumn("[progress.description]{task.description}"), BarColumn(), TimeElapsedColumn())
+        with Progress(*columns, console=Console(stderr=True)) as bar:
+            task = bar.add_task("first start: compiling the inner loops", total=whole)
+            yield lambda row: bar.advance(task, seconds[row])
+        return
+
+    began = said = time.monotonic()
+    done = 0
+
+    def advance(_row: int) -> None:
+        nonlocal done, said
+        done += 1
+        if time.monotonic() - said >= SILENCE:
+            said = time.monotonic()
+            print(f"first start: {done} of {len(seconds)} after {said - began:.0f} s", file=sys.stderr, flush=True)
+
+    about = max(whole / workers, 1.0)
+    print(
+        f"first start: compiling {len(seconds)} inner loops, about {about:.0f} s on {workers} cores, once",
+        file=sys.stderr,
+        flush=True,
+    )
+    yield advance
+    print(
+        f"first start: ended after {time.monotonic() - began:.0f} s; the store is {store.folder()}",
+        file=sys.stderr,
+        flush=True,
+    )
+
+
+def _in_order(
+    rows: Sequence[Job], wanted: Collection[int], submit: Callable[[int], Future[bool]], most: int
+) -> Iterator[tuple[int, bool]]:
+    """Submit the wanted rows, each after those that it calls, at most `most` at once; the longest way to the end first.
 
     Yields:
-        Row, and what `do` returned.
+        Row, and the result of its future.
     """
-    longest = [job.seconds for job in todo]
-    for row in reversed(range(len(todo))):
-        for before in todo[row].after:
-            longest[before] = max(longest[before], todo[before].seconds + longest[row])
-    left, done, running = set(range(len(todo))), set[int](), dict[Future[bool], int]()
+    longest = [job.seconds for job in rows]
+    for row in reversed(range(len(rows))):
+        for before in rows[row].after:
+            longest[before] = max(longest[before], rows[before].seconds + longest[row])
+    left = set(wanted)
+    done = set(range(len(rows))) - left
+    running = dict[Future[bool], int]()
     while left or running:
-        ready = [row for row in left if done.issuperset(todo[row].after)]
+        ready = [row for row in left if done.issuperset(rows[row].after)]
         for row in sorted(ready, key=lambda row: -longest[row])[: most - len(running)]:
             left.discard(row)
-            running[pool.submit(do, row)] = row
+            running[submit(row)] = row
         for future in wait(running, return_when=FIRST_COMPLETED).done:
             row = running.pop(future)
             done.add(row)
@@ -280,7 +364,7 @@ def listed() -> list[Job]:
         (name, args, kernel)
         for name, kernel in kernels()
         for args in kernel.overloads
-        if kernel._can_compile and _can_be_told(args)
+        if isinstance(kernel._cache, StoredKernel) and kernel._can_compile and _can_be_told(args)
     ]
     rows = {id(kernel.overloads[args].library): row for row, (_, args, kernel) in enumerate(made)}
 
@@ -308,7 +392,7 @@ def listed() -> list[Job]:
 
 def _write() -> None:
     with tempfile.TemporaryDirectory() as empty:
-        _config.CACHE_DIR = os.environ[kernel_cache.VARIABLE] = empty
+        os.environ[store.FOLDER] = empty
         rows = [json.dumps(asdict(job)) for job in listed()]
     LIST.write_text("[\n" + ",\n".join(rows) + "\n]\n", encoding="utf-8")
     print(f"{len(rows)} kernels listed in {LIST}")

@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 from models.objects.axis_steps import Steps
 from models.objects.target_model import PATH_STEP, ModelPath, TargetModel
 from sim.evaluation.mesh_surface import Surface, closest_on_curve
-from sim.evaluation.run_metrics import EveryRun, RunMetrics, Timings, run_schema
+from sim.evaluation.run_metrics import EveryRun, RunMetrics, StartMetrics, Timings, run_schema
 from sim.evaluation.schemas import unmeasured
 from sim.evaluation.surface_metrics import (
     ContactMetrics,
@@ -171,7 +171,7 @@ class Assessment:
             failed.insert(0, f"the run ended in state {state}{f': {note}' if note else ''}")
         every_run = EveryRun(run=run, accepted=not failed, failed=failed, timings=timings)
         metrics = {**asdict(figures), **asdict(every_run)}
-        del metrics["provenance"]  # see `made_by`
+        del metrics["provenance"], metrics["start"]  # see `made_by`, `started`
         return cls(metrics=metrics, checks=checks, failed=tuple(failed))
 
     @property
@@ -182,6 +182,10 @@ class Assessment:
     def made_by(self, provenance: Mapping[str, Any]) -> "Assessment":
         """Copy with `provenance` among the metrics."""
         return replace(self, metrics={**self.metrics, "provenance": dict(provenance)})
+
+    def started(self, start: StartMetrics) -> "Assessment":
+        """Copy with `start` among the metrics."""
+        return replace(self, metrics={**self.metrics, "start": asdict(start)})
 
     def write(self, file: Path) -> None:
         """Write metrics.json.

@@ -38,6 +38,14 @@ class Timings:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class StartMetrics:
+    """Compiled kernels until the run was ready; `sim.interfaces.kernels.store` keeps them."""
+
+    kernels_loaded: int = metric("By the process of the run, from the store.", minimum=0)
+    kernels_compiled: int = metric("Anew, by it and by those of the first start.", minimum=0)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Provenance:
     """What the figures were made by (`sim.runs.provenance`)."""
 
@@ -61,6 +69,7 @@ class EveryRun:
     failed: list[str] = metric("What did not, one line each.")
     timings: Timings = metric("Of this one time: all that two runs of one command may differ in.")
     provenance: Provenance = metric("What the figures were made by.", default=None)
+    start: StartMetrics = metric("What the command compiled before it; absent for a run from Python.", default=None)
 
 
 def run_schema(kind: type, title: str, description: str) -> dict[str, Any]:

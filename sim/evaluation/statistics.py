@@ -87,4 +87,4 @@ def crashed_run(seed: int, reason: str) -> dict[str, Any]:
     """Metrics common to all tasks, for a trial that crashed for `reason`."""
     run = unmeasured(RunMetrics, seed=seed, state=CRASHED, note=reason)
     nothing = EveryRun(run=run, accepted=False, failed=[reason], timings=unmeasured(Timings))
-    return {name: value for name, value in asdict(nothing).items() if name != "provenance"}
+    return {name: value for name, value in asdict(nothing).items() if name not in ("provenance", "start")}

@@ -11,7 +11,6 @@ from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import mujoco
-import numba
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -19,6 +18,7 @@ from models.naming import of_geom
 from models.site.sliding_contact import TARGET_BODY
 from models.vehicle import Vehicle
 from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.kernels import kernel
 from sim.interfaces.messages import AbortCode, Command, ObjectMotion, Promise, Reference, Target, WorkState
 from sim.interfaces.spatial import Array, quat_wxyz_from_rotation, readonly
 from sim.loop.rollout import Moment, ticks_per_period
@@ -187,7 +187,7 @@ class RecorderRecord(NamedTuple):
     contact_force_W: Array  # (3,)
 
 
-@numba.njit(cache=True)
+@kernel
 def write_row(record, time, scalars, reference, felt_force, felt_normal):
     """Write the next row of a recording; there must be room for it (`Recorder.ready`).
 

@@ -9,10 +9,9 @@ nothing catches it: MuJoCo prints its message and ends the process. Its warnings
 
 from typing import NamedTuple
 
-import numba
 import numpy as np
 
-from sim.interfaces.kernels import keyed_by_imports
+from sim.interfaces.kernels import kernel
 from sim.interfaces.spatial import Array
 from sim.plant.readout import DATA, MODEL, STEP1, STEP2, TIME, Readout, gears_and_contacts
 from sim.plant.thrusters import advance_thrusters
@@ -68,16 +67,14 @@ class PlantRecord(NamedTuple):
     substeps: int
 
 
-@numba.njit(cache=True)
-@keyed_by_imports
+@kernel
 def verdict(time, before, least_gain, warned, mark):
     """True if `Plant.check` must be called: a reset, a new warning, or a step without the water."""
     # On NaN MuJoCo resets the simulation, which shows in the time; in the first step it need not.
     return time - before < least_gain or before == 0.0 or warned or mark != WET_MARK
 
 
-@numba.njit(cache=True)
-@keyed_by_imports
+@kernel
 def observe(plant):
     """Update the kinematics to the current time, as `Plant.observe`; True if `Plant.check` must be called now."""
     places, watch = plant.readout.places, plant.watch
@@ -88,8 +85,7 @@ def observe(plant):
     return doubtful
 
 
-@numba.njit(cache=True)
-@keyed_by_imports
+@kernel
 def advance(plant, joint_torque, thrusters):
     """Advance by one step, as `Plant.step`; `observe` must precede each.
 
@@ -117,8 +113,7 @@ def advance(plant, joint_torque, thrusters):
     return True
 
 
-@numba.njit(cache=True)
-@keyed_by_imports
+@kernel
 def drive(of_drive, command):
     """Advance the thrusters (`Drive`, or its fields as a tuple) by one step; True if a command was at its limit."""
     curves, table, state, R_WB, v_WB_W, w_WB_B, current_W, ctrl, thrusters, saturated = of_drive
@@ -128,8 +123,7 @@ def drive(of_drive, command):
     return saturated[0]
 
 
-@numba.njit(cache=True)
-@keyed_by_imports
+@kernel
 def end_step(readout, flow, substeps):
     """Read the last of `substeps`, and write the flow of the next step before `observe` computes its forces."""
     gears_and_contacts(readout, substeps - 1, substeps)

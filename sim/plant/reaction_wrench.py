@@ -17,13 +17,12 @@ from typing import NamedTuple
 
 import mujoco
 import numpy as np
-from numba import njit
 
 from models import hydrodynamics as water
 from models.hydrodynamics import LAYOUT
 from sim import hydrodynamics
 from sim.interfaces.errors import ConfigurationError, HydrodynamicsError
-from sim.interfaces.kernels import keyed_by_imports
+from sim.interfaces.kernels import kernel
 from sim.interfaces.spatial import Array
 from sim.water.form_kernel import form_wrench
 
@@ -214,50 +213,42 @@ def _refuse(model: mujoco.MjModel) -> None:
         raise HydrodynamicsError(f"reaction: not known with {', '.join(names)}")
 
 
-@njit(cache=True)
-@keyed_by_imports
+@kernel
 def _three(values, first):
     return values[first], values[first + 1], values[first + 2]
 
 
-@njit(cache=True)
-@keyed_by_imports
+@kernel
 def _sum(a, b):
     return a[0] + b[0], a[1] + b[1], a[2] + b[2]
 
 
-@njit(cache=True)
-@keyed_by_imports
+@kernel
 def _scaled(s, a):
     return s * a[0], s * a[1], s * a[2]
 
 
-@njit(cache=True)
-@keyed_by_imports
+@kernel
 def _dot(a, b):
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
-@njit(cache=True)
-@keyed_by_imports
+@kernel
 def _cross(a, b):
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
-@njit(cache=True)
-@keyed_by_imports
+@kernel
 def _turned(R, a):
     return _dot(R[0:3], a), _dot(R[3:6], a), _dot(R[6:9], a)
 
 
-@njit(cache=True)
-@keyed_by_imports
+@kernel
 def _turned_back(R, a):
     return _dot(R[0::3], a), _dot(R[1::3], a), _dot(R[2::3], a)
 
 
-@njit(cache=True)
-@keyed_by_imports
+@kernel
 def _add(total, force, torque, lever):
     """Add a wrench that acts at `lever` from the reference point."""
     moment = _cross(lever, force)
@@ -266,8 +257,7 @@ def _add(total, force, torque, lever):
         total[3 + k] += torque[k] + moment[k]
 
 
-@njit(cache=True)
-@keyed_by_imports
+@kernel
 def _in_frame(total, R, p, com):
     """Wrench about `com` in world axes, expressed at `p` in the axes `R`."""
     out, force = np.empty(6), _three(total, 0)
@@ -277,8 +267,7 @@ def _in_frame(total, R, p, com):
     return out
 
 
-@njit(cache=True)
-@keyed_by_imports
+@kernel
 def _mismatch(first, end, parent, dofadr, dofnum, cdof, cvel, qvel):
     """Largest difference between the twists in `cvel` and those from `qvel`, relative to the largest speed."""
     worst, largest = 0.0, 1e-3
@@ -293,8 +282,7 @@ def _mismatch(first, end, parent, dofadr, dofnum, cdof, cvel, qvel):
     return worst / largest
 
 
-@njit(cache=True)
-@keyed_by_imports
+@kernel
 def _add_water(of_water, motion, com, gravity, total):
     """Add the water's wrench on every wet body to `total`, about `com`, world axes (force; torque).
 

@@ -9,12 +9,11 @@ from functools import cache
 from typing import NamedTuple
 
 import mujoco
-import numba
 import numpy as np
 
 from models.exact_mjcf import library
 from sim.interfaces.errors import HydrodynamicsError
-from sim.interfaces.kernels import keyed_by_imports
+from sim.interfaces.kernels import kernel
 from sim.interfaces.spatial import Array
 from sim.water.mujoco_layout import offset, structure
 from sim.water.native_memory import f64, i32, pointer
@@ -102,8 +101,7 @@ class Readout(NamedTuple):
     collided: Array  # (3,) geoms of the vehicle and of the world that collided first, and when [s]; negative: none yet
 
 
-@numba.njit(cache=True)
-@keyed_by_imports
+@kernel
 def gears_and_contacts(readout, substep, substeps):
     """Read friction and contacts of the substep that has ended; set the friction bounds of the next one.
 
@@ -160,8 +158,7 @@ def gears_and_contacts(readout, substep, substeps):
     contacts[LEAST], contacts[MOST] = min(contacts[LEAST], total[NORMAL]), max(contacts[MOST], total[NORMAL])
 
 
-@numba.njit(cache=True)
-@keyed_by_imports
+@kernel
 def _contact_force(efc_force, friction, dim, pyramids, force):
     """Normal and tangential forces (3,) [N] of one contact in its frame, from its constraint forces."""
     force[1] = force[2] = 0.0

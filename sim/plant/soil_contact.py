@@ -8,11 +8,11 @@ leaves a hole: there is no force until it enters the soil elsewhere.
 
 from typing import NamedTuple
 
-import numba
 import numpy as np
 
 from models.site.seabed import Seabed
 from models.site.soil import Soil, SoilTool, pull_resistance, push_resistance, side_resistance
+from sim.interfaces.kernels import kernel
 from sim.interfaces.spatial import Array
 
 _TABLE = 512  # number of depths at which the resistances are tabulated
@@ -68,7 +68,7 @@ class SoilForce:
 _RESISTANCES = (push_resistance, pull_resistance, side_resistance)
 
 
-@numba.njit(cache=True)
+@kernel
 def _press(soil, p, axis, force):
     heights, corner, cell, bounds, step, quake, anchor, inside = soil
     force[:] = 0.0
@@ -99,7 +99,7 @@ def _press(soil, p, axis, force):
         anchor[k] = p[k] - held * axis[k] - aside
 
 
-@numba.njit(cache=True)
+@kernel
 def _height(heights, corner, cell, x, y):
     """Height at one point, as `models.site.seabed.Seabed.height` computes it."""
     last = heights.shape[0] - 1

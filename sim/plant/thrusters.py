@@ -1,19 +1,17 @@
 """Thruster model of the plant: slew rate and lag of the propeller, static curve, saturation, inflow loss."""
 
-import numba
 import numpy as np
 
 from models.water.thruster_curves import thrust_at, thrust_in_flow
 from models.water.thrusters import HEADER, INFLOW_LOSS, SLEW_RATE, TIME_CONSTANT, curves, inflow_levers
 from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.kernels import keyed_by_imports
+from sim.interfaces.kernels import kernel
 from sim.interfaces.spatial import Array, fitting
 
 SATURATED = 0.979  # share of full thrust that counts as saturated; thrust allocation stops slightly below 1
 
 
-@numba.njit(cache=True)
-@keyed_by_imports
+@kernel
 def advance_thrusters(curve, table, command, R_WB, v_WB_W, w_WB_B, current_W, state):
     """Advance the lag by one exact step and compute thrust; True if any command was at its limit.
 

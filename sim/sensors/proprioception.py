@@ -4,11 +4,10 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field, fields
 from typing import Any
 
-import numba
 import numpy as np
 
 from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.kernels import keyed_by_imports
+from sim.interfaces.kernels import kernel
 from sim.interfaces.messages import (
     DvlMeasurement,
     DvlNoise,
@@ -142,8 +141,7 @@ def _quantised(value: Array, resolution: float) -> Array:
     return np.round(value / resolution) * resolution if resolution > 0.0 else value
 
 
-@numba.njit(cache=True)
-@keyed_by_imports
+@kernel
 def _in_steps(value, resolution):
     """`_quantised` of one number."""
     return np.rint(value / resolution) * resolution if resolution > 0.0 else value
@@ -175,8 +173,7 @@ class Encoders:
         return state, EncoderMeasurement(time=truth.time, q=q, qd=qd)
 
 
-@numba.njit(cache=True)
-@keyed_by_imports
+@kernel
 def encode(record, q, qd, q_read, qd_read):
     """Sample the encoders, with noise from their record.
 
@@ -229,8 +226,7 @@ class JointTorqueSensors:
         return state, TorqueMeasurement(time=truth.time, tau=tau)
 
 
-@numba.njit(cache=True)
-@keyed_by_imports
+@kernel
 def transmit(record, tau_drive, tau_friction, armature, qdd, damping, qd, tau_read):
     """Sample the torque at the gear outputs: drive torque less rotor inertia, gear friction and damping.
 
@@ -293,8 +289,7 @@ class Imu:
         return state, ImuMeasurement(time=truth.time, specific_force_B=force_B, w_WB_B=w_B, R_WB=R, noise=state.stated)
 
 
-@numba.njit(cache=True)
-@keyed_by_imports
+@kernel
 def sense_motion(record, R_WB, acceleration, w_B, force_read, w_read, R_read):
     """Sample the inertial unit; the attitude error is about hull axes.
 

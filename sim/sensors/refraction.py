@@ -10,12 +10,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
-import numba
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy import optimize
 
 from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.kernels import kernel
 from sim.interfaces.spatial import Array
 
 _STEPS = 20  # largest number of Newton steps; 3 to 5 are needed
@@ -199,7 +199,7 @@ class StereoReader(NamedTuple):
         return _read(np.ascontiguousarray(points, dtype=np.float64), self)
 
 
-@numba.njit(cache=True)
+@kernel
 def _tangent(rho: float, z: float, port: _Port) -> float:
     """Root s of rho = distance s + thickness s_g(s) + (z - distance - thickness) s_w(s), which grows with s."""
     distance, thickness, n_glass, n_water = port
@@ -227,7 +227,7 @@ def _tangent(rho: float, z: float, port: _Port) -> float:
     return s
 
 
-@numba.njit(cache=True)
+@kernel
 def _tangents(rho: np.ndarray, z: np.ndarray, port: _Port) -> np.ndarray:
     result = np.empty(len(rho))
     for i in range(len(rho)):
@@ -235,7 +235,7 @@ def _tangents(rho: np.ndarray, z: np.ndarray, port: _Port) -> np.ndarray:
     return result
 
 
-@numba.njit(cache=True)
+@kernel
 def _read(points: np.ndarray, reader: StereoReader) -> np.ndarray:
     """Depth (H, W) [m] of points (H, W, 3) [m]; see `StereoReader`."""
     scale, k1, k2, baseline = reader.scale, reader.k1, reader.k2, reader.baseline

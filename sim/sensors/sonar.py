@@ -13,10 +13,10 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 import mujoco
-import numba
 import numpy as np
 
 from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.kernels import kernel
 from sim.interfaces.messages import SonarScan
 from sim.interfaces.spatial import Array, checked_pose, pose, readonly
 from sim.sensors.visible_world import ALL, BodyPoses, Rays, Visible, body_id, site_on_body
@@ -248,7 +248,7 @@ class Sonar:
         return r
 
 
-@numba.njit(cache=True)
+@kernel
 def _strongest(distance: np.ndarray, cosine: np.ndarray, weight: np.ndarray, cell: float) -> np.ndarray:
     """Range (H, W) [m] of the strongest echo: rays that return within one range cell are added up.
 

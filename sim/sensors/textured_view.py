@@ -10,11 +10,10 @@ Frame C has OpenCV axes: x right, y down, z along the optical axis.
 
 from dataclasses import dataclass, field, replace
 
-import numba
 import numpy as np
 
 from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.kernels import keyed_by_imports
+from sim.interfaces.kernels import kernel
 from sim.interfaces.spatial import Array, finite_number, transform_points
 from sim.sensors.stereo_noise import StereoNoise, add_noise
 
@@ -157,8 +156,7 @@ def _cloud(shape: tuple[int, ...], share: float, rng: np.random.Generator) -> tu
     return hidden, drift
 
 
-@numba.njit(cache=True)
-@keyed_by_imports
+@kernel
 def _waves(points, blur, waves):
     """Sum of plane waves of variance 1 at `points` (N, 3), seen with a Gaussian blur (N,) [m]."""
     out = np.zeros(len(points))

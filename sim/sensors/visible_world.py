@@ -10,12 +10,12 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import mujoco
-import numba
 import numpy as np
 
 from models.meshes.closed_shells import joined
 from models.meshes.ray_casting import RayScene
 from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.kernels import kernel
 from sim.interfaces.spatial import Array, inverse, pose, rotation_from_quat_wxyz
 from sim.sensors.tessellation import tessellate
 
@@ -310,7 +310,7 @@ def _cones(way: np.ndarray, start: np.ndarray, tile: np.ndarray, count: int) -> 
     return np.column_stack([origin, spread + 1e-4, axis, half])
 
 
-@numba.njit(cache=True)
+@kernel
 def _meetings(cones: np.ndarray, spheres: np.ndarray) -> np.ndarray:
     """Mask (T,) of the cones that meet any of the spheres."""
     tiles = np.zeros(len(cones), dtype=np.bool_)
@@ -333,7 +333,7 @@ def _meetings(cones: np.ndarray, spheres: np.ndarray) -> np.ndarray:
     return tiles
 
 
-@numba.njit(cache=True)
+@kernel
 def _gathered(way: np.ndarray, start: np.ndarray, chosen: np.ndarray, near: float) -> tuple[np.ndarray, np.ndarray]:
     """Origins, shifted by `near` along the ray, and directions of the chosen rays, (M, 3) each."""
     origins = np.empty((len(chosen), 3), dtype=np.float32)
@@ -348,7 +348,7 @@ def _gathered(way: np.ndarray, start: np.ndarray, chosen: np.ndarray, near: floa
     return origins, directions
 
 
-@numba.njit(cache=True)
+@kernel
 def _keep_nearer(
     t: np.ndarray,
     normal: np.ndarray,
@@ -368,7 +368,7 @@ def _keep_nearer(
             cosine[ray] = abs(across) / np.sqrt(x * x + y * y + z * z)
 
 
-@numba.njit(cache=True)
+@kernel
 def _draw_plane(
     R_SG: np.ndarray,
     p_SG: np.ndarray,

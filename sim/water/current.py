@@ -4,11 +4,11 @@ import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 
-import numba
 import numpy as np
 from numpy.typing import ArrayLike
 
 from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.kernels import kernel
 from sim.interfaces.spatial import Array, checked, number
 
 _BLOCK = 4096  # steps generated at a time
@@ -16,7 +16,7 @@ _FEWEST = 20.0  # [steps] in the period of a wave
 _LONGEST = 1e12  # [steps] longest time constant; beyond it the filter's pole is lost in rounding
 
 
-@numba.njit(cache=True)
+@kernel
 def _filter(gain: float, pole: float, signal: Array, state: Array) -> None:
     """First-order filter of the columns of `signal` (N, 3), in place, with its `state` (3,); as scipy.signal.lfilter.
 

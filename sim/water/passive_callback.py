@@ -7,8 +7,8 @@ It follows MuJoCo's composite-rigid-body pass for the dry inertia. Per-body 6x6 
 world axes at the tree's centre of mass, the reference point of `cdof` and `cvel`, four bodies at a time. They are then
 summed up to the parents and projected on each joint's axis.
 
-Every offset is a closure variable of `build`, and numba keys its cache by their values. A cached kernel therefore
-never runs with another layout of MuJoCo or of the coefficients, nor with changed code in the files that it imports.
+Every offset is a closure variable of `build`, and the store keys machine code by their values. A kept kernel therefore
+never runs with another layout of MuJoCo or of the coefficients.
 """
 
 import math
@@ -19,11 +19,11 @@ from typing import Any, cast
 import mujoco
 import numpy as np
 from llvmlite import ir
-from numba import cfunc, types
+from numba import types
 from numba.extending import intrinsic
 
 from models.hydrodynamics import INDEFINITE, LAYOUT, MAX_STATIONS, MAX_STRIPS, TOO_FAST, TOO_HIGH
-from sim.interfaces.kernels import imports_stamp
+from sim.interfaces.kernels import c_function
 from sim.interfaces.spatial import Array
 from sim.water.form_kernel import form_wrench
 from sim.water.mujoco_layout import offset
@@ -417,12 +417,10 @@ def build() -> Any:
     # linear 3), and 1 if it or a descendant carries coefficients. Behind all bodies: indices of those that carry.
     wrench, summed, acceleration, loaded, stride = 21, 28, 28, 34, 36
 
-    elsewhere = int(imports_stamp(globals()), 16)
-
-    @cfunc(types.void(types.intp, types.intp), cache=True, error_model="numpy", fastmath={"contract"})
+    @c_function(types.void(types.intp, types.intp), error_model="numpy", fastmath={"contract"})
     def passive(m: int, d: int) -> None:
         nuser, user = _pointer(m, nuser_at), _pointer(m, user_at)
-        if nuser < size or elsewhere < 0:  # the second is never true: it puts `elsewhere` into the cache key
+        if nuser < size:
             return
         nbody = _pointer(m, nbody_at)
         parent, root, tree = _pointer(m, parent_at), _pointer(m, root_at), _pointer(m, tree_at)

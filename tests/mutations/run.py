@@ -177,26 +177,15 @@ class Copy:
         shutil.copytree(ROOT, folder, symlinks=True, ignore=_left_out, dirs_exist_ok=True)
 
     def judge(self, entry: dict[str, Any], budget: float, *options: str) -> dict[str, Any]:
-        """What the tests make of one change; the copy is then as before, its compiled kernels included.
-
-        Kernels of other files that call a changed one are told by `sim.interfaces.kernels.keyed_by_imports`.
-        """
+        """What the tests make of one change; the copy is then as before."""
         if not entry["tests"]:
             return {"fate": "survived", "by": "", "seconds": 0.0, "tests_run": 0}
         path = self.folder / entry["file"]
-        compiled = list((path.parent / "__pycache__").glob(f"{path.stem}.*.nb[ic]"))
-        with tempfile.TemporaryDirectory(dir=self.folder.parent) as aside:
-            for file in compiled:
-                shutil.move(file, aside)
-            path.write_text(entry["text"])
-            try:
-                return run_tests(self.folder, entry["tests"], budget, *options)
-            finally:
-                shutil.copy2(ROOT / entry["file"], path)
-                for file in (path.parent / "__pycache__").glob(f"{path.stem}.*.nb[ic]"):
-                    file.unlink()
-                for file in Path(aside).iterdir():
-                    shutil.move(file, path.parent / "__pycache__")
+        path.write_text(entry["text"])
+        try:
+            return run_tests(self.folder, entry["tests"], budget, *options)
+        finally:
+            shutil.copy2(ROOT / entry["file"], path)
 
 
 def work(entries: list[dict[str, Any]], tasks: Any, results: Any, folder: Path, budget: float, *options: str) -> None:

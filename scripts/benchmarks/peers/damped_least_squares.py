@@ -3,9 +3,9 @@
 import math
 
 import numpy as np
-from numba import njit
 
 from benchmarks.peers.inverse_kinematics import Solver, SolverTask
+from sim.interfaces.kernels import kernel
 from sim.interfaces.spatial import Array
 
 STEPS = 60  # iterations from one start
@@ -13,7 +13,7 @@ STARTS = 200  # starts, the given one first, before a target counts as failed
 DAMPING = 0.1  # lambda^2 over the squared error
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel(nogil=True, error_model="numpy")
 def damped_least_squares(dh, slides, limits, tool, target, q, tol_p, tol_r, J, A, X):
     """Solves in place from `q`, steps clamped to the limits, with random restarts within them.
 
@@ -80,7 +80,7 @@ def damped_least_squares(dh, slides, limits, tool, target, q, tol_p, tol_r, J, A
     return False
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel(nogil=True, error_model="numpy")
 def forward(dh, slides, tool, q, J, X):
     """Forward kinematics: tip pose into `X`, Jacobian into `J`.
 
@@ -125,7 +125,7 @@ def forward(dh, slides, tool, q, J, X):
             J[i, 0], J[i, 1], J[i, 2] = ey * sz - ez * sy, ez * sx - ex * sz, ex * sy - ey * sx
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel(nogil=True, error_model="numpy")
 def eliminate(A):
     """Solves a positive definite 6 x 6 system in place; right side and solution are the last column of `A` (6, 7)."""
     for k in range(6):
@@ -140,7 +140,7 @@ def eliminate(A):
         A[k, 6] /= A[k, k]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel(nogil=True, error_model="numpy")
 def solve_all(dh, slides, limits, tool, targets, q, tol_p, tol_r, J, A, X):
     """Solves every target in turn, without Python between them.
 

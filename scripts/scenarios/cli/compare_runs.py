@@ -16,7 +16,7 @@ from sim.interfaces.extras import absent, to_install
 from sim.reporting.series_tables import PastRun
 from sim.runs.saving import write_whole
 
-_LEFT_OUT = ("provenance", "timings", "schema")
+_LEFT_OUT = ("provenance", "timings", "start", "schema")
 _ASKED = ("scenario", "options.", "model_sha256")  # what was asked for, and the model that follows from it
 _ALL = "--all"
 _SAME = 0.02  # share by which figures may differ and still count as alike

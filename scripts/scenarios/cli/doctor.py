@@ -3,18 +3,24 @@
 import contextlib
 import importlib
 import io
+import json
 import os
 import platform
 import subprocess
 import sys
+import time
 from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass
 from importlib.metadata import PackageNotFoundError, version
 
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.extras import EXTRAS, to_install
+from sim.interfaces.kernels import store
+from sim.runs.command_line import parse
 
 OK, ABSENT = "[green]ok[/green]", "[yellow]absent[/yellow]"
 _NEEDED = ("mujoco", "numpy", "numba", "scipy", "tyro")
@@ -35,12 +41,28 @@ _PACKAGES = {"rerun": "rerun-sdk", "PIL": "pillow", "dm_control": "dm-control", 
 _RENDER = "import mujoco; mujoco.Renderer(mujoco.MjModel.from_xml_string('<mujoco/>'), 8, 8).render()"
 
 
+@dataclass(kw_only=True)
+class DoctorOptions:
+    """What works on this machine, and what to install for the rest."""
+
+    kernels: bool = False
+    """The store of compiled kernels alone: its place, size and age, and what the last start took from it."""
+    json: bool = False
+    """With --kernels: as JSON."""
+    empty_kernels: bool = False
+    """Remove all files of the store; the next start compiles anew."""
+
+
 def main(verb: str, args: Sequence[str]) -> int:
     """Prints the table; 1 if something that every job needs is absent."""
     del verb
-    if args:
-        print("usage: uuv doctor\n\nWhat works on this machine, and what to install for the rest.")
-        return 0 if args[0] in ("-h", "--help") else 2
+    options = parse(DoctorOptions, args)
+    if options.empty_kernels:
+        return _empty_kernels()
+    if options.kernels:
+        return _print_kernels(options.json)
+    if options.json:
+        raise ConfigurationError("--json: of --kernels alone")
     table = Table("", "", "for", title="this machine", title_justify="left")
     sound = True
     for name, state, said in _rows():
@@ -48,6 +70,43 @@ def main(verb: str, args: Sequence[str]) -> int:
         sound &= not (state == ABSENT and name in _NEEDED)
     Console(width=None if Console().is_terminal else 120).print(table)
     return 0 if sound else 1
+
+
+def _empty_kernels() -> int:
+    folder = store.folder()
+    if folder is None:
+        raise ConfigurationError(f"--empty-kernels: there is no store: {store.content().why}")
+    print(f"{store.empty()} compiled kernels removed from {folder}")
+    return 0
+
+
+def _print_kernels(as_json: bool) -> int:
+    """Prints the store's content; 1 if there is no store."""
+    content, last = store.content(), store.last_start()
+    if as_json:
+        entries = asdict(content) | {"folder": None if content.folder is None else str(content.folder)}
+        entries["last_start"] = None if last is None else asdict(last)
+        json.dump(entries, sys.stdout, indent=2)
+        print()
+    elif content.folder is None:
+        print(f"no store of compiled kernels: {content.why}")
+    else:
+        print(f"compiled kernels in {content.folder}{f' ({content.why})' if content.why else ''}")
+        print(f"  {content.files} files, {content.bytes / 1e6:.1f} MB of at most {content.limit / 1e6:.0f} MB")
+        if content.files:
+            print(f"  used between {_ago(content.oldest)} and {_ago(content.newest)}")
+        if last is not None:
+            print(f"  last start, {_ago(last.time)}: {last.loaded} loaded, {last.compiled} compiled")
+    return 0 if content.folder is not None else 1
+
+
+def _ago(moment: float) -> str:
+    """Time since `moment` [s since the epoch], in words."""
+    seconds = max(time.time() - moment, 0.0)
+    for length, unit in ((86400.0, "days"), (3600.0, "hours"), (60.0, "minutes")):
+        if seconds >= 2.0 * length:
+            return f"{seconds / length:.0f} {unit} ago"
+    return f"{seconds:.0f} s ago"
 
 
 def _rows() -> Iterator[tuple[str, str, str]]:
@@ -102,9 +161,10 @@ def _numba_threads() -> int:
 
 
 def _compiled() -> tuple[str, str]:
-    from scenarios.ticks.compiled_ticks import run_ticks
-    from sim.interfaces.kernel_cache import is_kept
-
-    if not is_kept(run_ticks):
+    content, last = store.content(), store.last_start()
+    if content.folder is None:
+        return ABSENT, f"each start compiles, one to two minutes: {content.why}"
+    if not content.files:
         return ABSENT, "the first run compiles them, which takes one to two minutes, once"
-    return OK, "in numba's cache: a run starts at once"
+    then = "" if last is None else f"; last start: {last.loaded} loaded, {last.compiled} compiled"
+    return OK, f"{content.files} in {content.folder}, {content.bytes / 1e6:.0f} MB{then} (--kernels)"

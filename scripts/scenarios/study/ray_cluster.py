@@ -16,6 +16,7 @@ import numpy as np
 from scenarios.study.cluster_keeper import kept_cluster
 from scenarios.study.worker import Limits, limit_memory
 from sim.interfaces.errors import ConfigurationError, one_line
+from sim.interfaces.kernels import store
 
 # Read when Ray is imported. Under `uv run` it would start each worker by uv, in a copy of this folder; nothing is sent
 # home from here.
@@ -36,7 +37,7 @@ _AHEAD = 2  # tasks that wait or run, for each processor of the cluster: the nex
 _LOOK = 5.0  # [s] between two looks how many processors there are: a cluster may grow
 _THREADS = "OMP_NUM_THREADS"
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)  # Ray takes them, and prints a trace of its stack; they are the command's
-_HANDED_ON = ("NUMBA_CACHE_DIR",)  # variables of this process that workers get
+_HANDED_ON = (store.FOLDER, store.LIMIT)  # variables of this process that workers get
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,7 +13,6 @@ Around a controller without a kernel the rest is compiled all the same (`scenari
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
-import numba
 import numpy as np
 
 from controllers.drive_span import DriveSpan
@@ -22,7 +21,7 @@ from controllers.drive_tick import NORMAL as FELT
 from controllers.safety.safety_wrapper import SafetyWrapper
 from perception.navigation.filter_kernel import put_out, take_sample
 from perception.navigation.strapdown_filter import Navigation
-from sim.interfaces.kernels import keyed_by_imports
+from sim.interfaces.kernels import kernel
 from sim.interfaces.messages import Reference, WorkState
 from sim.interfaces.records import EstimateRecord, ImuRecord, JointRecord, estimate_record, state_estimate
 from sim.interfaces.spatial import Array
@@ -75,15 +74,13 @@ class World(NamedTuple):
     referred: np.ndarray  # (1,) index of the present reference in the recording
 
 
-@numba.njit(cache=True)
-@keyed_by_imports
+@kernel
 def box_of(world):
     """`RecordBox` of a `World`, or of another tuple of records."""
     return new_box(world)
 
 
-@numba.njit(cache=True, nogil=True)
-@keyed_by_imports
+@kernel(nogil=True)
 def run_ticks(box, ticks, begun, onward):
     """Run ticks, from any `Stage` of the first one to any stage of the tick after the last one.
 
@@ -122,8 +119,7 @@ def run_ticks(box, ticks, begun, onward):
     return ticks, stage, FINE
 
 
-@numba.njit(cache=True, **_WITHIN)
-@keyed_by_imports
+@kernel(**_WITHIN)
 def perceive(world):
     """Samples of the sensors into the filter, and its estimate; of a `World` or a `Surround`."""
     s, joints, sample = world.sensed, world.joints, world.sample
@@ -135,8 +131,7 @@ def perceive(world):
     put_out(world.filter, joints, world.estimate)
 
 
-@numba.njit(cache=True, **_WITHIN)
-@keyed_by_imports
+@kernel(**_WITHIN)
 def record_row(world):
     """Write one row of the recording; of a `World` or a `Surround`."""
     contacts, drive = world.plant.readout.contacts, world.drive
@@ -151,7 +146,7 @@ def record_row(world):
     write_row(world.rows, time, scalars, world.referred[0], drive.f_W, felt)
 
 
-@numba.njit(cache=True, **_WITHIN)
+@kernel(**_WITHIN)
 def _copy(one, other):
     """Copy one EstimateRecord into another, by loops: numba compiles them in a tenth of the time of slices."""
     other.time[0], other.attitude_sigma[0] = one.time[0], one.attitude_sigma[0]

@@ -11,14 +11,13 @@ observer is due run part by part.
 
 from typing import NamedTuple
 
-import numba
 import numpy as np
 
 from controllers.drive_span import replaced_part
 from controllers.drive_tick import NORMAL as FELT
 from controllers.drive_tick import NUMBERS
 from scenarios.ticks.compiled_ticks import CompiledTicks, Sensed, box_of, drive_states, perceive, record_row, sensed_by
-from sim.interfaces.kernels import keyed_by_imports
+from sim.interfaces.kernels import kernel
 from sim.interfaces.messages import Command, WorkState
 from sim.interfaces.records import EstimateRecord, ImuRecord, JointRecord, state_estimate
 from sim.interfaces.spatial import Array
@@ -57,8 +56,7 @@ class Surround(NamedTuple):
     referred: np.ndarray  # (1,) index of the present reference in the recording
 
 
-@numba.njit(cache=True, nogil=True)
-@keyed_by_imports
+@kernel(nogil=True)
 def sense(box):
     """Make the estimate of a tick; False if `Plant.check` must be called first."""
     if observe(box.record.plant):
@@ -67,8 +65,7 @@ def sense(box):
     return True
 
 
-@numba.njit(cache=True, nogil=True)
-@keyed_by_imports
+@kernel(nogil=True)
 def pass_on(box, onward):
     """Complete a tick under the command of a `Surround`; with `onward`, make the estimate of the next one.
 

@@ -10,7 +10,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import mujoco
-import numba
 import numpy as np
 
 from calib.water.parameters import VehicleWater
@@ -21,7 +20,7 @@ from models.water.thruster_curves import thrust_in_flow
 from models.water.thrusters import INFLOW_LOSS, SLEW_RATE, TIME_CONSTANT, curves, inflow_levers
 from sim import hydrodynamics
 from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.kernels import keyed_by_imports
+from sim.interfaces.kernels import kernel
 from sim.interfaces.spatial import Array
 from sim.water.native_memory import call_physics
 
@@ -217,8 +216,7 @@ class ReplayVehicle:
         return rows
 
 
-@numba.njit(cache=True, nogil=True)
-@keyed_by_imports
+@kernel(nogil=True)
 def _replay(places, views, addresses, joints, pushes, thrusters, gains, script, starts, currents, dt, rows):
     """Step all windows from their starts, and write the hull's state before each step and at the end to `rows`."""
     qpos, qvel, ctrl, wind, flow = views

@@ -16,9 +16,10 @@ import json
 from scenarios import assemble, barrel
 from scenarios.first_start import encoded, kernels
 from scenarios.runner import rehearse
+from sim.interfaces.kernels.stored import StoredKernel
 rehearse(assemble(barrel(quick=True)))
 print(json.dumps([(name, [encoded(kind) for kind in args]) for name, kernel in kernels() for args in kernel.overloads
-                  if kernel._can_compile and "water" not in name]))
+                  if kernel._can_compile and isinstance(kernel._cache, StoredKernel)]))
 """
 
 
@@ -65,10 +66,17 @@ def test_rows_run_after_those_that_they_call_two_at_a_time_and_the_longest_way_f
         return row != 2
 
     with ThreadPoolExecutor(4) as pool:
-        ended = list(first_start._in_order(todo, pool, do, most))
+        ended = list(first_start._in_order(todo, range(4), lambda row: pool.submit(do, row), most))
     assert began[:2] == [0, 1]  # 0 leads to the 20 seconds of 2
     assert sorted(ended) == [(0, True), (1, True), (2, False), (3, True)]
     assert [row for row, _ in ended].index(2) < [row for row, _ in ended].index(3)
+
+
+def test_only_rows_that_are_wanted_run():
+    rows = [Job("a", None, (), (), 1.0), Job("b", None, (), (0,), 1.0), Job("c", None, (), (1,), 1.0)]
+    with ThreadPoolExecutor(1) as pool:
+        ended = list(first_start._in_order(rows, [2, 0], lambda row: pool.submit(lambda: row == 0), 1))
+    assert ended == [(0, True), (2, False)]
 
 
 def test_a_worker_compiles_says_what_fails_and_may_die(jobs):

@@ -1,0 +1,193 @@
+"""What the machine code of a kernel depends on, as a hash: its byte code, and all that this takes from elsewhere.
+
+Numba translates byte code, so comments, docstrings and line numbers do not count. Followed are the globals that a
+kernel names, its closure and its defaults, through every compiled function that it calls. An edit therefore changes
+the stamps of a kernel and of its callers alone.
+"""
+
+import hashlib
+import inspect
+import sys
+from collections.abc import Iterator
+from enum import Enum
+from functools import cache
+from pathlib import Path
+from types import BuiltinFunctionType, CodeType, FunctionType, ModuleType
+from typing import Any
+
+import numpy as np
+
+_NAMED = (type(None), bool, int, float, complex, str, bytes, type(Ellipsis))  # values whose repr tells all
+
+_TOOLS = ("numba", "numpy", "llvmlite")  # their versions are part of every stamp
+
+
+class UnkeyableError(Exception):
+    """A kernel uses a value of which no stamp can be made; its machine code cannot be kept."""
+
+
+def stamp(function: FunctionType, options: object = ()) -> str:
+    """Hash (64 hexadecimal digits) of all that the machine code of `function` depends on, but for its argument types.
+
+    Args:
+        function: The Python function of a kernel.
+        options: Of its compilation, such as {"fastmath": True}.
+
+    Raises:
+        UnkeyableError: It uses a value that cannot be described.
+    """
+    digest = hashlib.sha256(repr(options).encode())
+    place = {id(function): 0}
+    waiting = [function]
+
+    # Each function reached is hashed once, with those that it uses by their place in the order of discovery: the stamp
+    # of functions that call each other does not depend on where one begins.
+    while waiting:
+        part, used = _described(waiting.pop())
+        digest.update(part)
+        for each in used:
+            if id(each) not in place:
+                place[id(each)] = len(place)
+                waiting.append(each)
+            digest.update(b"%d;" % place[id(each)])
+    return digest.hexdigest()
+
+
+_memo: dict[int, tuple[FunctionType, bytes, list[FunctionType]]] = {}
+
+
+def _described(function: FunctionType) -> tuple[bytes, list[FunctionType]]:
+    """Description of a function without those that it uses, and these."""
+    known = _memo.get(id(function))
+    if known is None:
+        used: list[FunctionType] = []
+        text = "\n".join(_function(function, used)).encode()
+        known = _memo[id(function)] = (function, text, used)  # the function itself keeps its id from being reused
+    return known[1], known[2]
+
+
+def _function(function: FunctionType, used: list[FunctionType]) -> Iterator[str]:
+    yield from _code(function.__code__, function.__doc__)
+    yield _value((function.__defaults__, function.__kwdefaults__), used)
+    for name, cell in zip(function.__code__.co_freevars, function.__closure__ or (), strict=True):
+        try:
+            yield f"{name}={_value(cell.cell_contents, used)}"
+        except ValueError:  # an empty cell
+            yield f"{name}="
+    for name in sorted(set(_names(function.__code__))):
+        if name in function.__globals__:
+            yield f"{name}={_value(function.__globals__[name], used)}"
+
+
+def _code(code: CodeType, doc: str | None) -> Iterator[str]:
+    """All of a code object that its translation reads."""
+    yield repr((code.co_code, code.co_exceptiontable, code.co_flags, code.co_argcount, code.co_kwonlyargcount))
+    yield repr((code.co_names, code.co_varnames, code.co_freevars, code.co_cellvars, code.co_name))
+    for const in code.co_consts:
+        if isinstance(const, CodeType):
+            yield from _code(const, None)
+        elif doc is None or const != doc:
+            yield repr(sorted(map(repr, const)) if isinstance(const, frozenset) else const)
+
+
+def _names(code: CodeType) -> Iterator[str]:
+    """Names that a function, or one within it, may look up among its globals."""
+    yield from code.co_names
+    for const in code.co_consts:
+        if isinstance(const, CodeType):
+            yield from _names(const)
+
+
+def _value(value: Any, used: list[FunctionType]) -> str:
+    """Description of a value; functions that are compiled too go to `used`."""
+    if isinstance(value, Enum):
+        return f"{_class(type(value))}.{value.name}={value.value!r}"
+    if isinstance(value, _NAMED):
+        return repr(value)
+    if isinstance(value, (tuple, list)):
+        kind = _class(type(value)) if hasattr(value, "_fields") else type(value).__name__
+        return f"{kind}({','.join(_value(each, used) for each in value)})"
+    if isinstance(value, (set, frozenset)):
+        return f"{{{','.join(sorted(_value(each, used) for each in value))}}}"
+    if isinstance(value, dict):
+        return "{" + ",".join(f"{key!r}:{_value(each, used)}" for key, each in sorted(value.items(), key=repr)) + "}"
+    if isinstance(value, (np.ndarray, np.generic)):
+        if value.dtype.hasobject:
+            raise UnkeyableError(f"an array of {value.dtype}")
+        return f"{value.dtype.descr}{value.shape}{hashlib.sha256(value.tobytes()).hexdigest()}"
+    if isinstance(value, (np.dtype, np.ufunc)):
+        return repr(value)
+    if isinstance(value, type):
+        return _class(value)
+    if isinstance(value, ModuleType):
+        return _module(value, used)
+    return _called(value, used)
+
+
+def _called(value: Any, used: list[FunctionType]) -> str:
+    """Description of what a kernel may call."""
+    compiled = inspect.unwrap(value) if hasattr(value, "__wrapped__") else None  # numba's refer so to their source
+    if isinstance(compiled, FunctionType) and hasattr(value, "targetoptions"):
+        used.append(compiled)
+        return f"kernel {_value(dict(value.targetoptions), used)}"
+    if isinstance(compiled, FunctionType):  # a C function
+        used.append(compiled)
+        return f"C function {getattr(value, '_sig', '')}"
+    builder = getattr(value, "_defn", None)  # an intrinsic: Python code writes its machine code
+    if isinstance(builder, FunctionType):
+        return f"intrinsic {_plain(builder, used)}"
+    if isinstance(value, FunctionType):
+        return f"function {_plain(value, used)}"
+    if isinstance(value, BuiltinFunctionType):
+        return f"{value.__module__}.{value.__qualname__}"
+    if any(base.__module__.partition(".")[0] in _TOOLS for base in type(value).__mro__):
+        return f"{_class(type(value))} {_without_address(value)}"  # types of numba and LLVM, external functions
+    raise UnkeyableError(f"{value!r}")
+
+
+def _plain(function: FunctionType, used: list[FunctionType]) -> str:
+    """A function that is not compiled itself stands for its whole file: what numba takes in its place is there."""
+    name = f"{function.__module__}.{function.__qualname__}"
+    if _is_told_by_version(function.__module__):
+        return name
+    closure = [cell.cell_contents for cell in function.__closure__ or ()]
+    return f"{name} {_file(function.__code__.co_filename)} {_value(closure, used)}"
+
+
+def _class(kind: type) -> str:
+    name = f"{kind.__module__}.{kind.__qualname__}"
+    fields = getattr(kind, "_fields", None)  # of a named tuple
+    if fields is not None and issubclass(kind, tuple):
+        return f"{name} {fields} {getattr(kind, '_field_defaults', None)!r}"
+    file = getattr(sys.modules.get(kind.__module__), "__file__", None)
+    return name if file is None or _is_told_by_version(kind.__module__) else f"{name} {_file(file)}"
+
+
+def _module(module: ModuleType, used: list[FunctionType]) -> str:
+    """A module of a project by its file and the kernels within."""
+    file = getattr(module, "__file__", None)
+    if file is None or _is_told_by_version(module.__name__):
+        return module.__name__
+    kernels = [value for _, value in sorted(vars(module).items()) if hasattr(value, "targetoptions")]
+    return f"{module.__name__} {_file(file)} {_value(kernels, used)}"
+
+
+def _is_told_by_version(module: str) -> bool:
+    """True for modules whose version is part of every stamp: see `stored.toolchain`."""
+    package = module.partition(".")[0]
+    return package in _TOOLS or package in sys.stdlib_module_names
+
+
+def _without_address(value: Any) -> str:
+    text = str(value)
+    if " at 0x" in text:
+        raise UnkeyableError(text)
+    return text
+
+
+@cache
+def _file(file: str) -> str:
+    try:
+        return hashlib.sha256(Path(file).read_bytes()).hexdigest()
+    except OSError as error:
+        raise UnkeyableError(f"{file}: {error}") from None

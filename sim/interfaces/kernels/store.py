@@ -1,0 +1,283 @@
+"""Store of compiled kernels: a folder of the user's, one file a kernel and signature, shared by all processes.
+
+A file is named by the hash of its stamp, and holds the stamp, the machine code and the code's hash. It is written
+under another name and renamed, so that no reader meets half of it. A reader takes nothing from a file that is another
+user's, that others may write, that is cut, or whose stamp differs: it is as if the file were not there.
+
+`UUV_KERNEL_STORE` names the folder, or is `off`; by default `uuv-arm/kernel-store` in the user's cache folder, else in
+the temporary one. `UUV_KERNEL_STORE_MB` limits its size; the files that were used least recently leave first.
+"""
+
+import contextlib
+import hashlib
+import json
+import os
+import stat
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from functools import cache
+from pathlib import Path
+from uuid import uuid4
+
+FOLDER = "UUV_KERNEL_STORE"  # environment: a folder, or OFF
+LIMIT = "UUV_KERNEL_STORE_MB"  # environment: most megabytes
+OFF = "off"
+DEFAULT_LIMIT = 512.0  # [MB]
+
+_MAGIC = b"uuv kernel 1\n"
+_SUFFIX, _PART = ".kernel", ".part"  # of whole files, and of those being written
+_LAST_START = "last_start.json"
+_STALE = 3600.0  # [s] age from which a part is one of a process that died
+_RECENT = 3600.0  # [s] a use is noted once in this time: a note is a write
+
+
+@dataclass(frozen=True, slots=True)
+class LastStart:
+    """Kernels of one start of a run."""
+
+    loaded: int  # from the store
+    compiled: int  # anew
+    time: float  # [s] since the epoch
+
+
+@dataclass(frozen=True, slots=True)
+class StoreContent:
+    """What the store holds."""
+
+    folder: Path | None  # None: there is no store
+    why: str  # no store, or not the usual place; empty otherwise
+    files: int
+    bytes: int
+    limit: int  # [bytes]
+    oldest: float  # [s] since the epoch, of the last use; 0 where there is no file
+    newest: float  # [s] likewise
+
+
+@dataclass(frozen=True, slots=True)
+class _Place:
+    folder: Path | None
+    why: str = ""
+
+
+def folder() -> Path | None:
+    """The store's folder; None if there is none, and each process compiles for itself."""
+    return _place().folder
+
+
+def load(stamp: str) -> bytes | None:
+    """Machine code that was kept with this stamp; None if there is none that can be trusted."""
+    file = _file(stamp)
+    content = None if file is None else _read(file)
+    if file is None or content is None:
+        return None
+    code = _code_of(content, stamp.encode())
+    if code is None:
+        with contextlib.suppress(OSError):
+            file.unlink()  # cut, or of another stamp
+        return None
+    _note_use(file)
+    return code
+
+
+def holds(stamp: str) -> bool:
+    """True if there is a file with this stamp, whatever its content."""
+    file = _file(stamp)
+    return file is not None and file.exists()
+
+
+def save(stamp: str, code: bytes) -> bool:
+    """Keep machine code; False if that was impossible, such as on a full disk."""
+    file = _file(stamp)
+    if file is None:
+        return False
+    head = stamp.encode()
+    part = file.with_name(f"{uuid4().hex}{_PART}")
+    try:
+        with os.fdopen(os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "wb") as stream:
+            stream.write(_MAGIC + len(head).to_bytes(4, "big") + head + hashlib.sha256(code).digest() + code)
+        part.replace(file)
+    except OSError:
+        with contextlib.suppress(OSError):
+            part.unlink()
+        return False
+    return True
+
+
+def trim() -> None:
+    """Remove the files that were used least recently, down to the limit, and parts that nobody finishes."""
+    place = folder()
+    if place is None:
+        return
+    now = time.time()
+    for part in place.glob(f"*{_PART}"):
+        with contextlib.suppress(OSError):
+            if now - part.stat().st_mtime > _STALE:
+                part.unlink()
+    files = sorted(_files(place), key=lambda each: each[1].st_mtime)
+    size = sum(about.st_size for _, about in files)
+    most = limit()
+    for file, about in files:
+        if size <= most:
+            break
+        with contextlib.suppress(OSError):
+            file.unlink()
+            size -= about.st_size
+
+
+def empty() -> int:
+    """Remove all files of the store; returns their number."""
+    place = folder()
+    removed = 0
+    for file, _ in _files(place) if place is not None else ():
+        with contextlib.suppress(OSError):
+            file.unlink()
+            removed += 1
+    return removed
+
+
+def content() -> StoreContent:
+    """What the store holds now."""
+    place = _place()
+    files = [about for _, about in _files(place.folder)] if place.folder is not None else []
+    used = [about.st_mtime for about in files]
+    return StoreContent(
+        folder=place.folder,
+        why=place.why,
+        files=len(files),
+        bytes=sum(about.st_size for about in files),
+        limit=limit(),
+        oldest=min(used, default=0.0),
+        newest=max(used, default=0.0),
+    )
+
+
+def note_start(loaded: int, compiled: int) -> None:
+    """Remember what the start of a run took from the store; `last_start` reads it."""
+    place = folder()
+    if place is None:
+        return
+    part = place / f"{uuid4().hex}{_PART}"
+    with contextlib.suppress(OSError):
+        part.write_text(json.dumps(asdict(LastStart(loaded, compiled, time.time()))), encoding="utf-8")
+        part.replace(place / _LAST_START)
+
+
+def last_start() -> LastStart | None:
+    """The last start that `note_start` remembers; None if there is none."""
+    place = folder()
+    if place is None:
+        return None
+    try:
+        noted = json.loads((place / _LAST_START).read_bytes())
+        return LastStart(int(noted["loaded"]), int(noted["compiled"]), float(noted["time"]))
+    except (OSError, ValueError, TypeError, KeyError):
+        return None
+
+
+def limit() -> int:
+    """Most bytes of the store."""
+    try:
+        megabytes = float(os.environ.get(LIMIT) or DEFAULT_LIMIT)
+        return int(megabytes * 1e6) if megabytes >= 0.0 else int(DEFAULT_LIMIT * 1e6)
+    except (ValueError, OverflowError):
+        return int(DEFAULT_LIMIT * 1e6)
+
+
+# ---- files
+
+
+def _file(stamp: str) -> Path | None:
+    place = folder()
+    return None if place is None else place / f"{hashlib.sha256(stamp.encode()).hexdigest()[:40]}{_SUFFIX}"
+
+
+def _files(folder: Path) -> Iterator[tuple[Path, os.stat_result]]:
+    for file in folder.glob(f"*{_SUFFIX}"):
+        with contextlib.suppress(OSError):
+            yield file, file.lstat()
+
+
+def _read(file: Path) -> bytes | None:
+    """Content of a file that is the user's own and that nobody else may write."""
+    try:
+        with os.fdopen(os.open(file, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK), "rb") as stream:
+            return stream.read() if _is_trusted(os.fstat(stream.fileno())) else None
+    except OSError:
+        return None
+
+
+def _code_of(content: bytes, stamp: bytes) -> bytes | None:
+    """Machine code of a file with exactly this stamp, all of it."""
+    start = len(_MAGIC) + 4 + len(stamp)
+    if content[:start] != _MAGIC + len(stamp).to_bytes(4, "big") + stamp:
+        return None
+    digest, code = content[start : start + 32], content[start + 32 :]
+    return code if hashlib.sha256(code).digest() == digest else None
+
+
+def _note_use(file: Path) -> None:
+    with contextlib.suppress(OSError):
+        if time.time() - file.stat().st_mtime > _RECENT:
+            os.utime(file)
+
+
+# ---- place
+
+
+def _place() -> _Place:
+    return _place_for(os.environ.get(FOLDER, ""), os.environ.get("XDG_CACHE_HOME", ""))
+
+
+@cache
+def _place_for(given: str, caches: str) -> _Place:
+    """Folder of the store, once a process and setting."""
+    if given.lower() == OFF:
+        return _Place(None, f"{FOLDER}={OFF}")
+    if given:
+        folder = Path(given).expanduser().resolve()
+        why = _unfit(folder)
+        if why:
+            print(f"no store of compiled kernels: {FOLDER}={given}: {why}", file=sys.stderr)
+        return _Place(None if why else folder, why)
+    try:
+        folder = (Path(caches) if caches else Path.home() / ".cache") / "uuv-arm" / "kernel-store"
+        why = _unfit(folder)
+    except RuntimeError:  # no home
+        why = "there is no home folder"
+    else:
+        if not why:
+            return _Place(folder)
+    beside = Path(tempfile.gettempdir()) / f"uuv-arm-kernels-{os.getuid()}"
+    if not _unfit(beside):
+        print(f"compiled kernels are kept in {beside}: {why}", file=sys.stderr)
+        return _Place(beside, why)
+    print(f"no store of compiled kernels, each start compiles: {why}", file=sys.stderr)
+    return _Place(None, why)
+
+
+def _unfit(folder: Path) -> str:
+    """Why `folder` cannot be the store, in words; empty if it can. It is made where it is missing."""
+    try:
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        with contextlib.suppress(FileExistsError):
+            folder.mkdir(mode=0o700)
+        about = folder.lstat()
+        if not stat.S_ISDIR(about.st_mode):
+            return f"{folder} is no folder"
+        if about.st_uid != os.getuid():
+            return f"{folder} is another user's"
+        if about.st_mode & 0o077:
+            folder.chmod(0o700)  # one of the user's own; what others may have put into it is refused file by file
+        probe = folder / f"{uuid4().hex}{_PART}"
+        probe.touch(mode=0o600, exist_ok=False)
+        probe.unlink()
+    except OSError as error:
+        return f"{folder}: {error.strerror or error}"
+    return ""
+
+
+def _is_trusted(about: os.stat_result) -> bool:
+    return stat.S_ISREG(about.st_mode) and about.st_uid == os.getuid() and not about.st_mode & 0o022

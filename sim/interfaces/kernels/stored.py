@@ -1,0 +1,212 @@
+"""Joins numba to the store: kernels whose machine code is loaded from there, and kept there once it is compiled."""
+
+import atexit
+import json
+import pickle
+import platform
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import cache
+from types import FunctionType
+from typing import Any
+
+import llvmlite
+import numba
+import numpy as np
+from numba import types
+from numba.core import compiler, config
+from numba.core.caching import _Cache
+from numba.core.ccallback import CFunc
+from numba.core.serialize import dumps
+from numba.core.sigutils import normalize_signature
+
+from sim.interfaces.kernels import store
+from sim.interfaces.kernels.stamps import UnkeyableError, stamp
+
+# Settings of numba that change machine code. A name that this version of numba does not have counts as None.
+_SETTINGS = (
+    *("OPT", "LOOP_VECTORIZE", "SLP_VECTORIZE", "BOUNDSCHECK", "FULL_TRACEBACKS", "DEBUGINFO_DEFAULT", "USING_SVML"),
+    *("DISABLE_INTEL_SVML", "ENABLE_AVX", "LLVM_REFPRUNE_PASS", "LLVM_REFPRUNE_FLAGS", "CAPTURED_ERRORS"),
+)
+
+
+@dataclass(slots=True)
+class Counts:
+    """Kernels of this process, by what the store did for them."""
+
+    loaded: int = 0
+    compiled: int = 0
+    unkept: int = 0  # of those compiled: the store could not take them
+
+
+counts = Counts()
+
+
+def kernel(function: Any = None, signature: Any = None, **options: Any) -> Any:
+    """Decorator: `numba.njit`, whose machine code the store keeps.
+
+    Args:
+        function: The function; None where the decorator is called with options.
+        signature: Types to compile for at once, and for these alone; None: those of each call.
+        **options: Of `numba.njit`, such as error_model="numpy".
+
+    Returns:
+        The compiled function, or the decorator.
+    """
+    if function is None:
+        return lambda function: kernel(function, signature, **options)
+    compiled: Any = numba.njit(**options)(function)
+    if isinstance(compiled, FunctionType):  # NUMBA_DISABLE_JIT
+        return compiled
+    compiled._cache = StoredKernel(function, options)
+    if signature is not None:
+        compiled.compile(signature)
+        compiled.disable_compile()
+    return compiled
+
+
+def c_function(signature: Any, **options: Any) -> Callable[[Any], Any]:
+    """Decorator: `numba.cfunc`, whose machine code the store keeps.
+
+    Args:
+        signature: Types of the C function.
+        **options: Of `numba.cfunc`.
+
+    Returns:
+        The decorator.
+    """
+
+    def decorate(function: Any) -> Any:
+        made: Any = CFunc(function, normalize_signature(signature), locals={}, options={"nopython": True, **options})
+        made._cache = StoredKernel(function, {"C": str(signature), **options})
+        made.compile()
+        return made
+
+    return decorate
+
+
+def is_stored(compiled: Any, signature: Any) -> bool:
+    """True if the store has the machine code of a `kernel` for these argument types."""
+    if signature in compiled.overloads:
+        return True
+    kept = getattr(compiled, "_cache", None)
+    return isinstance(kept, StoredKernel) and kept.is_stored(signature, compiled.targetctx)
+
+
+class StoredKernel(_Cache):
+    """Cache of one kernel, as numba asks for it."""
+
+    def __init__(self, function: FunctionType, options: dict[str, Any]) -> None:
+        self._function = function
+        self._options = sorted(options.items())
+        self._enabled = True
+        self._described: str | None = None  # on first use, when all that the kernel calls is defined
+
+    @property
+    def cache_path(self) -> Any:
+        """The store's folder."""
+        folder = store.folder()
+        return None if folder is None else str(folder)
+
+    def enable(self) -> None:
+        """Load and keep machine code."""
+        self._enabled = True
+
+    def disable(self) -> None:
+        """Always compile."""
+        self._enabled = False
+
+    def flush(self) -> None:
+        """Nothing: another stamp is another file."""
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """The kernel for these argument types, None where it must be compiled."""
+        target_context.refresh()  # as numba's own cache does: machine code finds its symbols then
+        where = self._stamp(sig, target_context.codegen())
+        code = store.load(where) if where is not None else None
+        if code is None:
+            return None
+        try:
+            rebuilt = compiler.CompileResult._rebuild(target_context, *pickle.loads(code))
+        except Exception:  # whatever a pickle of another state of the code may raise
+            return None
+        counts.loaded += 1
+        return rebuilt
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        """Keep a kernel that has just been compiled."""
+        counts.compiled += 1
+        where = self._stamp(sig, data.codegen)
+        if where is None or not _can_be_kept(data) or not store.save(where, dumps(data._reduce())):
+            counts.unkept += 1
+        else:
+            _trim_at_exit()
+
+    def is_stored(self, sig: Any, target_context: Any) -> bool:
+        """True if the store has it."""
+        where = self._stamp(sig, target_context.codegen())
+        return where is not None and store.holds(where)
+
+    def _stamp(self, sig: Any, codegen: Any) -> str | None:
+        """All that the machine code depends on; None if that cannot be told, or there is no store."""
+        if not self._enabled or store.folder() is None:
+            return None
+        try:
+            if self._described is None:
+                self._described = stamp(self._function, self._options)
+            name = f"{self._function.__module__}:{self._function.__qualname__}"
+            return json.dumps([name, self._described, type_text(sig), codegen.magic_tuple(), toolchain()])
+        except UnkeyableError:
+            return None
+
+
+@cache
+def type_text(kind: Any) -> str:
+    """Argument types as text that tells them apart, the same in every process.
+
+    Numba's own text of a named tuple has neither its module nor the names and order of its fields, which machine code
+    depends on; they stand behind it.
+
+    Raises:
+        UnkeyableError: The type is of one process, such as that of a function as an argument.
+    """
+    if hasattr(kind, "args") and hasattr(kind, "return_type"):  # a signature; what it returns follows from the code
+        kind = tuple(kind.args)
+    if isinstance(kind, tuple):
+        return f"({', '.join(map(type_text, kind))})"
+    text = str(kind)
+    if " at 0x" in text:
+        raise UnkeyableError(text)
+    return " ".join([text, *dict.fromkeys(_named_tuples(kind))])
+
+
+def _named_tuples(kind: Any) -> Iterator[str]:
+    """Classes of the named tuples within a type, with their fields."""
+    if isinstance(kind, (tuple, list)):
+        for part in kind:
+            yield from _named_tuples(part)
+    elif isinstance(kind, types.Type):
+        named = getattr(kind, "instance_class", None)
+        if named is not None:
+            yield f"{named.__module__}.{named.__qualname__}{named._fields}"
+        for part in vars(kind).values():
+            if part is not kind:
+                yield from _named_tuples(part)
+
+
+@cache
+def toolchain() -> list[Any]:
+    """Versions and settings that machine code depends on, besides the processor."""
+    versions = [numba.__version__, llvmlite.__version__, np.__version__]
+    python = [platform.python_implementation(), *platform.python_version_tuple()[:2]]
+    return [python, versions, [f"{name}={getattr(config, name, None)}" for name in _SETTINGS]]
+
+
+def _can_be_kept(compiled: Any) -> bool:
+    """True unless the machine code holds addresses of this process."""
+    return not compiled.library.has_dynamic_globals and not any(not each.can_cache for each in compiled.lifted)
+
+
+@cache
+def _trim_at_exit() -> None:
+    atexit.register(store.trim)

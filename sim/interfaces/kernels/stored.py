@@ -47,7 +47,7 @@ def kernel(function: Any = None, signature: Any = None, **options: Any) -> Any:
 
     Args:
         function: The function; None where the decorator is called with options.
-        signature: Types to compile for at once, and for these alone; None: those of each call.
+        signature: Types to compile for, on the first call, and for these alone; None: those of each call.
         **options: Of `numba.njit`, such as error_model="numpy".
 
     Returns:
@@ -60,9 +60,31 @@ def kernel(function: Any = None, signature: Any = None, **options: Any) -> Any:
         return compiled
     compiled._cache = StoredKernel(function, options)
     if signature is not None:
-        compiled.compile(signature)
-        compiled.disable_compile()
+        _compile_on_first_use(compiled, signature)
     return compiled
+
+
+def _compile_on_first_use(compiled: Any, signature: Any) -> None:
+    """Let `compiled` be made for one signature, when it is first called from Python or by another kernel.
+
+    Numba would make it when it is defined, so that an import compiles. Of both ways to a first call, the methods of the
+    object stand before those of its class until then.
+    """
+
+    def make() -> Any:
+        del compiled._compile_for_args, compiled.get_call_template
+        entry = compiled.compile(signature)
+        compiled.disable_compile()
+        return entry
+
+    def compile_for_args(*_args: Any, **_kws: Any) -> Any:
+        return make()
+
+    def get_call_template(args: Any, kws: Any) -> Any:
+        make()
+        return compiled.get_call_template(args, kws)
+
+    compiled._compile_for_args, compiled.get_call_template = compile_for_args, get_call_template
 
 
 def c_function(signature: Any, **options: Any) -> Callable[[Any], Any]:

@@ -38,9 +38,19 @@ def entry(x):
 def fixed(x):
     return entry(x)
 
+assert not fixed.signatures  # an import compiles nothing
+
 @c_function(types.float64(types.float64))
 def address(x):
     return 2.0 * fixed(x)
+
+assert address.ctypes(2.0) == 2.0 * fixed(2) == 2.0 * fixed(2.0)  # called by another kernel first
+try:
+    fixed("two")
+except TypeError:
+    assert len(fixed.signatures) == 1
+else:
+    raise AssertionError("of another type than the signature's")
 
 print(entry(2.0), fixed(2), address.ctypes(2.0), stored.counts.loaded, stored.counts.compiled, stored.counts.unkept)
 """

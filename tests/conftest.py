@@ -20,6 +20,11 @@ ROOT = Path(__file__).resolve().parents[1]
 FIXED_SEEDS = (1, 2)
 SCALE = float(os.environ.get("UUV_TOLERANCE_SCALE", "1"))
 
+# Byte code is written whatever the environment says: each process that a test starts would else translate all packages
+# anew, for 3 s.
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+sys.dont_write_bytecode = False
+
 if Path(sim.__file__ or "").resolve().parent != ROOT / "sim":
     pytest.exit(f"{sim.__file__} hides the room {ROOT / 'sim'}; rename it or take it off PYTHONPATH", returncode=2)
 

@@ -16,6 +16,8 @@ from models.meshes import open3d_loader
 from sim.interfaces.errors import MissingLibraryError
 from sim.runs.command_line import run_scenario
 
+pytest_plugins = ["skip_ceiling"]  # --most-skipped
+
 ROOT = Path(__file__).resolve().parents[1]
 FIXED_SEEDS = (1, 2)
 SCALE = float(os.environ.get("UUV_TOLERANCE_SCALE", "1"))

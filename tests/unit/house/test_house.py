@@ -128,7 +128,7 @@ def test_ci_runs_what_a_newcomer_is_told_to():
     tests = [command for command in commands_in(README) if " pytest" in command] or ["./uvw run pytest"]
     ci = ROOT / ".ci" / "run"
     assert os.access(ci, os.X_OK)
-    assert tests[0] in ci.read_text().splitlines()
+    assert any(line.endswith(f" {tests[0]}") for line in ci.read_text().splitlines())
 
 
 @pytest.mark.skipif(os.name != "posix", reason="uvw is for a POSIX shell")

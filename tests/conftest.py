@@ -1,6 +1,7 @@
 """Set up for every test: our rooms and no others, tolerances that scale together, scripts as a user runs them."""
 
 import os
+import re
 import sys
 from importlib import import_module
 from importlib.util import find_spec
@@ -15,6 +16,8 @@ import sim
 from models.meshes import open3d_loader
 from sim.interfaces.errors import MissingLibraryError
 from sim.runs.command_line import run_scenario
+
+pytest_plugins = ["skip_ceiling"]  # --most-skipped
 
 ROOT = Path(__file__).resolve().parents[1]
 FIXED_SEEDS = (1, 2)
@@ -96,8 +99,9 @@ def pytest_runtest_call():
 @pytest.hookimpl(wrapper=True)
 def pytest_make_collect_report(collector: pytest.Collector):
     report = yield
-    if report.failed and MissingLibraryError.__name__ in str(report.longrepr) and not os.environ.get("CI"):
-        report.outcome, report.longrepr = "skipped", (str(collector.path), 0, "Skipped: a library is missing")
+    reasons = re.findall(rf"{MissingLibraryError.__name__}: (.+)", str(report.longrepr)) if report.failed else []
+    if reasons and not os.environ.get("CI"):
+        report.outcome, report.longrepr = "skipped", (str(collector.path), 0, f"Skipped: {reasons[-1]}")
     return report
 
 

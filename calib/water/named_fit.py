@@ -186,13 +186,8 @@ def fit_blocks(
         for _ in range(_TRIES):
             held = reduced.H + damping * np.diag(np.diag(reduced.H))
             step = np.asarray(-np.linalg.solve(held, reduced.gradient), dtype=np.float64)
-            if straight:
-                moved = [p.moved(float(a), float(b)) for p, a, b in zip(parameters, x, step, strict=True)]
-                there = np.array(moved, dtype=np.float64)
-            else:
-                step = np.asarray(np.clip(step, -LONGEST_STEP, LONGEST_STEP), dtype=np.float64)
-                there = np.asarray(x + step, dtype=np.float64)
-            beside = [each + along for each, along in zip(y, reduced.own(step), strict=True)]
+            step, there = _moved(parameters, x, step, straight)
+            beside = _sums(y, reduced.own(step))
             reached = _cost(blocks.residuals(there, beside), there, beside)
             if reached < cost:
                 x, y, cost, damping = there, beside, reached, max(damping / 5.0, least)
@@ -229,6 +224,20 @@ class Reduced(NamedTuple):
     def own(self, step: Array) -> list[Array]:
         """Steps of each block's own numbers that go with a step (n,) of the parameters."""
         return [alone + slope @ step for alone, slope in self.eliminated]
+
+
+def _moved(parameters: Sequence[NamedParameter], x: Array, step: Array, straight: bool) -> tuple[Array, Array]:
+    """The step as it is taken, shortened unless `straight`, and the deviations (n,) after it."""
+    if straight:
+        moved = [p.moved(float(a), float(b)) for p, a, b in zip(parameters, x, step, strict=True)]
+        return step, np.array(moved, dtype=np.float64)
+
+    short = np.asarray(np.clip(step, -LONGEST_STEP, LONGEST_STEP), dtype=np.float64)
+    return short, np.asarray(x + short, dtype=np.float64)
+
+
+def _sums(own: Sequence[Array], steps: Sequence[Array]) -> list[Array]:
+    return [y + step for y, step in zip(own, steps, strict=True)]
 
 
 def _cost(residuals: Sequence[Array], x: Array, own: Sequence[Array]) -> float:

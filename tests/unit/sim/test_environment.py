@@ -14,12 +14,14 @@ import pytest
 if sys.version_info >= (3, 13):
     pytest.skip("dm_control has no packages for this Python", allow_module_level=True)
 
+from sim import environment  # isort: skip  # before dm_control, whose absence it names
+
 from dm_control.rl import control
 from dm_env.test_utils import EnvironmentTestMixin
 
 import models
 from models.vehicle import Vehicle
-from sim import environment, hydrodynamics
+from sim import hydrodynamics
 from sim.environment import HoverTask, PlantPhysics, hover
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import Command

@@ -11,21 +11,13 @@ actuator's gear, so that plant, allocation and MuJoCo use the same column.
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
+from types import ModuleType
 from typing import Any, Self
 
 import mujoco
 import numpy as np
 from numpy.typing import ArrayLike
 
-from models.water.thruster_curves import (
-    POLYNOMIAL,
-    QUADRATIC,
-    TABLE,
-    check_polynomial,
-    check_table,
-    pack_polynomial,
-    pack_table,
-)
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array, number
 
@@ -42,6 +34,13 @@ _PLAIN: dict[str, Any] = {
     "dyntype": mujoco.mjtDyn.mjDYN_NONE,
     "delay": 0.0,
 }
+
+
+def _compiled() -> ModuleType:
+    """`models.water.thruster_curves`: its kernels bring numba, which a model without thrusters does without."""
+    from models.water import thruster_curves
+
+    return thruster_curves
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -92,11 +91,11 @@ class Thruster:
         if self.polynomial is not None and self.table is not None:
             raise ConfigurationError("thruster: a polynomial or a table, not both")
         if self.polynomial is not None:
-            ends = [check_polynomial(side) for side in self.polynomial]
+            ends = [_compiled().check_polynomial(side) for side in self.polynomial]
         elif self.table is not None:
             if self.dead_band:
                 raise ConfigurationError("thruster dead_band: a table has its own, its commands of zero thrust")
-            ends = check_table(*self.table)
+            ends = _compiled().check_table(*self.table)
         else:
             return
         if not np.allclose(ends, (self.forward, self.reverse), rtol=1e-5):
@@ -122,7 +121,7 @@ class Thruster:
         """
         both = _pair((ahead, ahead if astern is None else astern), "polynomial")
         assert both is not None
-        forward, reverse = (check_polynomial(side) for side in both)
+        forward, reverse = (_compiled().check_polynomial(side) for side in both)
         return cls(forward=forward, reverse=reverse, polynomial=both, **figures)
 
     @classmethod
@@ -158,7 +157,7 @@ class Thruster:
                 f"thruster table: neutral {neutral} and full {full} must be finite, full above zero"
             )
         points = tuple(((x - neutral) / reach).tolist()), tuple(y.tolist())
-        forward, reverse = check_table(*points)
+        forward, reverse = _compiled().check_table(*points)
         return cls(forward=forward, reverse=reverse, table=points, **figures)
 
 
@@ -265,12 +264,12 @@ def _check_motor(name: str, field: Callable[[str], Any], refers: bool) -> None:
 def pack(thruster: Thruster) -> Array:
     """Encode `thruster` as a row: HEADER numbers, then its curve."""
     data: tuple[float, ...] = ()
-    kind = QUADRATIC
+    kind = _compiled().QUADRATIC
     if thruster.polynomial is not None:
         ahead, astern = thruster.polynomial
-        kind, data = POLYNOMIAL, (float(len(ahead)), *ahead, *astern)
+        kind, data = _compiled().POLYNOMIAL, (float(len(ahead)), *ahead, *astern)
     elif thruster.table is not None:
-        kind, data = TABLE, (*thruster.table[0], *thruster.table[1])
+        kind, data = _compiled().TABLE, (*thruster.table[0], *thruster.table[1])
     slew = thruster.slew_rate if np.isfinite(thruster.slew_rate) else 0.0
     # A right-handed propeller is driven about the thrust axis; the reaction turns the hull the other way.
     torque = -thruster.handedness * thruster.torque_per_thrust
@@ -300,10 +299,10 @@ def unpack(row: Array) -> Thruster:
     polynomial = table = None
     if len(data) != count or count < 0:
         raise ConfigurationError(f"thruster: its row of {len(row)} numbers is too short for a curve of {count}")
-    if kind == POLYNOMIAL:
+    if kind == _compiled().POLYNOMIAL:
         split = 1 + int(data[0]) if data else 0
         polynomial = (data[1:split], data[split:])
-    elif kind == TABLE:
+    elif kind == _compiled().TABLE:
         table = (data[: count // 2], data[count // 2 :])
     return Thruster(
         forward=float(row[FORWARD]),
@@ -322,7 +321,10 @@ def unpack(row: Array) -> Thruster:
 
 def carries(row: Array) -> bool:
     """True if a row of user data holds a thruster."""
-    return len(row) >= HEADER and row[STAMP] - _STAMP in (QUADRATIC, POLYNOMIAL, TABLE)
+    if len(row) < HEADER:
+        return False
+    known = _compiled()
+    return row[STAMP] - _STAMP in (known.QUADRATIC, known.POLYNOMIAL, known.TABLE)
 
 
 def read(model: mujoco.MjModel) -> tuple[np.ndarray, Array]:
@@ -355,15 +357,15 @@ def read(model: mujoco.MjModel) -> tuple[np.ndarray, Array]:
 
 def curves(table: Array) -> Array:
     """Static curves (m, ...) of thruster rows `table` (m, ...), for the kernels of `models.water.thruster_curves`."""
-    thrusters = [unpack(row) for row in table]
+    thrusters, rows = [unpack(row) for row in table], _compiled()
     ready = []
     for thruster in thrusters:
         if thruster.table is not None:
-            ready.append(pack_table(*thruster.table, thruster.least_thrust))
+            ready.append(rows.pack_table(*thruster.table, thruster.least_thrust))
         else:
-            kind = QUADRATIC if thruster.polynomial is None else POLYNOMIAL
+            kind = rows.QUADRATIC if thruster.polynomial is None else rows.POLYNOMIAL
             sides = thruster.polynomial or ((0.0, thruster.forward), (0.0, thruster.reverse))
-            ready.append(pack_polynomial(kind, *sides, thruster.dead_band, thruster.least_thrust))
+            ready.append(rows.pack_polynomial(kind, *sides, thruster.dead_band, thruster.least_thrust))
     width = max(map(len, ready), default=0)
     return np.array([np.pad(curve, (0, width - len(curve))) for curve in ready]).reshape(len(ready), width)
 

@@ -15,7 +15,7 @@ from controllers.tuning import table
 from models.meshes import ray_casting
 from scenarios import first_start
 from scenarios.assembly import Assembly, assemble
-from scenarios.contact_parts import SURVEY
+from scenarios.kinds import SURVEY
 from scenarios.runner import Run, SignalStop, assessed, rehearse, run_through
 from scenarios.scenario import Scenario
 from scenarios.scenario_file import as_dict, write_scenario

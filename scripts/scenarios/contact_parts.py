@@ -19,14 +19,13 @@ from controllers.hull.hull_control import Term, WithoutCompensation, WithoutTerm
 from controllers.safety.safety_wrapper import SafetyWrapper
 from controllers.tool_control import FromReference
 from controllers.tuning import DRIVE_PERIOD, ELASTIC_GEARS, ArmTuning
-from controllers.work_controller import WorkController
 from models.arms import dh_geometry
 from models.naming import ARM_BASE_BODY, HULL_BODY, TIP_SITE
 from models.own.complete import computed
-from models.registry import Registry
 from models.vehicle import Vehicle
 from perception.clouds.scan import SensorModel
 from perception.clouds.sonar_cloud import sonar_model
+from scenarios.kinds import CONTROLLERS, SENSORS
 from scenarios.own_vehicle import OwnVehicle, vehicle_spec
 from scenarios.scenario import Belief, Control, VehicleSetup
 from scenarios.tasks.task import Task
@@ -37,7 +36,6 @@ from sim.sensors.depth_camera import DepthCamera
 from sim.sensors.sonar import BEAMS, Sonar
 from sim.sensors.survey import Survey
 
-SURVEY = "survey"  # sensor: the object's pose is known, and nothing looks for it
 _TERMS: dict[str, Term] = {"hydrodynamic-term": "hydrodynamic", "dynamic-term": "dynamic", "contact-term": "contact"}
 _FOREIGN = 100  # characters kept of the message of a foreign error
 _CONTROLLER, _ESTIMATOR = "--controller", "--estimator"  # begin the messages about them
@@ -99,28 +97,27 @@ def exteroceptive_sensor(kind: str, model: mujoco.MjModel, X_BS: Array) -> tuple
     return SENSORS.load(kind, model=model, X_BS=X_BS)
 
 
-def _camera(model: mujoco.MjModel, X_BS: Array) -> tuple[Sensor, SensorModel | None]:
+def camera(model: mujoco.MjModel, X_BS: Array) -> tuple[Sensor, SensorModel | None]:
+    """Stereo depth camera at `X_BS` (4, 4) on the hull."""
     return DepthCamera(model, HULL_BODY, X_BS), None
 
 
-def _sonar(model: mujoco.MjModel, X_BS: Array) -> tuple[Sensor, SensorModel | None]:
+def sonar(model: mujoco.MjModel, X_BS: Array) -> tuple[Sensor, SensorModel | None]:
+    """Multibeam 3D sonar at `X_BS` (4, 4) on the hull."""
     return Sonar(model, HULL_BODY, X_BS), sonar_model(BEAMS.pitch)
 
 
-def _survey(model: mujoco.MjModel, X_BS: Array) -> tuple[Sensor, SensorModel | None]:
+def survey(model: mujoco.MjModel, X_BS: Array) -> tuple[Sensor, SensorModel | None]:
+    """None: the object's pose is known (--target-pose known)."""
     del X_BS  # nothing looks
     return Survey(model), None
-
-
-SENSORS = Registry("sensor", {"camera": _camera, "sonar": _sonar, SURVEY: _survey})
-CONTROLLERS: Registry[Controller] = Registry("controller", {"work": WorkController})
 
 
 def ablated(without: Set[str], own: mujoco.MjModel, water_error: float) -> dict[str, Any]:
     """Keyword arguments of `WorkController` that leave methods out; none where nothing is left out.
 
     Args:
-        without: methods to leave out, each one of `scenarios.scenario.Method`.
+        without: methods to leave out, each one of `scenarios.methods.Method`.
         own: the vehicle's model of itself.
         water_error: [-] share by which its hydrodynamic coefficients are wrong.
 
@@ -147,7 +144,7 @@ def as_published(methods: Set[str], own: mujoco.MjModel, water_error: float) -> 
     """Keyword arguments of `WorkController` for methods as in [Konoplin 2022]; none where none is chosen.
 
     Args:
-        methods: each one of `scenarios.scenario.PublishedMethod`.
+        methods: each one of `scenarios.methods.PublishedMethod`.
         own: the vehicle's model of itself.
         water_error: [-] share by which its hydrodynamic coefficients are wrong.
 

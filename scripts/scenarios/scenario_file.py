@@ -190,7 +190,7 @@ def _kind_of(value: Any) -> str:
     """Name under which a registry makes the class of `value`; MODULE:CLASS for one that is in none."""
     registry = next(known for base, known in registries().items() if isinstance(value, base))
     own = f"{type(value).__module__}:{type(value).__qualname__}"
-    return next((name for name in registry.names() if registry.maker(name) is type(value)), own)
+    return registry.name_of(type(value)) or own
 
 
 def _lines(nested: Mapping[str, Any], name: str) -> list[str]:

@@ -21,11 +21,6 @@ JOBS = {  # `uuv run`: name and class of its options in `scenarios.options`
     "sample-seabed": "SeabedOptions",
     "inspect-object": "InspectionOptions",
 }
-_SENSORS = {  # made by functions without a line of their own
-    "camera": "Stereo depth camera.",
-    "sonar": "Multibeam 3D sonar.",
-    "survey": "None: the object's pose is known (--target-pose known).",
-}
 _GROUP = "uuv_arm"  # of entry points, as in `models.registry`
 _WIDTH = 88  # characters of a line about a thing
 
@@ -101,11 +96,12 @@ def things(kind: str) -> Iterator[tuple[str, str]]:
         case "soil":
             yield from _documented(ROOT / "models" / "site" / "soil.py", "SOILS")
         case "sensor":
-            for name in _keys(HOME / "scenarios" / "contact_parts.py", "SENSORS"):
-                yield name, _SENSORS.get(name, "")
+            documented = _definitions(HOME / "scenarios" / "contact_parts.py")
+            for name in _keys(HOME / "scenarios" / "kinds.py", "SENSORS"):
+                yield name, documented.get(name, "")
         case "controller":
             classes = _definitions(ROOT / "controllers" / "work_controller.py")
-            for name in _keys(HOME / "scenarios" / "contact_parts.py", "CONTROLLERS"):
+            for name in _keys(HOME / "scenarios" / "kinds.py", "CONTROLLERS"):
                 yield name, classes["WorkController"]
         case "task" | "perturbation":
             folder = HOME / "scenarios" / f"{kind}s"
@@ -181,13 +177,13 @@ def _assigned(file: Path, variable: str) -> ast.expr:
 
 
 def _kinds(file: Path) -> list[tuple[str, str]]:
-    """Names of the things that a function's dictionary lists, and of their classes."""
+    """Names of the things that a function's dictionary lists, and of their classes, which it has as MODULE:CLASS."""
     for inner in ast.walk(_tree(file)):
         if isinstance(inner, ast.Dict) and inner.keys:
             return [
-                (_word(key), value.attr if isinstance(value, ast.Attribute) else value.id)
+                (_word(key), _word(value).rpartition(":")[2])
                 for key, value in zip(inner.keys, inner.values, strict=True)
-                if isinstance(key, ast.Constant) and isinstance(value, ast.Attribute | ast.Name)
+                if isinstance(key, ast.Constant)
             ]
     return []
 

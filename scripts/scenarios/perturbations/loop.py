@@ -1,7 +1,7 @@
 """Perturbations of the loop: misplaced surface, failure of a thruster or of a sensor."""
 
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -11,11 +11,18 @@ from sim.interfaces.messages import Measurement, StateEstimate, Target, WorkStat
 from sim.interfaces.protocols import TargetFinder
 from sim.interfaces.spatial import finite_number, readonly, shown
 from sim.loop.rollout import Observer
-from sim.plant.faults import FaultyPlant, FaultySensor, Fixed, Frozen, Lost, Offset, Onset, SensorFault, ThrusterFault
-from sim.plant.plant import Plant
-from sim.sensors.proprioception import Dvl, Encoders, Imu, JointTorqueSensors, VisionDrift
+from sim.plant.onset import Onset
 
-SENSORS = {"encoders": Encoders, "torque": JointTorqueSensors, "imu": Imu, "dvl": Dvl, "vision": VisionDrift}
+if TYPE_CHECKING:
+    from sim.plant.faults import SensorFault
+
+SENSORS = {  # and their classes in `sim.sensors.proprioception`
+    "encoders": "Encoders",
+    "torque": "JointTorqueSensors",
+    "imu": "Imu",
+    "dvl": "Dvl",
+    "vision": "VisionDrift",
+}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -114,6 +121,9 @@ class ThrusterFailure(Failure):
 
     def on_loop(self, loop: Loop) -> Loop:
         """Wraps the plant."""
+        from sim.plant.faults import FaultyPlant, ThrusterFault
+        from sim.plant.plant import Plant
+
         plant = loop.plant
         sound: Any = plant
         while isinstance(sound, FaultyPlant):
@@ -145,7 +155,10 @@ class SensorFailure(Failure):
 
     def on_loop(self, loop: Loop) -> Loop:
         """Wraps the sensor."""
-        onset, kind = self.onset(), SENSORS[self.sensor]
+        from sim.plant.faults import FaultySensor
+        from sim.sensors import proprioception
+
+        onset, kind = self.onset(), getattr(proprioception, SENSORS[self.sensor])
         sensors = [
             FaultySensor(sensor, self._fault(), onset) if isinstance(getattr(sensor, "sound", sensor), kind) else sensor
             for sensor in loop.parts.sensors
@@ -154,7 +167,9 @@ class SensorFailure(Failure):
             loop, parts=replace(loop.parts, sensors=sensors), observers=(*loop.observers, *self._observers(onset))
         )
 
-    def _fault(self) -> SensorFault:
+    def _fault(self) -> "SensorFault":
+        from sim.plant.faults import Fixed, Frozen, Lost, Offset
+
         match self.effect:
             case "lost":
                 return Lost()

@@ -82,23 +82,21 @@ def perturb(spec: mujoco.MjSpec, perturbations: Iterable[Perturbation], seed: in
 @cache
 def registry() -> Registry[Perturbation]:
     """All kinds of perturbation, those of other packages included."""
-    from scenarios.perturbations import elastic_gears, loop, pad, sensing, target, vehicle
-
-    kinds: dict[str, type[Perturbation]] = {
-        "Water": vehicle.Water,
-        "Payload": vehicle.Payload,
-        "Thrusters": vehicle.ThrusterSpread,
-        "Gears": vehicle.Gears,
-        "Pad": pad.Pad,
-        "ElasticGears": elastic_gears.ElasticGears,
-        "WanderingVision": sensing.WanderingVision,
-        "DriftingTorque": sensing.DriftingTorque,
-        "AttitudeError": sensing.AttitudeError,
-        "MovingObject": target.MovingObject,
-        "MountedObject": target.MountedObject,
-        "MisplacedSurface": loop.MisplacedSurface,
-        "PushedObject": target.PushedObject,
-        "ThrusterFailure": loop.ThrusterFailure,
-        "SensorFailure": loop.SensorFailure,
+    kinds = {
+        "Water": "scenarios.perturbations.vehicle:Water",
+        "Payload": "scenarios.perturbations.vehicle:Payload",
+        "Thrusters": "scenarios.perturbations.vehicle:ThrusterSpread",
+        "Gears": "scenarios.perturbations.vehicle:Gears",
+        "Pad": "scenarios.perturbations.pad:Pad",
+        "ElasticGears": "scenarios.perturbations.elastic_gears:ElasticGears",
+        "WanderingVision": "scenarios.perturbations.sensing:WanderingVision",
+        "DriftingTorque": "scenarios.perturbations.sensing:DriftingTorque",
+        "AttitudeError": "scenarios.perturbations.sensing:AttitudeError",
+        "MovingObject": "scenarios.perturbations.target:MovingObject",
+        "MountedObject": "scenarios.perturbations.target:MountedObject",
+        "MisplacedSurface": "scenarios.perturbations.loop:MisplacedSurface",
+        "PushedObject": "scenarios.perturbations.target:PushedObject",
+        "ThrusterFailure": "scenarios.perturbations.loop:ThrusterFailure",
+        "SensorFailure": "scenarios.perturbations.loop:SensorFailure",
     }
     return Registry("perturbation", kinds)

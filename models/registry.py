@@ -17,11 +17,13 @@ heavy is imported.
 import importlib
 import inspect
 from collections.abc import Callable, Mapping
-from importlib.metadata import EntryPoint, entry_points
-from typing import Any, Generic, TypeVar, cast
+from typing import TYPE_CHECKING, Any, Generic, TypeVar, cast
 
 from sim.interfaces.errors import ConfigurationError, UuvError, did_you_mean
 from sim.interfaces.spatial import shown
+
+if TYPE_CHECKING:
+    from importlib.metadata import EntryPoint
 
 T = TypeVar("T")
 GROUP = "uuv_arm"  # of entry points, with the kind behind a dot
@@ -117,8 +119,10 @@ class Registry(Generic[T]):
                 return name
         return next((name for name in self._of_packages() if self.maker(name) is make), None)
 
-    def _of_packages(self) -> dict[str, EntryPoint]:
+    def _of_packages(self) -> "dict[str, EntryPoint]":
         if self._found is None:
+            from importlib.metadata import entry_points
+
             points = entry_points(group=f"{GROUP}.{self.kind}")
             self._found = {point.name: point for point in points if point.name not in self._built_in}
         return self._found
@@ -135,7 +139,7 @@ class Registry(Generic[T]):
             raise ConfigurationError(f"{self.kind} {shown(name)}: must be callable")
         return cast(Callable[..., T], make)
 
-    def _imported(self, point: EntryPoint) -> Callable[..., T]:
+    def _imported(self, point: "EntryPoint") -> Callable[..., T]:
         package = point.dist.name if point.dist else "an unknown package"
         try:
             make: Any = point.load()

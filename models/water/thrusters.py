@@ -11,7 +11,6 @@ actuator's gear, so that plant, allocation and MuJoCo use the same column.
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
-from types import ModuleType
 from typing import Any, Self
 
 import mujoco
@@ -25,6 +24,7 @@ from sim.interfaces.spatial import Array, number
 FORWARD, REVERSE, DEAD_BAND, TIME_CONSTANT, INFLOW_LOSS, SLEW_RATE, TORQUE, LEAST, STAMP, COUNT = range(10)
 HEADER = 10  # columns before the data of the curve
 _STAMP = 745510.0  # plus the kind of the curve: identifies our rows among foreign user data
+_QUADRATIC, _POLYNOMIAL, _TABLE = range(3)  # kinds, as rows state them
 
 _XML = 1e-5  # tolerance of a gear, which may come from a file of six digits
 _PLAIN: dict[str, Any] = {
@@ -34,13 +34,6 @@ _PLAIN: dict[str, Any] = {
     "dyntype": mujoco.mjtDyn.mjDYN_NONE,
     "delay": 0.0,
 }
-
-
-def _compiled() -> ModuleType:
-    """`models.water.thruster_curves`: its kernels bring numba, which a model without thrusters does without."""
-    from models.water import thruster_curves
-
-    return thruster_curves
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -90,14 +83,17 @@ class Thruster:
             )
         if self.polynomial is not None and self.table is not None:
             raise ConfigurationError("thruster: a polynomial or a table, not both")
+        if self.polynomial is None and self.table is None:
+            return
+        from models.water.thruster_curves import check_polynomial, check_table  # bring numba
+
         if self.polynomial is not None:
-            ends = [_compiled().check_polynomial(side) for side in self.polynomial]
-        elif self.table is not None:
+            ends = [check_polynomial(side) for side in self.polynomial]
+        else:
+            assert self.table is not None
             if self.dead_band:
                 raise ConfigurationError("thruster dead_band: a table has its own, its commands of zero thrust")
-            ends = _compiled().check_table(*self.table)
-        else:
-            return
+            ends = check_table(*self.table)
         if not np.allclose(ends, (self.forward, self.reverse), rtol=1e-5):
             raise ConfigurationError(
                 f"thruster forward and reverse: the curve ends at {ends[0]} and {ends[1]} N, got {self.forward}, "
@@ -119,9 +115,11 @@ class Thruster:
         Raises:
             ConfigurationError: a side that does not rise.
         """
+        from models.water.thruster_curves import check_polynomial
+
         both = _pair((ahead, ahead if astern is None else astern), "polynomial")
         assert both is not None
-        forward, reverse = (_compiled().check_polynomial(side) for side in both)
+        forward, reverse = (check_polynomial(side) for side in both)
         return cls(forward=forward, reverse=reverse, polynomial=both, **figures)
 
     @classmethod
@@ -147,6 +145,8 @@ class Thruster:
         Raises:
             ConfigurationError: commands or thrusts that do not rise, or thrusts of one sign.
         """
+        from models.water.thruster_curves import check_table
+
         neutral, full = number(neutral, "thruster neutral"), None if full is None else number(full, "thruster full")
         given = _pair((command, thrust), "table")
         assert given is not None
@@ -157,7 +157,7 @@ class Thruster:
                 f"thruster table: neutral {neutral} and full {full} must be finite, full above zero"
             )
         points = tuple(((x - neutral) / reach).tolist()), tuple(y.tolist())
-        forward, reverse = _compiled().check_table(*points)
+        forward, reverse = check_table(*points)
         return cls(forward=forward, reverse=reverse, table=points, **figures)
 
 
@@ -264,12 +264,12 @@ def _check_motor(name: str, field: Callable[[str], Any], refers: bool) -> None:
 def pack(thruster: Thruster) -> Array:
     """Encode `thruster` as a row: HEADER numbers, then its curve."""
     data: tuple[float, ...] = ()
-    kind = _compiled().QUADRATIC
+    kind = _QUADRATIC
     if thruster.polynomial is not None:
         ahead, astern = thruster.polynomial
-        kind, data = _compiled().POLYNOMIAL, (float(len(ahead)), *ahead, *astern)
+        kind, data = _POLYNOMIAL, (float(len(ahead)), *ahead, *astern)
     elif thruster.table is not None:
-        kind, data = _compiled().TABLE, (*thruster.table[0], *thruster.table[1])
+        kind, data = _TABLE, (*thruster.table[0], *thruster.table[1])
     slew = thruster.slew_rate if np.isfinite(thruster.slew_rate) else 0.0
     # A right-handed propeller is driven about the thrust axis; the reaction turns the hull the other way.
     torque = -thruster.handedness * thruster.torque_per_thrust
@@ -299,10 +299,10 @@ def unpack(row: Array) -> Thruster:
     polynomial = table = None
     if len(data) != count or count < 0:
         raise ConfigurationError(f"thruster: its row of {len(row)} numbers is too short for a curve of {count}")
-    if kind == _compiled().POLYNOMIAL:
+    if kind == _POLYNOMIAL:
         split = 1 + int(data[0]) if data else 0
         polynomial = (data[1:split], data[split:])
-    elif kind == _compiled().TABLE:
+    elif kind == _TABLE:
         table = (data[: count // 2], data[count // 2 :])
     return Thruster(
         forward=float(row[FORWARD]),
@@ -321,10 +321,7 @@ def unpack(row: Array) -> Thruster:
 
 def carries(row: Array) -> bool:
     """True if a row of user data holds a thruster."""
-    if len(row) < HEADER:
-        return False
-    known = _compiled()
-    return row[STAMP] - _STAMP in (known.QUADRATIC, known.POLYNOMIAL, known.TABLE)
+    return len(row) >= HEADER and row[STAMP] - _STAMP in (_QUADRATIC, _POLYNOMIAL, _TABLE)
 
 
 def read(model: mujoco.MjModel) -> tuple[np.ndarray, Array]:
@@ -357,7 +354,9 @@ def read(model: mujoco.MjModel) -> tuple[np.ndarray, Array]:
 
 def curves(table: Array) -> Array:
     """Static curves (m, ...) of thruster rows `table` (m, ...), for the kernels of `models.water.thruster_curves`."""
-    thrusters, rows = [unpack(row) for row in table], _compiled()
+    from models.water import thruster_curves as rows
+
+    thrusters = [unpack(row) for row in table]
     ready = []
     for thruster in thrusters:
         if thruster.table is not None:

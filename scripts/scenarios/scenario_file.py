@@ -44,6 +44,7 @@ from sim.runs.saving import write_whole
 
 PERTURBATIONS = "perturbations"
 KIND = "kind"
+SCENARIO_FILE = "scenario.toml"  # in the folder of every run
 _MOST = 1_000_000  # [characters] of a file
 
 
@@ -191,6 +192,14 @@ def _kind_of(value: Any) -> str:
     registry = next(known for base, known in registries().items() if isinstance(value, base))
     own = f"{type(value).__module__}:{type(value).__qualname__}"
     return registry.name_of(type(value)) or own
+
+
+def flat(nested: dict[str, Any], before: str = "") -> dict[str, Any]:
+    """Values of nested tables by their keys, joined by dots."""
+    found: dict[str, Any] = {}
+    for key, value in nested.items():
+        found |= flat(value, f"{before}{key}.") if isinstance(value, dict) else {before + key: value}
+    return found
 
 
 def _lines(nested: Mapping[str, Any], name: str) -> list[str]:

@@ -91,6 +91,11 @@ class GearIdentificationTask(Task):
     def __post_init__(self) -> None:
         finite_number(self.seconds, "--seconds [s]", least=SHORTEST, most=LONGEST)
 
+    def check_inputs(self, scenario: Scenario) -> None:
+        """Refuses a site with an object."""
+        super().check_inputs(scenario)
+        object_of(scenario, OpenWater)
+
     def place(self, scenario: Scenario, own: OwnVehicle, rng: np.random.Generator) -> "FrictionCase":
         """The swings in open water."""
         object_of(scenario, OpenWater)

@@ -4,7 +4,9 @@ Nothing of it is imported, which takes seconds: names and first lines of docstri
 """
 
 import ast
+import shutil
 import sys
+import textwrap
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -22,7 +24,8 @@ JOBS = {  # `uuv run`: name and class of its options in `scenarios.options`
     "inspect-object": "InspectionOptions",
 }
 _GROUP = "uuv_arm"  # of entry points, as in `models.registry`
-_WIDTH = 88  # characters of a line about a thing
+_WIDTH = 120  # characters of a line where the output is no terminal
+_LEAST = 40  # characters of what is said about a thing, in a narrow terminal
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,8 +51,9 @@ SHELVES = (
 )
 
 
-def main(args: Sequence[str]) -> int:
+def main(verb: str, args: Sequence[str]) -> int:
     """Prints all kinds, or those named; returns the exit code."""
+    del verb
     kinds = [shelf.kind for shelf in SHELVES]
     wanted = [arg.removesuffix("s") if arg.removesuffix("s") in kinds else arg for arg in args]
     wanted = ["study" if one == "studies" else one for one in wanted]
@@ -62,12 +66,13 @@ def main(args: Sequence[str]) -> int:
 
             print(f"error: no kind {one!r}; there are {', '.join(kinds)}{did_you_mean(one, kinds)}", file=sys.stderr)
             return 2
+    columns = shutil.get_terminal_size((_WIDTH, 0)).columns
     blocks = []
     for shelf in SHELVES:
         if not wanted or shelf.kind in wanted:
             names = list(things(shelf.kind))
             wide = max((len(name) for name, _ in names), default=0)
-            lines = [f"  {name:<{wide}}  {_cut(said)}".rstrip() for name, said in names]
+            lines = [_entry(f"  {name:<{wide}}  ", said, columns) for name, said in names]
             plural = {"study": "studies"}.get(shelf.kind, shelf.kind + "s")
             blocks.append("\n".join([f"{plural}  ({shelf.use})", *lines]))
     print("\n\n".join(blocks))
@@ -193,5 +198,8 @@ def _word(node: ast.expr | None) -> str:
     return node.value if isinstance(node, ast.Constant) and isinstance(node.value, str) else ""
 
 
-def _cut(text: str) -> str:
-    return text if len(text) <= _WIDTH else text[: _WIDTH - 3].rstrip() + "..."
+def _entry(begin: str, said: str, columns: int) -> str:
+    """A thing and what is said about it, in as many lines as that takes."""
+    room = max(_LEAST, columns - len(begin))
+    lines = textwrap.wrap(said, room, break_long_words=False, break_on_hyphens=False) or [""]
+    return f"\n{' ' * len(begin)}".join([f"{begin}{lines[0]}".rstrip(), *lines[1:]])

@@ -1,10 +1,13 @@
 """Perturbations of the loop: misplaced surface, failure of a thruster or of a sensor."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Literal
 
+import mujoco
 import numpy as np
 
+from models.vehicle import thruster_names
 from scenarios.perturbations.perturbation import Loop, Perturbation
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import Measurement, StateEstimate, Target, WorkState
@@ -119,6 +122,10 @@ class ThrusterFailure(Failure):
     share: float = 0.0  # from 0 to 1
     stuck: bool = False
 
+    def check_inputs(self, spec: mujoco.MjSpec) -> None:
+        """Refuses a thruster that the vehicle has not."""
+        self._index(thruster_names(spec.compile()))
+
     def on_loop(self, loop: Loop) -> Loop:
         """Wraps the plant."""
         from sim.plant.faults import FaultyPlant, ThrusterFault
@@ -132,15 +139,18 @@ class ThrusterFailure(Failure):
             raise ConfigurationError(
                 f"ThrusterFailure: comes before perturbations that wrap the plant, found {type(sound).__name__}"
             )
-        names = sound.vehicle.thruster_names
+        index, onset = self._index(sound.vehicle.thruster_names), self.onset()
+        fault = ThrusterFault(index, onset, self.share, self.stuck)
+        faulty: Any = FaultyPlant(sound, [*(plant.faults if isinstance(plant, FaultyPlant) else ()), fault])
+        return replace(loop, plant=faulty, observers=(*loop.observers, *self._observers(onset)))
+
+    def _index(self, names: Sequence[str]) -> int:
+        """Number of the thruster among `names`."""
         if self.thruster not in names:
             raise ConfigurationError(
                 f"ThrusterFailure thruster: allowed {', '.join(names)}, got {shown(self.thruster)}"
             )
-        onset = self.onset()
-        fault = ThrusterFault(names.index(self.thruster), onset, self.share, self.stuck)
-        faulty: Any = FaultyPlant(sound, [*(plant.faults if isinstance(plant, FaultyPlant) else ()), fault])
-        return replace(loop, plant=faulty, observers=(*loop.observers, *self._observers(onset)))
+        return names.index(self.thruster)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -42,6 +42,9 @@ class Perturbation:
 
     stream: ClassVar[int | None] = None  # of the random draws; None: by the class's name
 
+    def check_inputs(self, spec: mujoco.MjSpec) -> None:
+        """Refuses names that the vehicle `spec` has not, before anything is compiled; by default it names none."""
+
     def on_vehicle(self, spec: mujoco.MjSpec, rng: np.random.Generator) -> Mapping[str, float]:
         """Changes the true vehicle's spec in place, and returns means of the drawn factors by name."""
         return {}

@@ -10,6 +10,7 @@ from models.naming import HULL_BODY, TOOL_GEOM, find
 from models.objects.manifold import Hole
 from models.objects.targets import TargetModel
 from models.site import scenes
+from models.tools.sampler import SAMPLER
 from scenarios.own_vehicle import OwnVehicle
 from scenarios.scenario import Scenario
 from scenarios.site import HoleManifold, coarse_detection
@@ -46,6 +47,12 @@ class InsertionTask(Task):
     def tool(self) -> str:
         """The sampler."""
         return "sampler"
+
+    def check_inputs(self, scenario: Scenario) -> None:
+        """Refuses an object that is no manifold, and a hole that it has not."""
+        super().check_inputs(scenario)
+        site: HoleManifold = object_of(scenario, HoleManifold)
+        site.block(SAMPLER.radius).hole(self.hole)
 
     def place(self, scenario: Scenario, own: OwnVehicle, rng: np.random.Generator) -> "PlacedInsertion":
         """The insertion at the site's manifold; draws its pose and its coarse detection."""

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import mujoco
 import numpy as np
 
+from models.meshes import open3d_loader
 from models.naming import HULL_BODY, TOOL_GEOM
 from models.objects.targets import TargetModel
 from models.site import scenes
@@ -47,6 +48,14 @@ class InspectionTask(Task):
     speed: float = 0.15  # [m/s] of the hull
     cover: bool = False  # further levels, until all that can be seen is seen
     mesh: bool = False  # leave a mesh of what was seen, by Open3D
+
+    def check_inputs(self, scenario: Scenario) -> None:
+        """Refuses an object that there is not, and a mesh without Open3D."""
+        super().check_inputs(scenario)
+        workpiece: Workpiece = object_of(scenario, Workpiece)
+        workpiece.model()
+        if self.mesh:
+            open3d_loader.load()
 
     def place(self, scenario: Scenario, own: OwnVehicle, rng: np.random.Generator) -> "PlacedInspection":
         """The flight around the site's object; draws its pose and its coarse detection."""

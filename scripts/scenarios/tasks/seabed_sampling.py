@@ -62,6 +62,15 @@ class SeabedSamplingTask(Task):
         """Box or core tube."""
         return "box" if self.drag else "corer"
 
+    def check_inputs(self, scenario: Scenario) -> None:
+        """Refuses a site without ground, a soil that there is not, and files that cannot be read."""
+        super().check_inputs(scenario)
+        site: Ground = object_of(scenario, Ground)
+        SOILS.resolve(site.soil)
+        self._targets()
+        if self.cloud is not None:
+            read_cloud(self.cloud)
+
     def place(self, scenario: Scenario, own: OwnVehicle, rng: np.random.Generator) -> "PlacedSampling":
         """The work on the site's seabed; draws the terrain, heading and height of the start."""
         from controllers.tasks.seabed_work import SeabedJob

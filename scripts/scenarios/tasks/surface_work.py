@@ -73,16 +73,29 @@ class SurfaceWorkTask(Task):
         for force in self.forces:
             finite_number(force, "--forces [N]", above=0.0, most=_MOST_FORCE)
 
+    def check_inputs(self, scenario: Scenario) -> None:
+        """Refuses an object without surface, a path that it has not, and options that exclude each other."""
+        workpiece: Workpiece = object_of(scenario, Workpiece)
+        self._check_stops(scenario)
+        if scenario.sensing.follow:
+            check_follows(scenario)
+        workpiece.target(self.path)
+
+    def _check_stops(self, scenario: Scenario) -> None:
+        """Refuses stops for navigation where they tell nothing."""
+        if self.promise.stops is None:
+            return
+        for given, why in (
+            (scenario.sensing.arm_camera is not None, "--arm-camera: it sees more than stops tell"),
+            (self.contactless is not None, "--contactless: nothing holds the tool"),
+            ("fusion" in scenario.control.without, "--without fusion: nothing takes what they tell"),
+        ):
+            if given:
+                raise ConfigurationError(f"--stop-every (task.promise.stops) and {why}; one of the two")
+
     def place(self, scenario: Scenario, own: OwnVehicle, rng: np.random.Generator) -> "PlacedSurfaceWork":
         """The work on the site's object; draws its pose, its coarse detection, growth and dents."""
-        if self.promise.stops is not None:
-            for given, why in (
-                (scenario.sensing.arm_camera is not None, "--arm-camera: it sees more than stops tell"),
-                (self.contactless is not None, "--contactless: nothing holds the tool"),
-                ("fusion" in scenario.control.without, "--without fusion: nothing takes what they tell"),
-            ):
-                if given:
-                    raise ConfigurationError(f"--stop-every (task.promise.stops) and {why}; one of the two")
+        self._check_stops(scenario)
         workpiece: Workpiece = object_of(scenario, Workpiece)
         target, path = workpiece.target(self.path)
         if self.turn is not None:
@@ -178,10 +191,7 @@ class PlacedSurfaceWork(PlacedTask):
         """Follower of the clean object."""
         from perception.object_tracker import FoundObjectFollower
 
-        if self.scenario.sensing.sensor != "camera":
-            raise ConfigurationError(
-                f"--follow: takes depth frames; the sensor is {shown(self.scenario.sensing.sensor)}, not camera"
-            )
+        check_follows(self.scenario)
         return FoundObjectFollower(self.target, sensor=sensor)
 
     def job(self) -> "SurfaceTaskConfig":
@@ -240,6 +250,14 @@ class PlacedSurfaceWork(PlacedTask):
         from sim.reporting.report_figures import object_as_found
 
         return object_as_found(ran.recording, self.truth)
+
+
+def check_follows(scenario: Scenario) -> None:
+    """Refuses to follow an object without depth frames."""
+    if scenario.sensing.sensor != "camera":
+        raise ConfigurationError(
+            f"--follow: takes depth frames; the sensor is {shown(scenario.sensing.sensor)}, not camera"
+        )
 
 
 def first_force(scenario: Scenario) -> float:

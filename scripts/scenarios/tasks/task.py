@@ -29,6 +29,7 @@ if TYPE_CHECKING:  # a task is described, and refused, without the kernels of wh
     from sim.plant.soil_contact import SoilForce
 
 Pictures = Iterable[tuple[str, str, "Figure"]]  # title, caption, figure
+_NOT_FOLLOWED = "--follow: this task has no object that it could follow"
 _FARTHEST = 1e3  # [m] largest scan range, far beyond any sensor here
 
 
@@ -58,6 +59,17 @@ class Task(ABC):
     def tool(self) -> str | None:
         """Tool that the task needs, in place of one of another shape; None: the vehicle's own."""
         return None
+
+    def check_inputs(self, scenario: "Scenario") -> None:
+        """Refuses an object that is none for it, and names and files that there are not, before anything is compiled.
+
+        Calls nothing compiled. A task that follows an object overrides it, others add to it.
+
+        Raises:
+            ConfigurationError: Which one, what is allowed, and what was given.
+        """
+        if scenario.sensing.follow:
+            raise ConfigurationError(_NOT_FOLLOWED)
 
     @abstractmethod
     def place(self, scenario: "Scenario", own: "OwnVehicle", rng: np.random.Generator) -> "PlacedTask":
@@ -131,7 +143,7 @@ class PlacedTask(ABC):
             ConfigurationError: This task follows nothing.
         """
         del sensor
-        raise ConfigurationError("--follow: this task has no object that it could follow")
+        raise ConfigurationError(_NOT_FOLLOWED)
 
     @abstractmethod
     def planner(self) -> Planner:

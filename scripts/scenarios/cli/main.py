@@ -31,7 +31,7 @@ VERBS = {  # verb: module that has `main(verb, args) -> exit code`
     "picture": "scenarios.cli.picture",
     "check": "scenarios.cli.check_vehicle",
     "wet": "scenarios.cli.wet_model",
-    "identify-water": "scenarios.water_identification.command",
+    "identify-water": "scenarios.water_identification.options",
     "doctor": "scenarios.cli.doctor",
     "new": "scenarios.cli.skeletons",
     "completion": "scenarios.cli.completion",

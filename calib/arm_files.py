@@ -11,14 +11,12 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import mujoco
 import numpy as np
 
-from models.arms import dh_geometry, urdf
-from models.arms.kinematics import ROW
-from models.arms.serial_arm import SerialArm
+from models.arms import urdf
 from models.mjcf_files import read_mjcf
 from models.naming import ARM_BASE_BODY, TIP_SITE
 from models.yaml_files import document_of
@@ -35,6 +33,9 @@ from sim.interfaces.spatial import (
     real_array,
     shown,
 )
+
+if TYPE_CHECKING:
+    from models.arms.serial_arm import SerialArm
 
 Kind = Literal["dh", "yaml", "urdf", "mjcf"]
 _DH_NAMES = {
@@ -59,7 +60,7 @@ class ArmSource:
 
     path: Path
     kind: Kind
-    arm: SerialArm  # with the limits and joint names of the file
+    arm: "SerialArm"  # with the limits and joint names of the file
     base: str  # link or body whose frame is the arm's base
     tip: str  # link or site whose frame is the arm's flange
     tcp: Array = field(default_factory=lambda: readonly(np.zeros(3)))  # (3,) [m] tool point in the flange, if stated
@@ -164,6 +165,9 @@ def _of_rows(
 ) -> ArmSource:
     """An arm of rows given by name; units from the names ("alpha_deg", "d [mm]"), from `about`, or from the size."""
     notes: list[str] = []
+    from models.arms.kinematics import ROW
+    from models.arms.serial_arm import SerialArm  # its kernels compile on import: first what can be refused
+
     table = np.zeros((len(rows), ROW))
     stated = {"angle": "", "length": ""}
     units = about.get("units") or {}
@@ -281,6 +285,8 @@ def _of_ur(file: Path, joints: Any, digest: str, base: str | None, tip: str | No
         names.append(str(name))
     if not axes:
         raise ConfigurationError(f"arm {file}: kinematics holds no joints")
+    from models.arms.serial_arm import SerialArm
+
     return ArmSource(
         path=file,
         kind="yaml",
@@ -302,7 +308,7 @@ def _from_urdf(file: Path, raw: bytes, digest: str, base: str | None, tip: str |
 # MJCF
 
 
-def mjcf_arm(file: Path, base: str | None, tip: str | None) -> tuple[mujoco.MjSpec, SerialArm]:
+def mjcf_arm(file: Path, base: str | None, tip: str | None) -> "tuple[mujoco.MjSpec, SerialArm]":
     """Read the spec and the arm of an MJCF; joints without actuator (springs, pads) take no part if others have one.
 
     Args:
@@ -317,6 +323,8 @@ def mjcf_arm(file: Path, base: str | None, tip: str | None) -> tuple[mujoco.MjSp
         ConfigurationError: as `models.mjcf_files.read_mjcf` and `models.arms.dh_geometry.read`.
     """
     spec, model = read_mjcf(file, "arm")
+    from models.arms import dh_geometry
+
     return spec, dh_geometry.read(model, base or ARM_BASE_BODY, tip or TIP_SITE, exclude=_passive(model))
 
 

@@ -1,61 +1,64 @@
-"""Models of vehicles, arms, targets and scenes as MjSpec, with hydrodynamic and thruster tables. Nothing is stepped."""
+"""Models of vehicles, arms, targets and scenes as MjSpec, with hydrodynamic and thruster tables. Nothing is stepped.
 
-from collections.abc import Callable
+A vehicle's module is imported when it is loaded: `import models`, names and descriptions of files need no MuJoCo.
+"""
+
 from dataclasses import dataclass
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
 
-import mujoco
-import numpy as np
-
-from models import hydrodynamics
-from models.naming import HULL_BODY
 from models.registry import Registry
-from models.vehicles import bluerov2_heavy, phoenix_smart3s, reach_alpha_5, remus100, rexrov2, uuv_puma
-from models.water import thrusters
+
+if TYPE_CHECKING:
+    import mujoco
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Entry:
-    build: Callable[[], mujoco.MjSpec]
+    build: str  # MODULE:FUNCTION that returns an MjSpec
     source: str
 
 
 _MODELS = {
-    "uuv_puma": _Entry(build=uuv_puma.build, source="generic, of no real vehicle; estimates"),
+    "uuv_puma": _Entry(build="models.vehicles.uuv_puma:build", source="generic, of no real vehicle; estimates"),
     "uuv_puma_side": _Entry(
-        build=uuv_puma.build_side, source="uuv_puma with the arm on the port side, for vertical structures"
+        build="models.vehicles.uuv_puma:build_side",
+        source="uuv_puma with the arm on the port side, for vertical structures",
     ),
     "bluerov2_heavy_benzon2022": _Entry(
-        build=bluerov2_heavy.benzon_2022, source="von Benzon et al. 2022, JMSE 10(12):1898, table A1; T200 at 16 V"
+        build="models.vehicles.bluerov2_heavy:benzon_2022",
+        source="von Benzon et al. 2022, JMSE 10(12):1898, table A1; T200 at 16 V",
     ),
     "bluerov2_heavy_wu2018": _Entry(
-        build=bluerov2_heavy.wu_2018,
+        build="models.vehicles.bluerov2_heavy:wu_2018",
         source="Wu 2018, thesis, Flinders University, tables 5.1 and 5.2 (for fresh water, here ballasted for "
         "1025 kg/m^3); T200 at 16 V",
     ),
     "bluerov2_heavy_alpha5": _Entry(
-        build=bluerov2_heavy.with_alpha_5, source="von Benzon et al. 2022 with reach_alpha_5 under the bow"
+        build="models.vehicles.bluerov2_heavy:with_alpha_5",
+        source="von Benzon et al. 2022 with reach_alpha_5 under the bow",
     ),
     "phoenix_smart3s": _Entry(
-        build=phoenix_smart3s.build,
+        build="models.vehicles.phoenix_smart3s:build",
         source="SIMURV 4.0 (Antonelli 2013); hull: NPS AUV, Healey and Lienard 1993 (for fresh water, here "
         "ballasted for 1025 kg/m^3)",
     ),
     "rexrov2_arm7": _Entry(
-        build=rexrov2.with_arm_7,
+        build="models.vehicles.rexrov2:with_arm_7",
         source="RexROV 2 of UUV Simulator (Manhaes et al. 2016; Berg 2012) with the kinematics of a KUKA LBR iiwa 7",
     ),
     "uuv_puma_two_sway": _Entry(
-        build=uuv_puma.build_two_sway, source="uuv_puma with two sway thrusters, at bow and stern"
+        build="models.vehicles.uuv_puma:build_two_sway", source="uuv_puma with two sway thrusters, at bow and stern"
     ),
     "remus100": _Entry(
-        build=remus100.build,
+        build="models.vehicles.remus100:build",
         source="PythonVehicleSimulator (Fossen), remus100.py; propeller as a thruster, fins by remus100.fin_wrench",
     ),
     "reach_alpha_5": _Entry(
-        build=reach_alpha_5.build, source="Kolano et al., arXiv 2209.13577; friction: floating-KinDyn"
+        build="models.vehicles.reach_alpha_5:build", source="Kolano et al., arXiv 2209.13577; friction: floating-KinDyn"
     ),
 }
-VEHICLES = Registry(
+VEHICLES: "Registry[mujoco.MjSpec]" = Registry(
     "vehicle",
     {name: entry.build for name, entry in _MODELS.items()},
     {"bluerov2_heavy": "bluerov2_heavy_benzon2022"},  # the later set, and better attested
@@ -82,7 +85,7 @@ def available() -> tuple[str, ...]:
     return VEHICLES.names()
 
 
-def load(name: str) -> mujoco.MjSpec:
+def load(name: str) -> "mujoco.MjSpec":
     """Return a named model with its coefficients attached.
 
     Args:
@@ -109,6 +112,13 @@ def describe(name: str) -> Description:
     Raises:
         ConfigurationError: no model has that name.
     """
+    import mujoco
+    import numpy as np
+
+    from models import hydrodynamics
+    from models.naming import HULL_BODY
+    from models.water import thrusters
+
     spec = load(name)
     water = hydrodynamics.attached(spec)
     model = spec.compile()
@@ -130,3 +140,16 @@ def describe(name: str) -> Description:
 
 def _source(name: str) -> str:
     return _MODELS[name].source if name in _MODELS else "another package"
+
+
+if not TYPE_CHECKING:  # which sees modules that are imported, and no others
+
+    def __getattr__(name: str) -> Any:
+        """A module of this package, such as `models.hydrodynamics`, imported when it is first asked for."""
+        if not name.startswith("_"):
+            try:
+                return import_module(f"models.{name}")
+            except ModuleNotFoundError as error:
+                if error.name != f"models.{name}":
+                    raise
+        raise AttributeError(f"module 'models' has no attribute {name!r}")

@@ -14,7 +14,6 @@ from typing import Final
 import mujoco
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.special import elliprd
 
 from models.water.bounds import LONGEST, SEA_WATER, bounded, lengths, not_negative, positive, segment
 from models.water.forms import KINDS, Form, MunkFactor
@@ -597,6 +596,8 @@ def _ellipsoid_factors(axes: Array) -> Array:
 
     Equations (8) of article 114 and (5) of article 115.
     """
+    from scipy.special import elliprd
+
     squares = axes**2
     # Lamb's alpha_0 = abc int_0^inf dl / ((a^2 + l) Delta), which is 2/3 abc R_D.
     alpha = np.array(

@@ -1,12 +1,13 @@
 """Reader of users' MJCF files: each is read, compiled and validated once, with one clear error where it is wrong."""
 
+import re
 from pathlib import Path
 
 import mujoco
 import numpy as np
 
 from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.files import existing_file, text_of
+from sim.interfaces.files import bytes_of, existing_file, text_of
 from sim.interfaces.spatial import shown
 
 _LARGEST = 1e6  # [SI] magnitude beyond which a number is taken as an input error
@@ -28,6 +29,10 @@ def read_mjcf(file: str | Path, what: str) -> tuple[mujoco.MjSpec, mujoco.MjMode
     """
     path = existing_file(file, what)
     name = f"{what} {shown(str(path))}"
+    root = re.search(rb"<([A-Za-z][\w.-]*)", re.sub(rb"<!--.*?-->", b"", bytes_of(path, what), flags=re.DOTALL))
+    if root is None or not root[1].startswith(b"mujoco"):
+        found = "no XML" if root is None else f"XML with the root <{root[1].decode()}>"
+        raise ConfigurationError(f"{name}: {found}; what goes is an MJCF, root <mujoco>, or a URDF, root <robot>")
     try:
         if path.suffix.lower() == ".xml":
             spec = mujoco.MjSpec.from_file(str(path))

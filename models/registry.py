@@ -9,16 +9,21 @@ A package adds its own in its pyproject.toml; the group is the registry's kind, 
     wellhead = "my_package.objects:wellhead"
 
 Without a package, a name MODULE:ATTRIBUTE, such as my_objects:wellhead, is imported from the module path.
+
+A registry's own makers can be MODULE:ATTRIBUTE too: names are then known, and unknown ones refused, before anything
+heavy is imported.
 """
 
 import importlib
 import inspect
 from collections.abc import Callable, Mapping
-from importlib.metadata import EntryPoint, entry_points
-from typing import Any, Generic, TypeVar, cast
+from typing import TYPE_CHECKING, Any, Generic, TypeVar, cast
 
 from sim.interfaces.errors import ConfigurationError, UuvError, did_you_mean
 from sim.interfaces.spatial import shown
+
+if TYPE_CHECKING:
+    from importlib.metadata import EntryPoint
 
 T = TypeVar("T")
 GROUP = "uuv_arm"  # of entry points, with the kind behind a dot
@@ -28,13 +33,14 @@ class Registry(Generic[T]):
     """Makers by name for one kind of thing: "vehicle", "arm", "object", "tool", "soil", "sensor", "controller"."""
 
     def __init__(
-        self, kind: str, built_in: Mapping[str, Callable[..., T]], aliases: Mapping[str, str] | None = None
+        self, kind: str, built_in: Mapping[str, Callable[..., T] | str], aliases: Mapping[str, str] | None = None
     ) -> None:
         """Take the kind, its built-in makers by name, and other names for some of them.
 
         Args:
             kind: word that messages use, and the last part of the entry points' group.
-            built_in: makers by name; they take precedence over other packages' of the same name.
+            built_in: makers by name, or MODULE:ATTRIBUTE of one, imported when it is asked for; they take precedence
+                over other packages' of the same name.
             aliases: built-in names by alias.
         """
         self.kind = kind
@@ -101,20 +107,30 @@ class Registry(Generic[T]):
         """
         name = self.resolve(name)
         if name in self._built_in:
-            return self._built_in[name]
+            make = self._built_in[name]
+            return cast(Callable[..., T], _attribute(make)) if isinstance(make, str) else make
         return self._own(name) if ":" in name else self._imported(self._of_packages()[name])
 
-    def _of_packages(self) -> dict[str, EntryPoint]:
+    def name_of(self, make: Callable[..., T]) -> str | None:
+        """The name under which `make` is built in, or another package's; None: under none."""
+        place = f"{make.__module__}:{make.__qualname__}"
+        for name, known in self._built_in.items():
+            if known is make or known == place:
+                return name
+        return next((name for name in self._of_packages() if self.maker(name) is make), None)
+
+    def _of_packages(self) -> "dict[str, EntryPoint]":
         if self._found is None:
+            from importlib.metadata import entry_points
+
             points = entry_points(group=f"{GROUP}.{self.kind}")
             self._found = {point.name: point for point in points if point.name not in self._built_in}
         return self._found
 
     def _own(self, name: str) -> Callable[..., T]:
         """The callable MODULE:ATTRIBUTE of a user."""
-        module, _, attribute = name.partition(":")
         try:
-            make: Any = getattr(importlib.import_module(module), attribute)
+            make = _attribute(name)
         except (Exception, SystemExit) as error:
             raise ConfigurationError(
                 f"{self.kind} {shown(name)}: cannot be imported; {type(error).__name__}: {error}"
@@ -123,7 +139,7 @@ class Registry(Generic[T]):
             raise ConfigurationError(f"{self.kind} {shown(name)}: must be callable")
         return cast(Callable[..., T], make)
 
-    def _imported(self, point: EntryPoint) -> Callable[..., T]:
+    def _imported(self, point: "EntryPoint") -> Callable[..., T]:
         package = point.dist.name if point.dist else "an unknown package"
         try:
             make: Any = point.load()
@@ -134,3 +150,9 @@ class Registry(Generic[T]):
         if not callable(make):
             raise ConfigurationError(f"{self.kind} {point.name!r} of {package}: {point.value} must be callable")
         return cast(Callable[..., T], make)
+
+
+def _attribute(place: str) -> Any:
+    """What MODULE:ATTRIBUTE names."""
+    module, _, attribute = place.partition(":")
+    return getattr(importlib.import_module(module), attribute)

@@ -1,5 +1,6 @@
 """A vehicle in a compiled model: indices, limits, keyframes and thrusters, looked up once by `models.naming`."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import mujoco
@@ -94,13 +95,18 @@ class Vehicle:
             thruster_actuators=thruster_actuators,
             thruster_table=readonly(table),
             thruster_wrench=readonly(_thruster_wrench(model, hull, thruster_actuators)),
-            thruster_names=tuple(
-                mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_ACTUATOR, int(a))
-                .rpartition("/")[2]
-                .removeprefix("thruster_")
-                for a in thruster_actuators
-            ),
+            thruster_names=_names_of(model, thruster_actuators),
         )
+
+
+def thruster_names(model: mujoco.MjModel) -> tuple[str, ...]:
+    """Names of a vehicle's thrusters: those of their actuators without "thruster_", such as "heave_front"."""
+    return _names_of(model, thrusters.read(model)[0])
+
+
+def _names_of(model: mujoco.MjModel, actuators: Iterable[int]) -> tuple[str, ...]:
+    names = (mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_ACTUATOR, int(a)) for a in actuators)
+    return tuple(name.rpartition("/")[2].removeprefix("thruster_") for name in names)
 
 
 def pose_in_body(model: mujoco.MjModel, site: int, body: int) -> Array:

@@ -8,15 +8,15 @@ from scenarios.start import parse, run_scenario  # isort: skip
 
 import time
 
-from scenarios.command import command
 from scenarios.options import BarrelOptions as Options
+from scenarios.options import run_job
 
 
 def main() -> int:
     """Runs the scenario and returns the exit code."""
     started = time.perf_counter()
     options = parse(Options)
-    return command(options.scenario(), options, started)
+    return run_job(options.scenario(), options, started)
 
 
 if __name__ == "__main__":

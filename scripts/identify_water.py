@@ -9,12 +9,12 @@ first manoeuvre is planned.
 
 from scenarios.start import parse, run_scenario  # isort: skip
 
-from scenarios.water_identification.command import WaterOptions, console, run
+from scenarios.water_identification.options import WaterOptions, identify_water
 
 
 def main() -> int:
     """Identifies or plans, writes the results and returns the exit code."""
-    return run(parse(WaterOptions), console())
+    return identify_water(parse(WaterOptions))
 
 
 if __name__ == "__main__":

@@ -9,18 +9,15 @@ from scenarios.start import parse, run_scenario  # isort: skip
 
 import time
 
-from scenarios.campaigns.task_trials import command_trials
-from scenarios.command import command
 from scenarios.options import InsertionOptions as Options
+from scenarios.options import run_job
 
 
 def main() -> int:
     """Runs the scenario and returns the exit code."""
     started = time.perf_counter()
     options = parse(Options)
-    if options.trials:
-        return command_trials(options.scenario(), options)
-    return command(options.scenario(), options, started)
+    return run_job(options.scenario(), options, started)
 
 
 if __name__ == "__main__":

@@ -14,8 +14,7 @@ from typing import Annotated
 
 from tyro.conf import Positional, UseAppendAction
 
-from scenarios.command import command
-from scenarios.scenario_file import read_scenario, with_values
+from scenarios.options import run_job
 from sim.runs.command_line import RunOptions
 
 
@@ -35,10 +34,12 @@ def main() -> int:
     """Runs the scenario and returns the exit code."""
     started = time.perf_counter()
     options = parse(Options)
+    from scenarios.scenario_file import read_scenario, with_values
+
     scenario = with_values(read_scenario(options.file), tuple(itertools.chain(*options.set)))
     if options.seed is not None:
         scenario = replace(scenario, seed=options.seed)
-    return command(scenario, options, started)
+    return run_job(scenario, options, started)
 
 
 if __name__ == "__main__":

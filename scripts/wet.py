@@ -8,14 +8,15 @@ The same as `uuv wet`.
 
 from scenarios.start import parse, run_scenario  # isort: skip
 
-from rich.console import Console
-
 from scenarios.cli.wet_model import WetOptions, wet_model
 
 
 def main() -> int:
     """Writes the model, prints the table and returns the exit code."""
-    return wet_model(parse(WetOptions), Console())
+    options = parse(WetOptions)
+    from rich.console import Console
+
+    return wet_model(options, Console())
 
 
 if __name__ == "__main__":

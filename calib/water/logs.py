@@ -42,6 +42,7 @@ CHANNELS = {  # columns of each
     VELOCITY: ("vx", "vy", "vz"),
     DEPTH: ("depth",),
 }
+KINDS = "CSV, Parquet, or the folder of a recorded run"
 THRUSTER, THRUST, JOINT = "thruster.", "thrust.", "joint."
 SHORTEST = 4.0  # [s] of a log
 GAP = 0.5  # [s] without any row, beyond five usual steps
@@ -190,7 +191,13 @@ def write_log(file: Path, log: WaterLog) -> None:
 
 
 def _csv(path: Path) -> dict[str, Array]:
-    rows = csv.reader(io.StringIO(text_of(path, "log")))
+    try:
+        text = text_of(path, "log")
+    except ConfigurationError as error:
+        raise ConfigurationError(f"{error}; what goes is {KINDS}") from error
+    if "\0" in text:
+        raise ConfigurationError(f"log {path.name}: it is binary; what goes is {KINDS}")
+    rows = csv.reader(io.StringIO(text))
     head = [cell.strip() for cell in next(rows, [])]
     if twice := [cell for i, cell in enumerate(head) if cell in head[:i]]:
         raise ConfigurationError(f"log {path.name}: column {shown(twice[0])} is there twice")

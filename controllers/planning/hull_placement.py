@@ -38,13 +38,13 @@ from controllers.planning.path_poses import (
     tool_poses,
 )
 from controllers.planning.placement import Placement, PlacementSearch, Surroundings, out_of_reach
+from controllers.planning.promise import MOST_THRUST
 from models.objects.targets import TargetModel
 from models.vehicle import Vehicle
 from sim.interfaces.errors import ReachError, StrongCurrentError
 from sim.interfaces.messages import Target, ToolPath
 from sim.interfaces.spatial import Array, exp_so3, inverse, pose, readonly, transform_points
 
-MOST_THRUST = 0.95  # share of full thrust that push and steady current may take
 _TRAVELS = (0.0, 0.5, 1.0, 1.4)  # travels of the hull that are tried, as shares of the line between the path's ends
 _SHORTER = 0.04  # share of a path by which it is shortened per try, where it is too long
 _STILL = readonly(np.zeros(3))

@@ -8,9 +8,7 @@ are stated as covariances, so that the chance follows from them alone.
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import ndtr, ndtri
 
-from controllers.planning.hull_placement import MOST_THRUST
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import Promise, StateEstimate, Target
 from sim.interfaces.spatial import Array, finite_number
@@ -18,7 +16,8 @@ from sim.interfaces.spatial import Array, finite_number
 WANTED = 0.98  # chance from which on there is nothing to wait for
 NAVIGATION_TIME = 2.4  # [s] correlation time of the error of the estimated position; measured 1.1 to 3.5 s
 _PEAKS = 2.0  # independent values in that time, as far as the largest one is concerned
-_NODES = ndtri((np.arange(512) + 0.5) / 512.0)  # quantiles of the normal distribution
+MOST_THRUST = 0.95  # share of full thrust that push and steady current may take
+_QUANTILES = 512  # of the normal distribution, at which the constant part is summed
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -109,7 +108,9 @@ def _chance(held: float, moving: float, tolerance: float, looks: float) -> float
         tolerance: [m]
         looks: Number of the others.
     """
-    constant: Array = held * _NODES
+    from scipy.special import ndtr, ndtri
+
+    constant: Array = held * ndtri((np.arange(_QUANTILES) + 0.5) / _QUANTILES)
     moving = max(moving, 1e-9)
     inside = ndtr((tolerance - constant) / moving) - ndtr((-tolerance - constant) / moving)
     return float(np.mean(inside**looks))

@@ -2,51 +2,17 @@
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, fields, replace
-from typing import Self
+from dataclasses import dataclass, field
 
 from controllers.planning.path_poses import stretches
 from controllers.planning.promise import StopLimits
 from controllers.planning.trajectories import BEND, Progress, SpeedLaw, progress_along
+from controllers.tasks.approach_limits import ApproachLimits
 from controllers.tasks.arrival import Since
 from controllers.tasks.phase import ZERO, Abort, Context, Held, Outcome, Phase, PhaseEvent, Setpoint, towards, way_back
 from controllers.tasks.stops import Stops
-from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import AbortCode, StateEstimate
-from sim.interfaces.spatial import Array, finite_number
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ApproachLimits:
-    """Guarded approach to a surface."""
-
-    standoff: float = 0.1  # [m] distance to the surface from which the tool approaches
-    speed: float = 0.03  # [m/s] of the depth, farther than `guard` from the expected surface; also of the retreat
-    touch_speed: float = 0.004  # [m/s] nearer than `guard`; gives 30 N at once on 3.6e5 N/m
-    acceleration: float = 0.03  # [m/s^2] of the tool
-    guard: float = 0.03  # [m] before the expected surface; longer than (speed^2 - touch_speed^2) / (2 acceleration)
-    touch: float = 6.0  # [N] estimated normal force that counts as contact
-    touch_time: float = 0.04  # [s] for which it must last
-    search: float = 0.06  # [m] by which the approach goes beyond the expected surface
-
-    def of_size(self, size: float) -> Self:
-        """These for an arm whose distances beside an object are `size` [-] times the usual ones.
-
-        A stand-off or a touch that is not the default was chosen for the arm, and stays.
-        """
-        usual = type(self)()
-        standoff = size * self.standoff if self.standoff == usual.standoff else self.standoff
-        touch = size * self.touch if self.touch == usual.touch else self.touch
-        return replace(self, standoff=standoff, touch=touch)
-
-    def __post_init__(self) -> None:
-        for each in fields(self):
-            finite_number(getattr(self, each.name), f"approach {each.name}", above=0.0)
-        braking = (self.speed**2 - self.touch_speed**2) / (2.0 * self.acceleration)
-        if not self.guard > braking:
-            raise ConfigurationError(
-                f"approach guard: must exceed the {braking:.3g} m in which the tool brakes, got {self.guard:g} m"
-            )
+from sim.interfaces.spatial import Array
 
 
 @dataclass(slots=True)

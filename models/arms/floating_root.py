@@ -2,8 +2,6 @@
 
 from xml.etree import ElementTree
 
-from scipy.spatial.transform import Rotation
-
 from models.arms.urdf import UrdfRobot, origin_of, parse
 
 _WORLD = "world"  # link of ROS that stands for the world
@@ -55,6 +53,8 @@ def _weighs(link: ElementTree.Element) -> bool:
 
 def _take_inertia(root: ElementTree.Element, child: ElementTree.Element, joint: ElementTree.Element, name: str) -> None:
     """Move the <inertial> of a link to that which it is fixed to."""
+    from scipy.spatial.transform import Rotation
+
     inertial = child.find("inertial")
     assert inertial is not None
     X = origin_of(joint, name) @ origin_of(inertial, name)

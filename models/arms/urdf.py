@@ -12,17 +12,19 @@ import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
 import mujoco
 import numpy as np
 
-from models.arms.serial_arm import SerialArm
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.files import bytes_of
 from sim.interfaces.spatial import Array, checked_place, exp_so3, finite_number, pose, readonly, shown
+
+if TYPE_CHECKING:
+    from models.arms.serial_arm import SerialArm
 
 CHAIN_TIP = "chain tip"  # site that `model_from_urdf` adds
 MESHES = (".stl", ".obj", ".msh")  # endings of the mesh files that MuJoCo reads
@@ -93,7 +95,7 @@ class UrdfChain:
             out.append(X)
         return out
 
-    def arm(self) -> SerialArm:
+    def arm(self) -> "SerialArm":
         """Build the serial arm from the frame of the base link to the frame of the tip link.
 
         Joints without limits, and continuous ones, have infinite limits.
@@ -101,6 +103,8 @@ class UrdfChain:
         Raises:
             ConfigurationError: numbers that cannot be read or lie beyond 1e4, or an axis without length.
         """
+        from models.arms.serial_arm import SerialArm  # its kernels compile on import
+
         X = self.X_base_child
         axes, limits = [], []
         for i in self.driven:

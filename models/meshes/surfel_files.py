@@ -4,7 +4,6 @@ from pathlib import Path
 
 import numpy as np
 
-from models.meshes.pcd_files import read_pcd
 from models.meshes.ply_files import read_ply_normals
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.files import bytes_of, text_of
@@ -37,6 +36,8 @@ def read_surfels(file: Path) -> tuple[Array, Array | None]:
     """
     match file.suffix.lower():
         case ".pcd":
+            from models.meshes.pcd_files import read_pcd  # brings numba, which few objects need
+
             points, normals, _ = read_pcd(file)
         case ".ply":
             try:

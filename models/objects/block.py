@@ -3,7 +3,6 @@
 from itertools import product
 
 import numpy as np
-from scipy.spatial import ConvexHull
 
 from models.objects.target_model import PATH_STEP, SHARPEST_CORNER, ModelPath, Symmetry, TargetModel
 from sim.interfaces.spatial import Array, exp_so3, finite_number
@@ -67,6 +66,8 @@ def _in_plane(y: Array, z: Array) -> Array:
 
 def _rounded_box(radius: float) -> tuple[Array, np.ndarray]:
     """Convex hull of an eighth of a sphere at each corner: vertices (V, 3) [m] and triangles (T, 3)."""
+    from scipy.spatial import ConvexHull
+
     angle = np.linspace(0.0, 0.5 * np.pi, _ARCS + 1)
     polar, around = (each.ravel() for each in np.meshgrid(angle, angle, indexing="ij"))
     eighth = np.column_stack([np.sin(polar) * np.cos(around), np.sin(polar) * np.sin(around), np.cos(polar)])

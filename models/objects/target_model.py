@@ -7,14 +7,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import MappingProxyType
+from typing import TYPE_CHECKING
 
 import mujoco
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy import ndimage
 
-from models.meshes import convex_parts
-from models.meshes.cloud_mesh import CloudMesh, mesh_of_cloud
 from models.meshes.mesh_files import read_mesh
 from models.meshes.surfel_files import is_cloud_file, read_surfels
 from sim.interfaces.errors import ConfigurationError
@@ -31,6 +29,9 @@ from sim.interfaces.spatial import (
     readonly,
     real_array,
 )
+
+if TYPE_CHECKING:
+    from models.meshes.cloud_mesh import CloudMesh
 
 LARGEST = 20.0  # [m] largest extent accepted without a stated scale; larger meshes are probably in millimetres
 _LEAST_SINE = 0.05  # between the axes that a tool keeps
@@ -149,6 +150,8 @@ class ModelPath:
         if not dwell and (np.abs(np.diff(turn)).max() > _CORNER or blend > 0.0):
             step = float(np.linalg.norm(np.diff(self.p, axis=0), axis=1).mean())
             width = max(1, round(max(blend, _SHORTEST_BLEND) / step))
+            from scipy import ndimage
+
             turn = ndimage.uniform_filter1d(turn, width, mode="nearest")[:, None]
             b = np.cos(turn) * still + np.sin(turn) * across
         return replace(self, b=np.cos(angle) * b + np.sin(angle) * np.cross(self.a, b), keeps_b=True)
@@ -186,7 +189,7 @@ class TargetModel:
     solids: tuple[Solid, ...] = ()  # collision primitives, each the same shape as that part of the mesh
     hulls: tuple[Array, ...] = ()  # (n, 3) [m] corners, in T, of convex collision parts beside the solids
     stand: tuple[Solid, ...] = ()  # support: in the scene, but not part of the model used for identification
-    cloud: CloudMesh | None = None  # how the mesh was made, if the object was given as a point cloud
+    cloud: "CloudMesh | None" = None  # how the mesh was made, if the object was given as a point cloud
 
     def __post_init__(self) -> None:
         if not isinstance(self.name, str):
@@ -277,6 +280,8 @@ class TargetModel:
         body = spec.worldbody.add_body(name="target", pos=X[:3, 3], quat=quat_wxyz_from_rotation(X[:3, :3]))
         hulls, cut = self.hulls, felt and not (self.solids or self.hulls)
         if cut:
+            from models.meshes import convex_parts
+
             hulls = convex_parts.parts(self.vertices, self.triangles)
         if hulls or not self.solids:
             spec.add_mesh(
@@ -410,6 +415,8 @@ class TargetModel:
             raise ConfigurationError(
                 f"{what}: points must lie within {FARTHEST_VERTEX:g} m of its origin, got {farthest:g}"
             )
+        from models.meshes.cloud_mesh import mesh_of_cloud
+
         made = mesh_of_cloud(values[finite], outward)
         return cls(
             name=name,

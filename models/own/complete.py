@@ -9,6 +9,7 @@ from models.own.postures import FoundPosture, PostureSearch
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import quat_wxyz_from_rotation
 
+COMPUTABLE = (CAMERA_SITE, HOME_KEY, READY_KEY)  # of a vehicle with an arm
 COMPUTED = "computed_"  # begins the name of a text element that tells a computed part
 _LOOK_AHEAD = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])  # OpenCV axes in hull axes
 _BEFORE = 0.02  # [m] of the default camera before the hull's bow
@@ -26,10 +27,9 @@ def complete(spec: mujoco.MjSpec) -> list[str]:
     Returns:
         One line for each part that was added.
     """
-    bodies, sites = {body.name for body in spec.bodies}, {site.name for site in spec.sites}
+    sites = {site.name for site in spec.sites}
     keys = {key.name for key in spec.keys}
-    armed = {ARM_BASE_BODY, HULL_BODY} <= bodies and TIP_SITE in sites
-    if not armed:
+    if not is_armed(spec):
         return []
     said: dict[str, str] = {}
     if CAMERA_SITE not in sites:
@@ -49,6 +49,12 @@ def complete(spec: mujoco.MjSpec) -> list[str]:
         forget(spec, name)
         spec.add_text(name=COMPUTED + name, data=line)
     return list(said.values())
+
+
+def is_armed(spec: mujoco.MjSpec) -> bool:
+    """True if a vehicle has an arm by the contract, so that what else it lacks can be computed."""
+    bodies, sites = {body.name for body in spec.bodies}, {site.name for site in spec.sites}
+    return {ARM_BASE_BODY, HULL_BODY} <= bodies and TIP_SITE in sites
 
 
 def forget(spec: mujoco.MjSpec, name: str = "") -> None:

@@ -14,7 +14,7 @@ from models.own import mapping, urdf_vehicle
 from models.own.complete import complete, forget, note
 from models.own.parts_file import PartsMap, beside, read_parts
 from models.site.seabed import Seabed
-from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.errors import ConfigurationError, did_you_mean
 from sim.interfaces.files import existing_file
 from sim.interfaces.spatial import Array, shown, transform_points
 
@@ -42,17 +42,20 @@ def vehicle_spec(
         ConfigurationError: neither a name nor a file, a file that cannot be read or compiled, or a part of the mapping
             that the model has not.
     """
-    spec, mapped = _as_given(vehicle, water, parts)
+    spec, mapped = given_vehicle(vehicle, water, parts)
     complete(spec)
     if mapped is not None and mapped.trim is not None:
         note(spec, [mapping.ballast(spec, mapped.trim, f"vehicle {shown(str(vehicle))}")])
     return spec
 
 
-def _as_given(
-    vehicle: str | Path, water: str | Path | None, parts: str | Path | None
+def given_vehicle(
+    vehicle: str | Path, water: str | Path | None = None, parts: str | Path | None = None
 ) -> tuple[mujoco.MjSpec, PartsMap | None]:
-    """The spec of a vehicle under the contract's names, and the mapping that gave them."""
+    """The spec of a vehicle under the contract's names, and the mapping that gave them; nothing is computed.
+
+    Args and errors are those of `vehicle_spec`.
+    """
     if not isinstance(vehicle, str | Path):
         raise ConfigurationError(f"vehicle: expected a name or a file, got {shown(vehicle)}")
     vehicle = str(vehicle)
@@ -68,6 +71,7 @@ def _as_given(
     if not Path(vehicle).suffix:
         raise ConfigurationError(
             f"unknown vehicle {shown(vehicle)}; there are {', '.join(models.available())}, or a file, MJCF or URDF"
+            f"{did_you_mean(vehicle, models.available())}"
         )
     existing_file(vehicle, "vehicle")
     if mapped is None and (there := beside(vehicle)) is not None:

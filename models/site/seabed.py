@@ -6,17 +6,16 @@ serves camera and sonar, the height field collision.
 """
 
 from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import Literal
 
 import mujoco
 import numpy as np
 from numpy.typing import ArrayLike
 
+from models.site.terrain_kinds import KINDS, Kind
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array, checked, readonly
 
-Kind = Literal["flat", "ripples", "slope", "rocks"]
-KINDS: tuple[Kind, ...] = get_args(Kind)
 SEABED_GEOM = "seabed"
 _BASE = 0.3  # [m] thickness of solid ground under the lowest point
 _RGBA = (0.55, 0.5, 0.4, 1.0)

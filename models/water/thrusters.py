@@ -17,15 +17,6 @@ import mujoco
 import numpy as np
 from numpy.typing import ArrayLike
 
-from models.water.thruster_curves import (
-    POLYNOMIAL,
-    QUADRATIC,
-    TABLE,
-    check_polynomial,
-    check_table,
-    pack_polynomial,
-    pack_table,
-)
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array, number
 
@@ -33,6 +24,7 @@ from sim.interfaces.spatial import Array, number
 FORWARD, REVERSE, DEAD_BAND, TIME_CONSTANT, INFLOW_LOSS, SLEW_RATE, TORQUE, LEAST, STAMP, COUNT = range(10)
 HEADER = 10  # columns before the data of the curve
 _STAMP = 745510.0  # plus the kind of the curve: identifies our rows among foreign user data
+_QUADRATIC, _POLYNOMIAL, _TABLE = range(3)  # kinds, as rows state them
 
 _XML = 1e-5  # tolerance of a gear, which may come from a file of six digits
 _PLAIN: dict[str, Any] = {
@@ -91,14 +83,17 @@ class Thruster:
             )
         if self.polynomial is not None and self.table is not None:
             raise ConfigurationError("thruster: a polynomial or a table, not both")
+        if self.polynomial is None and self.table is None:
+            return
+        from models.water.thruster_curves import check_polynomial, check_table  # bring numba
+
         if self.polynomial is not None:
             ends = [check_polynomial(side) for side in self.polynomial]
-        elif self.table is not None:
+        else:
+            assert self.table is not None
             if self.dead_band:
                 raise ConfigurationError("thruster dead_band: a table has its own, its commands of zero thrust")
             ends = check_table(*self.table)
-        else:
-            return
         if not np.allclose(ends, (self.forward, self.reverse), rtol=1e-5):
             raise ConfigurationError(
                 f"thruster forward and reverse: the curve ends at {ends[0]} and {ends[1]} N, got {self.forward}, "
@@ -120,6 +115,8 @@ class Thruster:
         Raises:
             ConfigurationError: a side that does not rise.
         """
+        from models.water.thruster_curves import check_polynomial
+
         both = _pair((ahead, ahead if astern is None else astern), "polynomial")
         assert both is not None
         forward, reverse = (check_polynomial(side) for side in both)
@@ -148,6 +145,8 @@ class Thruster:
         Raises:
             ConfigurationError: commands or thrusts that do not rise, or thrusts of one sign.
         """
+        from models.water.thruster_curves import check_table
+
         neutral, full = number(neutral, "thruster neutral"), None if full is None else number(full, "thruster full")
         given = _pair((command, thrust), "table")
         assert given is not None
@@ -265,12 +264,12 @@ def _check_motor(name: str, field: Callable[[str], Any], refers: bool) -> None:
 def pack(thruster: Thruster) -> Array:
     """Encode `thruster` as a row: HEADER numbers, then its curve."""
     data: tuple[float, ...] = ()
-    kind = QUADRATIC
+    kind = _QUADRATIC
     if thruster.polynomial is not None:
         ahead, astern = thruster.polynomial
-        kind, data = POLYNOMIAL, (float(len(ahead)), *ahead, *astern)
+        kind, data = _POLYNOMIAL, (float(len(ahead)), *ahead, *astern)
     elif thruster.table is not None:
-        kind, data = TABLE, (*thruster.table[0], *thruster.table[1])
+        kind, data = _TABLE, (*thruster.table[0], *thruster.table[1])
     slew = thruster.slew_rate if np.isfinite(thruster.slew_rate) else 0.0
     # A right-handed propeller is driven about the thrust axis; the reaction turns the hull the other way.
     torque = -thruster.handedness * thruster.torque_per_thrust
@@ -300,10 +299,10 @@ def unpack(row: Array) -> Thruster:
     polynomial = table = None
     if len(data) != count or count < 0:
         raise ConfigurationError(f"thruster: its row of {len(row)} numbers is too short for a curve of {count}")
-    if kind == POLYNOMIAL:
+    if kind == _POLYNOMIAL:
         split = 1 + int(data[0]) if data else 0
         polynomial = (data[1:split], data[split:])
-    elif kind == TABLE:
+    elif kind == _TABLE:
         table = (data[: count // 2], data[count // 2 :])
     return Thruster(
         forward=float(row[FORWARD]),
@@ -322,7 +321,7 @@ def unpack(row: Array) -> Thruster:
 
 def carries(row: Array) -> bool:
     """True if a row of user data holds a thruster."""
-    return len(row) >= HEADER and row[STAMP] - _STAMP in (QUADRATIC, POLYNOMIAL, TABLE)
+    return len(row) >= HEADER and row[STAMP] - _STAMP in (_QUADRATIC, _POLYNOMIAL, _TABLE)
 
 
 def read(model: mujoco.MjModel) -> tuple[np.ndarray, Array]:
@@ -355,15 +354,17 @@ def read(model: mujoco.MjModel) -> tuple[np.ndarray, Array]:
 
 def curves(table: Array) -> Array:
     """Static curves (m, ...) of thruster rows `table` (m, ...), for the kernels of `models.water.thruster_curves`."""
+    from models.water import thruster_curves as rows
+
     thrusters = [unpack(row) for row in table]
     ready = []
     for thruster in thrusters:
         if thruster.table is not None:
-            ready.append(pack_table(*thruster.table, thruster.least_thrust))
+            ready.append(rows.pack_table(*thruster.table, thruster.least_thrust))
         else:
-            kind = QUADRATIC if thruster.polynomial is None else POLYNOMIAL
+            kind = rows.QUADRATIC if thruster.polynomial is None else rows.POLYNOMIAL
             sides = thruster.polynomial or ((0.0, thruster.forward), (0.0, thruster.reverse))
-            ready.append(pack_polynomial(kind, *sides, thruster.dead_band, thruster.least_thrust))
+            ready.append(rows.pack_polynomial(kind, *sides, thruster.dead_band, thruster.least_thrust))
     width = max(map(len, ready), default=0)
     return np.array([np.pad(curve, (0, width - len(curve))) for curve in ready]).reshape(len(ready), width)
 

@@ -6,6 +6,7 @@ write_model(wet(spec), "arm.wet.xml")
 
 import os
 from pathlib import Path
+from typing import TYPE_CHECKING
 from xml.etree import ElementTree
 
 import mujoco
@@ -14,10 +15,12 @@ from models import hydrodynamics, sidecar
 from models.arms.floating_root import with_floating_root
 from models.arms.urdf import MESHES, UrdfRobot, couple, is_urdf, mesh_file, parse, take_mimics
 from models.mjcf_files import read_mjcf
-from models.wet.wetting import Wetted
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.files import existing_file
 from sim.interfaces.spatial import finite_number, shown
+
+if TYPE_CHECKING:
+    from models.wet.wetting import Wetted
 
 _DIRECTIVES = {"discardvisual": "false", "strippath": "false", "fusestatic": "false"}
 
@@ -58,7 +61,7 @@ def read_model(
     return spec, []
 
 
-def write_model(wetted: Wetted, file: str | os.PathLike[str], *, with_sidecar: bool = False) -> tuple[Path, ...]:
+def write_model(wetted: "Wetted", file: str | os.PathLike[str], *, with_sidecar: bool = False) -> tuple[Path, ...]:
     """Write an MJCF with its water, whose table of origins stands as a comment at its head.
 
     Args:

@@ -6,18 +6,16 @@ them where it fuses them. What is welded to the world feels no water and is left
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Final, Literal
 
 import mujoco
 import numpy as np
 
 from models.meshes.closed_shells import prism, revolve, volume
+from models.wet.choices import Choice
 from models.wet.shells import Shells, shells_of
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array
 
-Choice = Literal["auto", "visual", "collision", "all"]
-CHOICES: Final[tuple[Choice, ...]] = ("auto", "visual", "collision", "all")
 LARGEST = 20.0  # [m] extent of a geom from which millimetres are supposed
 _SIDES, _RINGS = 64, 33  # of round shapes
 _KINDS = mujoco.mjtGeom

@@ -8,7 +8,6 @@ or an ellipsoid, else that of panels. Drag is from projected areas. Linear dampi
 """
 
 from dataclasses import dataclass
-from typing import Final
 
 import mujoco
 import numpy as np
@@ -16,8 +15,9 @@ import numpy as np
 from models import hydrodynamics
 from models.hydrodynamics import SEA_WATER, BodyHydrodynamics, StripDrag, moved_added_mass
 from models.wet import panels as panel_method
+from models.wet.choices import CHOICES, FEWEST_PANELS, MOST_PANELS, PANELS, Choice
 from models.wet.drag import ASIDE, SLENDER, Silhouettes, silhouettes, spin_integral, strip_of
-from models.wet.geoms import CHOICES, Choice, GeomShells, exact_volume, geoms_of, moving_bodies, shells_in_body
+from models.wet.geoms import GeomShells, exact_volume, geoms_of, moving_bodies, shells_in_body
 from models.wet.panels import PanelSolution
 from models.wet.scan import scanned
 from models.wet.shells import convex_hull
@@ -25,9 +25,6 @@ from models.wet.surface import UnionSurface, box_axes, union_surface
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array, exp_so3, finite_number, shown
 
-PANELS: Final = 1600  # of each body
-FEWEST_PANELS: Final = 400  # a quarter of them must still show the body
-MOST_PANELS: Final = 6400  # a surface may get a quarter more than was wanted
 _COARSER = 4.0  # panels of the fine surface over those of the coarse one
 _FINER = 4  # times the wanted number to which it is doubled where two surfaces do not agree
 _LINES = 240  # across the longer side of a body, for its volume

@@ -4,7 +4,6 @@ from pathlib import Path
 
 import numpy as np
 
-from models.meshes.pcd_files import read_pcd
 from models.meshes.ply_files import read_ply
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.files import bytes_of, existing_file, text_of
@@ -30,6 +29,8 @@ def read_organised_cloud(file: str | Path) -> tuple[Array, tuple[int, int] | Non
     path = existing_file(file, "cloud")
     match path.suffix.lower():
         case ".pcd":
+            from models.meshes.pcd_files import read_pcd  # brings numba, which other clouds do without
+
             points, _, shape = read_pcd(path)
             return points, shape
         case ".ply":

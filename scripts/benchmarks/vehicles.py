@@ -22,7 +22,8 @@ from scenarios.study.harness import Table
 from scenarios.study.local_processes import run_all
 from scenarios.study.options import at_least
 from scenarios.vehicle_check.check import check_vehicle
-from scenarios.vehicle_check.jobs import ARM_JOBS, HOVERING, ArmJobs
+from scenarios.vehicle_check.checked_jobs import ARM_JOBS, HOVERING
+from scenarios.vehicle_check.jobs import ArmJobs
 from sim.interfaces.errors import UuvError
 from sim.interfaces.messages import WorkState
 from sim.interfaces.spatial import one_of

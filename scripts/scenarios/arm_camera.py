@@ -1,18 +1,20 @@
 """Camera on the arm: how a scenario asks for it, its simulated sensor, and the mount that navigation believes in."""
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import mujoco
 import numpy as np
 
-from models.arms import dh_geometry
 from models.naming import ARM_BASE_BODY, TIP_SITE
 from models.site.sliding_contact import TARGET_BODY
-from perception.navigation.surface_track import TrackMount
-from scenarios.own_vehicle import OwnVehicle
 from sim.interfaces.protocols import Sensor
 from sim.interfaces.spatial import Array
-from sim.sensors.arm_camera import ArmCamera, ViewConditions
+from sim.sensors.view_conditions import ViewConditions
+
+if TYPE_CHECKING:
+    from perception.navigation.surface_track import TrackMount
+    from scenarios.own_vehicle import OwnVehicle
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,10 +31,15 @@ def arm_camera(setup: ArmCameraSetup, model: mujoco.MjModel) -> Sensor:
         from scenarios.perception_studies.rendered_arm_camera import RenderedArmCamera  # kernels compile on import
 
         return RenderedArmCamera(model, TIP_SITE, surface, conditions=setup)
+    from sim.sensors.arm_camera import ArmCamera
+
     return ArmCamera(model, TIP_SITE, surface, conditions=setup)
 
 
-def believed_mount(own: OwnVehicle, X_GC: Array | None = None) -> TrackMount:
+def believed_mount(own: "OwnVehicle", X_GC: Array | None = None) -> "TrackMount":
     """Where the vehicle believes a camera at `X_GC` (4, 4) in tool axes to be; None: the tip of its tool."""
+    from models.arms import dh_geometry
+    from perception.navigation.surface_track import TrackMount
+
     arm = dh_geometry.read(own.model, ARM_BASE_BODY, TIP_SITE, exclude=own.passive_joints)
     return TrackMount(arm=arm, X_BA=own.vehicle.X_BA, X_GC=np.eye(4) if X_GC is None else X_GC)

@@ -15,14 +15,14 @@ from controllers.tuning import table
 from models.meshes import ray_casting
 from scenarios import first_start
 from scenarios.assembly import Assembly, assemble
-from scenarios.contact_parts import SURVEY
+from scenarios.kinds import SURVEY
 from scenarios.runner import Run, SignalStop, assessed, rehearse, run_through
 from scenarios.scenario import Scenario
-from scenarios.scenario_file import as_dict, write_scenario
+from scenarios.scenario_file import SCENARIO_FILE, as_dict, flat, write_scenario
 from scenarios.vehicle_check.preflight import preflight
 from sim.evaluation.metrics import Assessment
 from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.extras import absent, to_install
+from sim.interfaces.extras import LOG, absent, to_install
 from sim.interfaces.messages import WorkState
 from sim.loop.recording import Recorder
 from sim.loop.rollout import Moment, Observer
@@ -32,9 +32,7 @@ from sim.runs.command_line import RunOptions, signals
 from sim.runs.provenance import provenance
 from sim.runs.run_folder import new_folder
 
-LOG = "log"  # the extra that log and report need
 NOT_ACCEPTED = 1  # exit code
-SCENARIO_FILE = "scenario.toml"  # in the folder of every run
 
 
 def command(
@@ -162,14 +160,6 @@ def _report(run: Run, folder: Path, title: str) -> None:
         bounds=run.assembly.placed.bounds,
         again=f"uuv replay {shlex.quote(str(folder))}",
     )
-
-
-def flat(nested: dict[str, Any], before: str = "") -> dict[str, Any]:
-    """Values of nested tables by their keys, joined by dots."""
-    found: dict[str, Any] = {}
-    for key, value in nested.items():
-        found |= flat(value, f"{before}{key}.") if isinstance(value, dict) else {before + key: value}
-    return found
 
 
 def _say(assessment: Assessment, console: Console) -> None:

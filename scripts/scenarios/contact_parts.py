@@ -1,7 +1,5 @@
 """Factories for parts of a run: models of the vehicle, sensor, controller."""
 
-import importlib
-import traceback
 from collections.abc import Callable, Set
 from dataclasses import replace
 from functools import partial
@@ -19,28 +17,25 @@ from controllers.hull.hull_control import Term, WithoutCompensation, WithoutTerm
 from controllers.safety.safety_wrapper import SafetyWrapper
 from controllers.tool_control import FromReference
 from controllers.tuning import DRIVE_PERIOD, ELASTIC_GEARS, ArmTuning
-from controllers.work_controller import WorkController
 from models.arms import dh_geometry
 from models.naming import ARM_BASE_BODY, HULL_BODY, TIP_SITE
 from models.own.complete import computed
-from models.registry import Registry
 from models.vehicle import Vehicle
 from perception.clouds.scan import SensorModel
 from perception.clouds.sonar_cloud import sonar_model
+from scenarios.kinds import CONTROLLER, CONTROLLERS, SENSORS, class_of, told
 from scenarios.own_vehicle import OwnVehicle, vehicle_spec
 from scenarios.scenario import Belief, Control, VehicleSetup
 from scenarios.tasks.task import Task
-from sim.interfaces.errors import ConfigurationError, UuvError, one_line
+from sim.interfaces.errors import ConfigurationError, UuvError
 from sim.interfaces.protocols import Controller, Estimator, Sensor
 from sim.interfaces.spatial import Array, finite_number, shown
 from sim.sensors.depth_camera import DepthCamera
 from sim.sensors.sonar import BEAMS, Sonar
 from sim.sensors.survey import Survey
 
-SURVEY = "survey"  # sensor: the object's pose is known, and nothing looks for it
 _TERMS: dict[str, Term] = {"hydrodynamic-term": "hydrodynamic", "dynamic-term": "dynamic", "contact-term": "contact"}
-_FOREIGN = 100  # characters kept of the message of a foreign error
-_CONTROLLER, _ESTIMATOR = "--controller", "--estimator"  # begin the messages about them
+_ESTIMATOR = "--estimator"  # begins the messages about it
 
 
 def believed_and_built(vehicle: VehicleSetup, belief: Belief, task: Task) -> tuple[mujoco.MjSpec, mujoco.MjSpec, str]:
@@ -99,28 +94,27 @@ def exteroceptive_sensor(kind: str, model: mujoco.MjModel, X_BS: Array) -> tuple
     return SENSORS.load(kind, model=model, X_BS=X_BS)
 
 
-def _camera(model: mujoco.MjModel, X_BS: Array) -> tuple[Sensor, SensorModel | None]:
+def camera(model: mujoco.MjModel, X_BS: Array) -> tuple[Sensor, SensorModel | None]:
+    """Stereo depth camera at `X_BS` (4, 4) on the hull."""
     return DepthCamera(model, HULL_BODY, X_BS), None
 
 
-def _sonar(model: mujoco.MjModel, X_BS: Array) -> tuple[Sensor, SensorModel | None]:
+def sonar(model: mujoco.MjModel, X_BS: Array) -> tuple[Sensor, SensorModel | None]:
+    """Multibeam 3D sonar at `X_BS` (4, 4) on the hull."""
     return Sonar(model, HULL_BODY, X_BS), sonar_model(BEAMS.pitch)
 
 
-def _survey(model: mujoco.MjModel, X_BS: Array) -> tuple[Sensor, SensorModel | None]:
+def survey(model: mujoco.MjModel, X_BS: Array) -> tuple[Sensor, SensorModel | None]:
+    """None: the object's pose is known (--target-pose known)."""
     del X_BS  # nothing looks
     return Survey(model), None
-
-
-SENSORS = Registry("sensor", {"camera": _camera, "sonar": _sonar, SURVEY: _survey})
-CONTROLLERS: Registry[Controller] = Registry("controller", {"work": WorkController})
 
 
 def ablated(without: Set[str], own: mujoco.MjModel, water_error: float) -> dict[str, Any]:
     """Keyword arguments of `WorkController` that leave methods out; none where nothing is left out.
 
     Args:
-        without: methods to leave out, each one of `scenarios.scenario.Method`.
+        without: methods to leave out, each one of `scenarios.methods.Method`.
         own: the vehicle's model of itself.
         water_error: [-] share by which its hydrodynamic coefficients are wrong.
 
@@ -147,7 +141,7 @@ def as_published(methods: Set[str], own: mujoco.MjModel, water_error: float) -> 
     """Keyword arguments of `WorkController` for methods as in [Konoplin 2022]; none where none is chosen.
 
     Args:
-        methods: each one of `scenarios.scenario.PublishedMethod`.
+        methods: each one of `scenarios.methods.PublishedMethod`.
         own: the vehicle's model of itself.
         water_error: [-] share by which its hydrodynamic coefficients are wrong.
 
@@ -179,13 +173,13 @@ def controller(control: Control, own: mujoco.MjModel, *, water_error: float) -> 
     """
     name, without = control.controller, frozenset(control.without) - {"fusion"}
     parts = ablated(without, own, water_error) | as_published(frozenset(control.published), own, water_error)
-    kind = partial(CONTROLLERS.load, name) if ":" not in name else _class(name, _CONTROLLER)
+    kind = partial(CONTROLLERS.load, name) if ":" not in name else class_of(name, CONTROLLER)
     if ":" not in name:
         CONTROLLERS.resolve(name)
     tuning = replace(ELASTIC_GEARS if control.elastic_gears else ArmTuning(), inverse_kinematics=control.ik)
     if tuning != ArmTuning():
         parts["tuning"] = tuning
-    made = _made(partial(kind, own, water_error=water_error, **parts), name, _CONTROLLER)
+    made = _made(partial(kind, own, water_error=water_error, **parts), name, CONTROLLER)
     return SafetyWrapper(made, own)
 
 
@@ -199,7 +193,7 @@ def estimator(name: str, own: mujoco.MjModel) -> Estimator:
     Raises:
         ConfigurationError: The class does not exist, or its module or constructor raises; the message names the place.
     """
-    return _made(partial(_class(name, _ESTIMATOR), own), name, _ESTIMATOR)
+    return _made(partial(class_of(name, _ESTIMATOR), own), name, _ESTIMATOR)
 
 
 def _made(make: Callable[[], Any], name: str, option: str) -> Any:
@@ -213,27 +207,7 @@ def _made(make: Callable[[], Any], name: str, option: str) -> Any:
     except UuvError as error:
         raise ConfigurationError(f"{option} {shown(name)}: {error}") from error
     except (Exception, SystemExit) as error:
-        raise ConfigurationError(f"{option} {shown(name)}: cannot be made of a model; {_told(error)}") from error
+        raise ConfigurationError(
+            f"{option} {shown(name)}: cannot be made of a model; {told(error, __file__)}"
+        ) from error
     return made
-
-
-def _class(name: str, option: str) -> Callable[..., Any]:
-    """The class named MODULE:CLASS."""
-    module, _, word = name.partition(":")
-    if not (module and word):
-        raise ConfigurationError(f"{option} {shown(name)}: expected MODULE:CLASS")
-    try:
-        return getattr(importlib.import_module(module), word)
-    except (Exception, SystemExit) as error:
-        raise ConfigurationError(f"{option} {shown(name)}: cannot be imported; {_told(error)}") from error
-
-
-def _told(error: BaseException) -> str:
-    """Type and message of a foreign error, and the line in foreign code that raised it."""
-    if isinstance(error, SyntaxError) and error.filename:
-        where = f" ({error.filename}:{error.lineno})"
-    else:
-        places = [f"{frame.filename}:{frame.lineno}" for frame in traceback.extract_tb(error.__traceback__)]
-        foreign = [place for place in places if not place.startswith((__file__, "<frozen"))]
-        where = f" ({foreign[-1]})" if foreign and "importlib" not in foreign[-1] else ""
-    return f"{type(error).__name__}: {one_line(str(error), _FOREIGN)}{where}"

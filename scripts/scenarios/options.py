@@ -3,33 +3,30 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
 
 from controllers.ik.method import Method as IkMethod
-from controllers.planning.promise import WANTED, PromiseLimits, StopLimits
-from models.site.seabed import Kind
-from scenarios.arm_camera import ArmCameraSetup
-from scenarios.contact_parts import SURVEY
-from scenarios.perturbations.vehicle import Gears
-from scenarios.scenario import AblatedMethod, Belief, Control, Method, PublishedMethod, Scenario, Sensing, VehicleSetup
-from scenarios.site import Barrel, Ground, HoleManifold, KnownObject, OpenWater, Pile, Site, SiteObject
+from models.site.terrain_kinds import Kind
+from scenarios.methods import AblatedMethod, Method, PublishedMethod
 from scenarios.study.engines import EngineName
 from scenarios.study.options import at_least
-from scenarios.tasks.insertion import InsertionTask
-from scenarios.tasks.inspection import InspectionTask
-from scenarios.tasks.seabed_sampling import SeabedSamplingTask
-from scenarios.tasks.surface_work import SurfaceWorkTask, ToolTurn
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import finite_number
-from sim.runs.command_line import ScenarioOptions
+from sim.runs.command_line import RunOptions, ScenarioOptions
+
+if TYPE_CHECKING:  # what a scenario is made of is imported when one is made: a help text needs none of it
+    from scenarios.scenario import Scenario, VehicleSetup
+    from scenarios.site import Site, SiteObject
 
 BOTTOM = 0.02  # [m] by which a hole is deeper than the depth to reach
 
 
-def site_of(options: ScenarioOptions, of: SiteObject) -> Site:
+def site_of(options: ScenarioOptions, of: "SiteObject") -> "Site":
     """The site with that object, and the water of the options."""
+    from scenarios.site import Site
+
     return Site(
         object=of, current=options.current, gust=options.gust, wave=options.wave, wave_frequency=options.wave_frequency
     )
@@ -51,12 +48,14 @@ class VehicleOptions(ScenarioOptions):
     controller: str = "work"
     """Controller: work, a registered name, or MODULE:CLASS."""
 
-    def site(self, of: SiteObject) -> Site:
+    def site(self, of: "SiteObject") -> "Site":
         """The site with that object."""
         return site_of(self, of)
 
-    def vehicle_setup(self, arm_errors: int | None = None) -> VehicleSetup:
+    def vehicle_setup(self, arm_errors: int | None = None) -> "VehicleSetup":
         """The vehicle with its tool."""
+        from scenarios.scenario import VehicleSetup
+
         parts = None if self.parts is None else str(self.parts)
         return VehicleSetup(vehicle=self.vehicle, arm_errors=arm_errors, tool=self.tool, parts=parts)
 
@@ -121,7 +120,9 @@ class ContactOptions(VehicleOptions):
     range: float = 1.25
     """Range from camera to object at the scan [m]."""
 
-    def work(self, name: str, of: SiteObject, path: str | None, *, forces: tuple[float, ...], least: float) -> Scenario:
+    def work(
+        self, name: str, of: "SiteObject", path: str | None, *, forces: tuple[float, ...], least: float
+    ) -> "Scenario":
         """Surface work.
 
         Args:
@@ -141,6 +142,12 @@ class ContactOptions(VehicleOptions):
             raise ConfigurationError("--target-pose known: nothing looks for the object, so no --sensor and --looks")
         if self.target_pose == "known" and "identification" in self.published:
             raise ConfigurationError("--target-pose known and --published identification: one of the two")
+        from controllers.planning.promise import WANTED, PromiseLimits, StopLimits
+        from scenarios.arm_camera import ArmCameraSetup
+        from scenarios.kinds import SURVEY
+        from scenarios.scenario import Belief, Control, Scenario, Sensing
+        from scenarios.tasks.surface_work import SurfaceWorkTask, ToolTurn
+
         turn = None
         if self.turn is not None:
             turn = ToolTurn(angle=float(np.radians(self.turn)), blend=self.blend, dwell=self.dwell)
@@ -190,8 +197,10 @@ class BarrelOptions(ContactOptions):
     corner: float = 90.0
     """Angle [deg] by which the path corner turns, on the barrel's top."""
 
-    def scenario(self) -> Scenario:
+    def scenario(self) -> "Scenario":
         """The work on the barrel."""
+        from scenarios.site import Barrel
+
         arc = 60.0 if self.quick else self.arc
         along = self.path != "transverse"
         of = Barrel(
@@ -228,8 +237,10 @@ class PileOptions(ContactOptions):
     """Range from camera to the pile's axis at the scan [m]."""
     vehicle: str = "uuv_puma_side"
 
-    def scenario(self) -> Scenario:
+    def scenario(self) -> "Scenario":
         """The work on the pile."""
+        from scenarios.site import Pile
+
         arc = 40.0 if self.quick else self.arc
         up = self.path == "vertical"
         of = Pile(
@@ -263,10 +274,12 @@ class ObjectOptions(ContactOptions):
     """Least share of the path that must be within reach; the rest is dropped at both ends, and reported."""
     range: float = 1.2
 
-    def scenario(self) -> Scenario:
+    def scenario(self) -> "Scenario":
         """The work on the object."""
         if self.line is not None and self.path is not None:
             raise ConfigurationError("--path and --line: one of the two")
+        from scenarios.site import KnownObject
+
         of = KnownObject(
             object=self.object,
             scale=self.scale,
@@ -319,8 +332,12 @@ class InsertionOptions(TrialOptions):
     """A name or a file (docs/own_vehicle.md); it carries the sampler in place of its own tool, unless that is a
     capsule, a sampler too."""
 
-    def scenario(self) -> Scenario:
+    def scenario(self) -> "Scenario":
         """The insertion."""
+        from scenarios.scenario import Control, Scenario
+        from scenarios.site import HoleManifold
+        from scenarios.tasks.insertion import InsertionTask
+
         depth = 1e-3 * (30.0 if self.quick else self.depth)
         of = HoleManifold(clearance=1e-3 * self.clearance, depth=depth + BOTTOM, chamfer=1e-3 * self.chamfer)
         return Scenario(
@@ -366,8 +383,12 @@ class SeabedOptions(TrialOptions):
     """A name or a file (docs/own_vehicle.md); it carries a core tube or a box in place of its own tool, unless that is
     one too."""
 
-    def scenario(self) -> Scenario:
+    def scenario(self) -> "Scenario":
         """The sampling."""
+        from scenarios.scenario import Control, Scenario, Sensing
+        from scenarios.site import Ground
+        from scenarios.tasks.seabed_sampling import SeabedSamplingTask
+
         drag = self.work == "drag"
         depth = self.depth if self.depth is not None else 30.0 if drag else 180.0
         return Scenario(
@@ -408,8 +429,12 @@ class InspectionOptions(VehicleOptions):
     dented: float = 0.0
     """Dents anywhere in the object, up to this depth [m]; the vehicle knows the undamaged object only."""
 
-    def scenario(self) -> Scenario:
+    def scenario(self) -> "Scenario":
         """The inspection."""
+        from scenarios.scenario import Control, Scenario
+        from scenarios.site import KnownObject
+        from scenarios.tasks.inspection import InspectionTask
+
         return Scenario(
             name="inspect_object",
             seed=self.seed,
@@ -433,11 +458,15 @@ class GearOptions(ScenarioOptions):
     gear_spread: float = 0.3
     """Share in +- by which the true friction of each gear deviates from the controller's model, drawn from the seed."""
 
-    def scenario(self) -> Scenario:
+    def scenario(self) -> "Scenario":
         """The identification."""
+        from scenarios.arm_identification.friction_run import GearIdentificationTask
+        from scenarios.perturbations.vehicle import Gears
+        from scenarios.scenario import Scenario, VehicleSetup
+        from scenarios.site import OpenWater
+
         finite_number(self.gear_spread, "--gear-spread", least=0.0, most=0.9)
         seconds = self.seconds if self.seconds is not None else 15.0 if self.quick else 30.0
-        from scenarios.arm_identification.friction_run import GearIdentificationTask  # brings scipy.stats and figures
 
         return Scenario(
             name="identify_friction",
@@ -450,6 +479,35 @@ class GearOptions(ScenarioOptions):
         )
 
 
-def barrel(**options: Any) -> Scenario:
+def barrel(**options: Any) -> "Scenario":
     """The main job, cleaning of a barrel; `options` are those of `BarrelOptions`, such as seed=3 or quick=True."""
     return BarrelOptions(**options).scenario()
+
+
+def run_job(scenario: "Scenario", options: RunOptions, started: float, after: str = "") -> int:
+    """Checks the inputs of a job, then runs it once, or over many seeds where its options ask for trials.
+
+    What runs it is imported, and compiled, only after the check.
+
+    Args:
+        scenario: What the options describe.
+        options: Those of the job.
+        started: [s] time.perf_counter() at the start of the command.
+        after: Appended to the title of log and report.
+
+    Returns:
+        The exit code.
+
+    Raises:
+        UuvError: An input is wrong, or the work could not begin.
+    """
+    from scenarios.inputs import check_inputs
+
+    check_inputs(scenario)
+    if isinstance(options, TrialOptions) and options.trials:
+        from scenarios.campaigns.task_trials import command_trials
+
+        return command_trials(scenario, options)
+    from scenarios.command import command
+
+    return command(scenario, options, started, after)

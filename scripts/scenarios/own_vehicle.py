@@ -2,12 +2,10 @@
 
 from collections.abc import Collection
 from dataclasses import dataclass, replace
-from typing import Self
+from typing import TYPE_CHECKING, Self
 
 import mujoco
 
-from controllers.mkps import Chain
-from controllers.planning.work_vehicle import WorkVehicle
 from models.naming import ARM_BASE_BODY, CAMERA_SITE, TIP_SITE, TOOL_GEOM, check_parts, find
 from models.own.hull_box import hull_box
 from models.site import scenes
@@ -16,6 +14,10 @@ from models.tools.tools import TOOLS
 from models.vehicle import Vehicle, pose_in_body
 from models.vehicles import uuv_puma
 from sim.interfaces.spatial import Array
+
+if TYPE_CHECKING:
+    from controllers.mkps import Chain
+    from controllers.planning.work_vehicle import WorkVehicle
 
 # Shape of the tool that a task needs; a vehicle whose own tool has it keeps its own.
 _SHAPES = {
@@ -45,8 +47,10 @@ class OwnVehicle:
         vehicle = Vehicle.of(model)
         return cls(model=model, vehicle=vehicle, hull_box=hull_box(model, vehicle.hull, vehicle.arm_base))
 
-    def chain(self) -> Chain:
+    def chain(self) -> "Chain":
         """Kinematics of the arm from its base to the tip; springs and pads are left out."""
+        from controllers.mkps import Chain  # brings compiled kernels, which reading a vehicle does without
+
         return Chain.from_mjcf(self.model, ARM_BASE_BODY, TIP_SITE, exclude=self.passive_joints)
 
     @property
@@ -60,8 +64,10 @@ class OwnVehicle:
         """Pose (4, 4) of the camera on the hull."""
         return pose_in_body(self.model, find(self.model, mujoco.mjtObj.mjOBJ_SITE, CAMERA_SITE), self.vehicle.hull)
 
-    def at_work(self) -> WorkVehicle:
+    def at_work(self) -> "WorkVehicle":
         """The vehicle as the planners of its work know it; without a camera one that looks ahead is taken."""
+        from controllers.planning.work_vehicle import WorkVehicle
+
         known = WorkVehicle(vehicle=self.vehicle, chain=self.chain(), hull_box=self.hull_box)
         has_camera = mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_SITE, CAMERA_SITE) >= 0
         return replace(known, X_BC=self.X_BC) if has_camera else known

@@ -9,6 +9,7 @@ import numpy as np
 
 from scenarios import first_start
 from scenarios.assembly import Assembly, assemble
+from scenarios.inputs import check_inputs
 from scenarios.scenario import Scenario
 from scenarios.tasks.task import RunResult
 from scenarios.ticks.compiled_ticks import reason
@@ -68,6 +69,8 @@ def run(
     Raises:
         UuvError: The scenario cannot be assembled, or the motion diverges.
     """
+    if isinstance(scenario, Scenario):
+        check_inputs(scenario)
     first_start.build()
     assembly = assemble(scenario, full=True) if isinstance(scenario, Scenario) else scenario
     result = run_through(assembly, recorder, observers, longest)

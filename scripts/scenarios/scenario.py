@@ -1,25 +1,18 @@
 """Scenario: everything a run needs and nothing else, as a value and (`scenario_file`) as a TOML file."""
 
 from dataclasses import dataclass, field
-from typing import Literal, TypeVar
+from typing import TypeVar
 
 from controllers.ik.method import Method as IkMethod
 from scenarios.arm_camera import ArmCameraSetup
+from scenarios.methods import AblatedMethod, PublishedMethod
 from scenarios.perturbations.perturbation import Perturbation
 from scenarios.site import Site
 from scenarios.tasks.task import Task
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.protocols import Sensor
 from sim.interfaces.spatial import finite_number, whole_number
-from sim.sensors import proprioception
 
-Method = Literal[
-    "compensation", "hydrodynamic-term", "dynamic-term", "contact-term", "drift-correction", "force-control"
-]  # that a controller can do without
-AblatedMethod = Literal[
-    "compensation", "hydrodynamic-term", "dynamic-term", "contact-term", "drift-correction", "force-control", "fusion"
-]
-PublishedMethod = Literal["force-law", "normal-force-law", "tip-force", "identification"]
 P = TypeVar("P", bound=Perturbation)
 _MOST_LOOKS = 40  # frames that arrive before the wait for a scan times out
 
@@ -74,6 +67,8 @@ class Sensing:
 
     def proprioception(self) -> list[Sensor]:
         """Encoders, torque sensors, IMU, DVL and vision of a drifting hull."""
+        from sim.sensors import proprioception
+
         return [
             proprioception.Encoders(),
             proprioception.JointTorqueSensors(noise=self.torque_noise, bias=self.torque_bias),

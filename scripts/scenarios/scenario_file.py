@@ -44,6 +44,7 @@ from sim.runs.saving import write_whole
 
 PERTURBATIONS = "perturbations"
 KIND = "kind"
+SCENARIO_FILE = "scenario.toml"  # in the folder of every run
 _MOST = 1_000_000  # [characters] of a file
 
 
@@ -190,7 +191,15 @@ def _kind_of(value: Any) -> str:
     """Name under which a registry makes the class of `value`; MODULE:CLASS for one that is in none."""
     registry = next(known for base, known in registries().items() if isinstance(value, base))
     own = f"{type(value).__module__}:{type(value).__qualname__}"
-    return next((name for name in registry.names() if registry.maker(name) is type(value)), own)
+    return registry.name_of(type(value)) or own
+
+
+def flat(nested: dict[str, Any], before: str = "") -> dict[str, Any]:
+    """Values of nested tables by their keys, joined by dots."""
+    found: dict[str, Any] = {}
+    for key, value in nested.items():
+        found |= flat(value, f"{before}{key}.") if isinstance(value, dict) else {before + key: value}
+    return found
 
 
 def _lines(nested: Mapping[str, Any], name: str) -> list[str]:

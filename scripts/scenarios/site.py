@@ -8,15 +8,15 @@ from typing import Literal
 
 import numpy as np
 
-from models.objects import deformed, targets
+from models.objects import targets
 from models.objects.block import RADIUS as BLOCK_RADIUS
 from models.objects.manifold import Manifold as ManifoldBlock
 from models.objects.manifold import manifold
 from models.objects.target_model import ModelPath
 from models.objects.targets import TargetModel, helix, pile, ring, vertical
 from models.registry import Registry
-from models.site.seabed import KINDS, Kind, Seabed, seabed
-from perception.toolpath.path_shapes import laid_on, line
+from models.site.seabed import Seabed, seabed
+from models.site.terrain_kinds import KINDS, Kind
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array, checked_pose, exp_so3, finite_number, pose, shown
 
@@ -181,6 +181,8 @@ class KnownObject(Workpiece):
 
 def _first_laid(made: TargetModel, lines: Iterable[tuple[float, float, float, float]], above: float) -> ModelPath:
     """The first of the lines (x, y of both ends) that lies on the object all along, seen from above."""
+    from perception.toolpath.path_shapes import laid_on, line  # casts rays
+
     refused: ConfigurationError | None = None
     for x0, y0, x1, y1 in lines:
         try:
@@ -286,6 +288,8 @@ def with_growth_and_dents(
     for name, height in (("fouled", fouled), ("dented", dented)):
         finite_number(height, f"--{name} [m]", least=0.0, most=_HIGHEST)
         if height > 0.0:
+            from models.objects import deformed  # brings compiled kernels
+
             shown = getattr(deformed, name)(shown, rng, _PATCHES, (0.4 * height, height), near=near).target
     return None if shown is target else shown
 

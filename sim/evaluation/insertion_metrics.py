@@ -6,7 +6,7 @@ means over the loop's steps, from departure from the stand-off until return to i
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -16,7 +16,9 @@ from sim.evaluation.schemas import metric, unmeasured
 from sim.evaluation.statistics import crashed_run, spread, verdicts
 from sim.interfaces.messages import WorkState
 from sim.interfaces.spatial import Array, checked, inverse, transform_points
-from sim.loop.recording import Recording
+
+if TYPE_CHECKING:
+    from sim.loop.recording import Recording
 
 AT_THE_HOLE = (WorkState.APPROACH, WorkState.SEARCH, WorkState.INSERT, WorkState.WORK, WorkState.WITHDRAW)
 _INSIDE = (WorkState.INSERT, WorkState.WORK, WorkState.WITHDRAW)
@@ -84,7 +86,7 @@ def schema() -> dict[str, Any]:
 
 
 def assess_insertion(
-    recording: Recording,
+    recording: "Recording",
     truth: TrueHole,
     *,
     found_X_WH: Array | None,

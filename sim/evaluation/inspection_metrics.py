@@ -8,12 +8,10 @@ where hull and arm keep their clearance: undersides, and what lies on the seabed
 """
 
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
-from scipy.spatial import ConvexHull
 
-from models.meshes.nearest_surface import NearestSurface
 from models.meshes.visibility import SurfaceSamples, View
 from models.objects.targets import TargetModel
 from sim.evaluation.metrics import Assessment, Requirement
@@ -22,7 +20,9 @@ from sim.evaluation.schemas import metric, unmeasured
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import WorkState
 from sim.interfaces.spatial import Array, checked, inverse, pose, rotation_from_quat_wxyz, transform_points
-from sim.loop.recording import Recording
+
+if TYPE_CHECKING:
+    from sim.loop.recording import Recording
 
 _EVERY = 1.0  # [s] between poses at which visibility is evaluated
 
@@ -120,7 +120,7 @@ def schema() -> dict[str, Any]:
 
 
 def assess_inspection(
-    recording: Recording,
+    recording: "Recording",
     truth: TrueInspection,
     *,
     seed: int,
@@ -193,6 +193,8 @@ def mesh_figures(measured: MeasuredSurface, truth: TrueInspection) -> MeshMetric
     """Figures of a measured surface, which is in the object's frame as the vehicle found it."""
     if not len(measured.vertices):
         return unmeasured(MeshMetrics, vertices=0)
+    from models.meshes.nearest_surface import NearestSurface
+
     off = NearestSurface.of(truth.target.vertices, truth.target.triangles).query(measured.vertices).distance
     return MeshMetrics(
         vertices=len(off),
@@ -202,7 +204,7 @@ def mesh_figures(measured: MeasuredSurface, truth: TrueInspection) -> MeshMetric
     )
 
 
-def camera_poses(recording: Recording, truth: TrueInspection, rows: np.ndarray) -> Array:
+def camera_poses(recording: "Recording", truth: TrueInspection, rows: np.ndarray) -> Array:
     """True camera poses in W.
 
     Args:
@@ -228,6 +230,8 @@ def off_and_view(X_WC: Array, truth: TrueInspection) -> tuple[Array, Array]:
         Distance errors (n,) [m] and angles (n,) [rad].
     """
     vertices = transform_points(truth.X_WT, truth.target.vertices)
+    from scipy.spatial import ConvexHull
+
     outline = vertices[ConvexHull(vertices[:, :2]).vertices, :2]
     side = np.roll(outline, -1, axis=0) - outline
     off = X_WC[:, None, :2, 3] - outline

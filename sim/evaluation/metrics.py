@@ -7,11 +7,9 @@ and counts as missed, if the run ended before it could be measured.
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from scipy.spatial import cKDTree
-from scipy.spatial.transform import Rotation
 
 from models.objects.axis_steps import Steps
 from models.objects.target_model import PATH_STEP, ModelPath, TargetModel
@@ -34,8 +32,10 @@ from sim.evaluation.surface_metrics import (
 )
 from sim.interfaces.messages import WorkState
 from sim.interfaces.spatial import Array, checked, inverse
-from sim.loop.recording import RecordedSeries, Recording
 from sim.runs.saving import write_json
+
+if TYPE_CHECKING:
+    from sim.loop.recording import RecordedSeries, Recording
 
 SETTLING = 1.0  # [s] from the beginning of a change of the set force, excluded from the force error
 LOST_BELOW = 1.0  # [N] true normal force below which contact is lost
@@ -112,7 +112,7 @@ class Assessment:
     @classmethod
     def of(
         cls,
-        recording: Recording,
+        recording: "Recording",
         figures: Any,
         checks: Sequence[Requirement],
         *,
@@ -202,7 +202,7 @@ def schema() -> dict[str, Any]:
 
 
 def assess(
-    recording: Recording,
+    recording: "Recording",
     truth: TrueObject,
     *,
     seed: int,
@@ -293,7 +293,7 @@ def _judged(bound: float) -> float | None:
     return bound if np.isfinite(bound) else None
 
 
-def contact_figures(recording: Recording) -> ContactMetrics:
+def contact_figures(recording: "Recording") -> ContactMetrics:
     """Error of the true normal force from the set force in the work state, overall and per segment.
 
     A segment has one set force. RMS is of the means over the loop's steps; peaks and lost contact are of the physics
@@ -334,7 +334,7 @@ def contact_figures(recording: Recording) -> ContactMetrics:
     )
 
 
-def tangential(recording: RecordedSeries, name: str) -> Array:
+def tangential(recording: "RecordedSeries", name: str) -> Array:
     """Part (N, 3) [N] of the force `name`, "contact_force" or "felt_force", across the tool axis; W."""
     force, axis = recording[name].value, recording["tool_axis"].value
     return force - np.sum(force * axis, axis=1, keepdims=True) * axis
@@ -356,7 +356,7 @@ class PathError:
         return np.abs(self.lateral)
 
 
-def path_error(recording: RecordedSeries) -> PathError | None:
+def path_error(recording: "RecordedSeries") -> PathError | None:
     """Error of the tip on its path; None if it never moved along one in the work state."""
     work = recording.within(WorkState.WORK)
     velocity = recording["v_command"].value[work]
@@ -386,7 +386,7 @@ def path_error(recording: RecordedSeries) -> PathError | None:
     )
 
 
-def tool_figures(recording: Recording, truth: TrueObject) -> ToolMetrics:
+def tool_figures(recording: "Recording", truth: TrueObject) -> ToolMetrics:
     """Errors of the true tip: from the commanded path, the ideal path on the true object, and its surface normal."""
     error = path_error(recording)
     if error is None:  # a tool that rests on the surface has no path, but an attitude
@@ -416,7 +416,7 @@ def tool_figures(recording: Recording, truth: TrueObject) -> ToolMetrics:
     )
 
 
-def _path_pose(recording: Recording, truth: TrueObject) -> Array:
+def _path_pose(recording: "Recording", truth: TrueObject) -> Array:
     """True pose X_WT (4, 4) of the object, of those equal by symmetry the one nearest to the pose that was found.
 
     A rotation of symmetry leaves the object unchanged but moves the path.
@@ -426,7 +426,7 @@ def _path_pose(recording: Recording, truth: TrueObject) -> Array:
     return truth.model.symmetry.nearest_pose(np.array(truth.X_WT), recording.targets[-1].X_WT[:3, :3])
 
 
-def tool_tilt(recording: Recording, truth: TrueObject) -> tuple[Array, Array]:
+def tool_tilt(recording: "Recording", truth: TrueObject) -> tuple[Array, Array]:
     """Angle between the tool axis and the true inward normal, in the work state.
 
     Args:
@@ -443,7 +443,7 @@ def tool_tilt(recording: Recording, truth: TrueObject) -> tuple[Array, Array]:
     return time, np.arctan2(sine, -np.sum(axis * normal, axis=1))
 
 
-def tool_twist(recording: Recording, truth: TrueObject) -> tuple[Array, Array]:
+def tool_twist(recording: "Recording", truth: TrueObject) -> tuple[Array, Array]:
     """Angle about the tool axis from the path's second axis b to the tool's x axis, in the work state.
 
     Args:
@@ -458,6 +458,8 @@ def tool_twist(recording: Recording, truth: TrueObject) -> tuple[Array, Array]:
     tip_T, R = _in_object(recording, truth, rows, X_WT)
     axis, x = (_turned_back(R, recording[name].value[rows]) for name in ("tool_axis", "tool_x"))
     p, b_at = _finely(path)
+    from scipy.spatial import cKDTree
+
     tree = cKDTree(p)
     near = tree.query_ball_point(p[tree.query(tip_T)[1]], CORNER)
     first = np.cumsum([0, *(len(each) for each in near[:-1])])
@@ -480,7 +482,7 @@ def _finely(path: ModelPath) -> tuple[Array, Array]:
     return p, steps.put_back(a, b, np.interp(fine, s, np.arange(len(s))))
 
 
-def joint_figures(recording: Recording) -> JointMetrics:
+def joint_figures(recording: "Recording") -> JointMetrics:
     """Changes of direction of the arm's joints in the work state; known of a full recording."""
     if "q" not in recording:
         return unmeasured(JointMetrics)
@@ -502,7 +504,7 @@ def reversals(q: Array, hysteresis: float = REVERSAL) -> int:
     return count
 
 
-def gap_figures(recording: Recording, truth: TrueObject) -> GapMetrics | None:
+def gap_figures(recording: "Recording", truth: TrueObject) -> GapMetrics | None:
     """Error of the pad's distance from the true surface in the work state, and contact time in any state.
 
     None for contact work.
@@ -521,7 +523,7 @@ def gap_figures(recording: Recording, truth: TrueObject) -> GapMetrics | None:
     )
 
 
-def tool_gap(recording: Recording, truth: TrueObject) -> tuple[Array, Array]:
+def tool_gap(recording: "Recording", truth: TrueObject) -> tuple[Array, Array]:
     """Distance of the pad's face from the true surface in the work state, 0 inside it.
 
     Args:
@@ -538,14 +540,14 @@ def tool_gap(recording: Recording, truth: TrueObject) -> tuple[Array, Array]:
     return time, np.where(outside, np.linalg.norm(tip_T - found, axis=1), 0.0)
 
 
-def _at_work(recording: Recording, truth: TrueObject) -> tuple[Array, Array, Array]:
+def _at_work(recording: "Recording", truth: TrueObject) -> tuple[Array, Array, Array]:
     """Times (N,) [s] in the work state at TILT_RATE; the pad's face (N, 3) [m] and the tool axis (N, 3), in T."""
     rows = _rows_at_work(recording)
     tip_T, R = _in_object(recording, truth, rows, truth.X_WT)
     return recording["p_pad"].time[rows], tip_T, _turned_back(R, recording["tool_axis"].value[rows])
 
 
-def _in_object(recording: Recording, truth: TrueObject, rows: np.ndarray, X_WT: Array) -> tuple[Array, Array]:
+def _in_object(recording: "Recording", truth: TrueObject, rows: np.ndarray, X_WT: Array) -> tuple[Array, Array]:
     """True tip relative to the object, where the object is at that time.
 
     Args:
@@ -559,6 +561,8 @@ def _in_object(recording: Recording, truth: TrueObject, rows: np.ndarray, X_WT: 
     """
     R, origin = np.broadcast_to(X_WT[:3, :3], (len(rows), 3, 3)), X_WT[:3, 3]
     if "p_WT" in recording:
+        from scipy.spatial.transform import Rotation
+
         moved = Rotation.from_quat(recording["quat_WT_wxyz"].value[rows], scalar_first=True).as_matrix()
         same = inverse(truth.X_WT) @ X_WT
         R, origin = moved @ same[:3, :3], recording["p_WT"].value[rows] + moved @ same[:3, 3]
@@ -570,13 +574,13 @@ def _turned_back(R: Array, vectors: Array) -> Array:
     return np.einsum("nji,nj->ni", R, vectors)
 
 
-def _rows_at_work(recording: Recording) -> np.ndarray:
+def _rows_at_work(recording: "Recording") -> np.ndarray:
     """Rows (N,) of the series in the work state, at TILT_RATE."""
     every = max(1, round(1.0 / (TILT_RATE * recording.timestep)))
     return np.flatnonzero(recording.within(WorkState.WORK))[::every]
 
 
-def force_estimate_figures(recording: Recording) -> ForceEstimateMetrics:
+def force_estimate_figures(recording: "Recording") -> ForceEstimateMetrics:
     """Error of the tool force estimated from the joints: as a vector, along and across the tool, in the work state."""
     work = recording.within(WorkState.WORK)
     vector = (recording["felt_force"].value - recording["contact_force"].value)[work]
@@ -591,7 +595,7 @@ def force_estimate_figures(recording: Recording) -> ForceEstimateMetrics:
     )
 
 
-def hull_motion(recording: RecordedSeries) -> tuple[Array, Array, Array] | None:
+def hull_motion(recording: "RecordedSeries") -> tuple[Array, Array, Array] | None:
     """Motion of the hull in the work state since first contact; without a set force, since the work began.
 
     A commanded motion of the hull is subtracted. The turn is the whole rotation, yaw included.
@@ -618,7 +622,7 @@ def hull_motion(recording: RecordedSeries) -> tuple[Array, Array, Array] | None:
     return recording["p_WB"].time[work], p[work] - p[first], turn
 
 
-def hull_figures(recording: Recording) -> HullMetrics:
+def hull_figures(recording: "Recording") -> HullMetrics:
     """Peak displacement and turn of the hull during the work, from its pose at first contact."""
     motion = hull_motion(recording)
     if motion is None:
@@ -629,7 +633,7 @@ def hull_figures(recording: Recording) -> HullMetrics:
     )
 
 
-def _identification(recording: Recording, truth: TrueObject) -> IdentificationMetrics:
+def _identification(recording: "Recording", truth: TrueObject) -> IdentificationMetrics:
     """Error of the pose that the work went by, up to the object's symmetry; of the last find without any work.
 
     So is the verdict: a single look may be refused after the mean was decided on. Range and check are those of the last
@@ -650,7 +654,7 @@ def _identification(recording: Recording, truth: TrueObject) -> IdentificationMe
     )
 
 
-def uncertainty_figures(recording: Recording, truth: TrueObject) -> UncertaintyMetrics:
+def uncertainty_figures(recording: "Recording", truth: TrueObject) -> UncertaintyMetrics:
     """Stated covariance of the mean of the finds, and what it means for the path; None where it is not known."""
     target, promise = recording.goes_by, recording.promise
     if target is None or target.covariance is None:
@@ -674,7 +678,7 @@ def uncertainty_figures(recording: Recording, truth: TrueObject) -> UncertaintyM
     )
 
 
-def motion_figures(recording: Recording) -> MotionMetrics | None:
+def motion_figures(recording: "Recording") -> MotionMetrics | None:
     """What the follower saw of the object's motion; None if it saw nothing, or there was none."""
     motions = recording.motions
     if not motions:

@@ -8,7 +8,7 @@ the error of the scan, is reported separately.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -20,7 +20,9 @@ from sim.evaluation.statistics import crashed_run, spread, verdicts
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import Target, WorkState
 from sim.interfaces.spatial import Array, checked, rotation_from_quat_wxyz
-from sim.loop.recording import Recording
+
+if TYPE_CHECKING:
+    from sim.loop.recording import Recording
 
 IN_THE_SOIL = (WorkState.INSERT, WorkState.PRESS, WorkState.WORK, WorkState.WITHDRAW)
 _GAP_EVERY = 0.5  # [s] between evaluations of the hull's distance from the ground
@@ -116,7 +118,7 @@ def schema() -> dict[str, Any]:
 
 
 def assess_seabed_work(
-    recording: Recording, truth: TrueGround, *, seed: int, wall_s: float, bounds: SeabedBounds | None = None
+    recording: "Recording", truth: TrueGround, *, seed: int, wall_s: float, bounds: SeabedBounds | None = None
 ) -> Assessment:
     """All metrics of a run; one that could not be measured is None and counts as missed.
 
@@ -208,7 +210,7 @@ def _surface(found: Target | None, truth: TrueGround, bounds: SeabedBounds) -> T
     )
 
 
-def _core(recording: Recording, truth: TrueGround) -> CoreMetrics:
+def _core(recording: "Recording", truth: TrueGround) -> CoreMetrics:
     push = truth.push
     if push is None:
         raise ConfigurationError("core: no push was set")
@@ -227,7 +229,7 @@ def _core(recording: Recording, truth: TrueGround) -> CoreMetrics:
     )
 
 
-def _drag(recording: Recording, truth: TrueGround) -> DragMetrics:
+def _drag(recording: "Recording", truth: TrueGround) -> DragMetrics:
     work = recording.within(WorkState.WORK)
     error = path_error(recording)
     depth = tip_depth(recording, truth.ground)[work]
@@ -244,13 +246,13 @@ def _drag(recording: Recording, truth: TrueGround) -> DragMetrics:
     )
 
 
-def tip_depth(recording: Recording, ground: Seabed) -> Array:
+def tip_depth(recording: "Recording", ground: Seabed) -> Array:
     """Vertical depth (N,) [m] of the tip below the true surface; NaN outside the terrain."""
     tip = recording["p_pad"].value
     return ground.height(tip) - tip[:, 2]
 
 
-def hull_in_the_soil(recording: Recording) -> dict[str, float | None]:
+def hull_in_the_soil(recording: "Recording") -> dict[str, float | None]:
     """Peak rise, sinking and excursion of the hull from its position when the tool first met the soil."""
     inside = recording.within(*IN_THE_SOIL)
     touched = np.flatnonzero(inside & (recording["contact_normal"].scalar != 0.0))
@@ -265,7 +267,7 @@ def hull_in_the_soil(recording: Recording) -> dict[str, float | None]:
     }
 
 
-def hull_gap(recording: Recording, truth: TrueGround) -> float:
+def hull_gap(recording: "Recording", truth: TrueGround) -> float:
     """Smallest distance [m] of the hull's box from the true ground over the whole run; 0 if they intersect."""
     every = max(1, round(_GAP_EVERY / recording.timestep))
     ground, box = truth.ground.mesh()[0], truth.hull_box

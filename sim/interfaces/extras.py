@@ -3,20 +3,20 @@
 import contextlib
 import sys
 from collections.abc import Iterator
-from importlib.metadata import version
 from importlib.util import find_spec
 
 from sim.interfaces.errors import MissingLibraryError
 
+LOG = "log"  # the extra that log and report need
 EXTRAS = {  # module: extra, as in pyproject.toml
     "embreex": "perception",
     "trimesh": "perception",
     "charset_normalizer": "perception",
-    "matplotlib": "log",
-    "PIL": "log",
-    "plotly": "log",
-    "pyarrow": "log",
-    "rerun": "log",
+    "matplotlib": LOG,
+    "PIL": LOG,
+    "plotly": LOG,
+    "pyarrow": LOG,
+    "rerun": LOG,
     "dm_control": "rl",
     "dm_env": "rl",
     "gymnasium": "rl",
@@ -37,6 +37,8 @@ def missing(error: ImportError) -> MissingLibraryError | None:
 
 def without_dm_control(error: Exception) -> MissingLibraryError:
     """What to say where dm_control cannot be imported."""
+    from importlib.metadata import version
+
     return MissingLibraryError(
         f"this needs dm_control, for MuJoCo {DM_CONTROL_RUNS} (here {version('mujoco')}): {to_install('rl')} "
         f"({type(error).__name__}: {error})"
@@ -49,6 +51,8 @@ def check_dm_control_physics() -> None:
     Raises:
         MissingLibraryError: MuJoCo is newer than `DM_CONTROL_RUNS`.
     """
+    from importlib.metadata import version
+
     here = version("mujoco")
     if int(here.partition(".")[0]) > DM_CONTROL_RUNS:
         raise MissingLibraryError(

@@ -18,7 +18,7 @@ from sim.interfaces.spatial import (
     quat_wxyz_from_rotation,
     rotation_from_quat_wxyz,
 )
-from sim.plant.faults import Onset
+from sim.plant.onset import Onset
 from sim.plant.plant import Plant, Truth
 
 # Displacement (3,) [m] and rotation vector (3,) [rad] in W, by time [s].

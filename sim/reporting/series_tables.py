@@ -15,15 +15,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sim.evaluation.metrics import Assessment
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.extras import wanted
 from sim.interfaces.messages import AbortCode, WorkState
-from sim.loop.recording import Event, RecordedSeries, Recording, Series
-from sim.reporting.results_table import figures_of
 
-if TYPE_CHECKING:
+if TYPE_CHECKING:  # the figures of a run are read without the kernels of what recorded it
     import pyarrow as pa
+
+    from sim.evaluation.metrics import Assessment
+    from sim.loop.recording import RecordedSeries, Recording, Series
 
 LOOP, SLOW, POSES, EVENTS = "loop", "slow", "poses", "events"
 LATE = "_late"  # after the name of a table whose series begin later than those of another of its rate
@@ -52,7 +52,7 @@ class Column:
         return {"unit": self.unit, "series": self.series}
 
 
-def write_series(recording: Recording, folder: Path) -> None:
+def write_series(recording: "Recording", folder: Path) -> None:
     """Writes the table of each rate of the recording, and that of the events, to `folder`.
 
     Columns are `time` [s] and NAME or NAME.LABEL, such as p_WB.x.
@@ -69,7 +69,7 @@ def write_series(recording: Recording, folder: Path) -> None:
     _write(folder / EVENTS, [times, *(Column(name, np.array(words, dtype=np.str_)) for name, words in texts.items())])
 
 
-def _tables(recording: Recording) -> dict[str, list[Column]]:
+def _tables(recording: "Recording") -> dict[str, list[Column]]:
     """Columns of the table of each rate; series of the same times share a table."""
     by_time: dict[tuple[int, float], list[tuple[str, Series]]] = {}
     for name, series in recording.series.items():
@@ -206,12 +206,14 @@ class PastRun:
         return {name: column.unit for name, column in self._columns(rate).items()}
 
     @cached_property
-    def recorded(self) -> RecordedSeries:
+    def recorded(self) -> "RecordedSeries":
         """All series and events, as functions of `sim.evaluation` take them.
 
         Raises:
             ConfigurationError: The run was made with --no-record, or its tables do not tell the series of a column.
         """
+        from sim.loop.recording import Event, RecordedSeries, Series
+
         series: dict[str, Series] = {}
         for rate in self.rates or (LOOP,):
             columns = self._columns(rate)
@@ -276,7 +278,9 @@ def card(title: str, accepted: bool, failed: Any, rows: Any) -> str:
     )
 
 
-def card_of(title: str, assessment: Assessment) -> str:
+def card_of(title: str, assessment: "Assessment") -> str:
     """Card of a run that is in memory."""
+    from sim.reporting.results_table import figures_of
+
     rows = [(check.name, figures_of(check)[0], check.unit) for check in assessment.checks if check.value is not None]
     return card(title, assessment.accepted, assessment.failed, rows)

@@ -1,7 +1,7 @@
 """Common start and end of every scenario script: options, import check, signals, one-line errors and exit codes.
 
 Exit codes: 0 done; 1 done, outside its bounds; 2 bad input; 70 an error of the program; 130 and 143 ended by Ctrl-C and
-by SIGTERM.
+by SIGTERM; 141 the reader of its output is gone.
 """
 
 import contextlib
@@ -22,10 +22,10 @@ from typing import Any, ClassVar, NoReturn, TypeVar, cast
 
 from sim.interfaces.errors import UuvError, did_you_mean, one_line
 from sim.interfaces.extras import missing
+from sim.runs.process import BAD_INPUT, quiet_pipe, reader_is_gone
 from sim.runs.run_folder import give_back, new_folder
 
 ROOMS = ("models", "sim", "perception", "controllers", "calib")
-BAD_INPUT = 2  # exit code
 INTERNAL = 70  # exit code of an error of the program: EX_SOFTWARE of BSD's sysexits
 TRACEBACK = "--traceback"  # option of every script: print the traceback of such an error; or UUV_TRACEBACK=1
 _HOME = Path(__file__).resolve().parents[2]
@@ -152,12 +152,24 @@ def run_scenario(main: Callable[[], int | None]) -> NoReturn:
     """Run `main` and exit with its return code; an error ends in one line and an exit code.
 
     UuvError, or an optional package that is not installed: 2. Any other error: 70, with its place; 2 if it was raised
-    in a user's own module. SIGINT 130, SIGTERM 143.
+    in a user's own module. SIGINT 130, SIGTERM 143. A closed pipe ends it quietly, 141.
     """
     check()
+    with quiet_pipe():
+        _exit(main)
+
+
+def _exit(main: Callable[[], int | None]) -> NoReturn:
+    """Run `main` and exit with its return code, or as `run_scenario` says."""
     try:
         with signals(interrupt):
             code = main()
+    except (BrokenPipeError, SystemExit) as error:
+        if reader_is_gone(error):
+            give_back()
+        elif isinstance(error, BrokenPipeError):
+            raise _failure(error) from None
+        raise
     except UuvError as error:
         give_back()
         raise _refusal(str(error)) from None

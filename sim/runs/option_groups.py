@@ -5,10 +5,12 @@ A class of options, or a base of it, tells its groups by `groups`: title, and na
 
 import ast
 import inspect
-import textwrap
-from collections.abc import Sequence
+import sys
+from collections.abc import Mapping, Sequence
 from dataclasses import MISSING, Field, field, fields, make_dataclass
+from functools import cache
 from itertools import pairwise
+from pathlib import Path
 from typing import Annotated, Any, TypeVar, cast, get_type_hints
 
 import tyro
@@ -35,7 +37,7 @@ def cli(kind: type[Options], args: Sequence[str]) -> Options:
     for title, group in members.items():
         part = make_dataclass(title, group, kw_only=True)
         whole = all(each.default is not MISSING or each.default_factory is not MISSING for each in fields(part))
-        hint = Annotated[part, tyro.conf.OmitArgPrefixes]
+        hint = Annotated[part, tyro.conf.OmitArgPrefixes, tyro.conf.arg(help="")]  # else tyro looks for its source
         parts.append((title, hint, field(default_factory=part) if whole else field()))
     grouped = make_dataclass("Grouped", parts, kw_only=True)
     found = tyro.cli(grouped, args=args, description=inspect.getdoc(kind))
@@ -49,7 +51,7 @@ def _titles(kind: type) -> dict[str, str]:
         for title, names in vars(base).get("groups", {}).items():
             named |= {name: title for name in names.split() if name not in named}
     titles = {each.name: named.get(each.name, REST) for each in fields(kind)}
-    order = sorted(set(titles.values()), key=lambda title: (title != REST, title == "output"))
+    order = sorted(dict.fromkeys(titles.values()), key=lambda title: (title != REST, title == "output"))
     return {name: title for wanted in order for name, title in titles.items() if title == wanted} if named else {}
 
 
@@ -63,13 +65,22 @@ def _told(kind: type) -> dict[str, str]:
     """What the class and its bases say below each field."""
     told: dict[str, str] = {}
     for base in reversed(kind.__mro__[:-1]):
-        try:
-            (body,) = ast.parse(textwrap.dedent(inspect.getsource(base))).body
-        except OSError:  # typed in at a prompt
+        file = getattr(sys.modules.get(base.__module__), "__file__", None)
+        body = None if file is None else _classes(file).get(base.__qualname__)
+        if body is None:  # typed in at a prompt, or made by a function
             continue
-        assert isinstance(body, ast.ClassDef)
         for declared, below in pairwise(body.body):
             match declared, below:
                 case ast.AnnAssign(target=ast.Name(id=name)), ast.Expr(value=ast.Constant(value=str(said))):
                     told[name] = " ".join(said.split())
     return told
+
+
+@cache
+def _classes(file: str) -> Mapping[str, ast.ClassDef]:
+    """Source of each class of a module's file; read once, where `inspect.getsource` would read it for every class."""
+    try:
+        tree = ast.parse(Path(file).read_text(encoding="utf-8"))
+    except (OSError, SyntaxError):  # of a plug-in that has changed since it was imported
+        return {}
+    return {node.name: node for node in tree.body if isinstance(node, ast.ClassDef)}

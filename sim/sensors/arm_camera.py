@@ -19,8 +19,9 @@ import numpy as np
 
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import SurfaceMotionMeasurement
-from sim.interfaces.spatial import Array, finite_number, inverse, pose, rotation_from_z
+from sim.interfaces.spatial import Array, inverse, pose, rotation_from_z
 from sim.sensors.textured_view import ALBEDO, BACKSCATTER, BLUR, LAMP_RANGE, SmallStereo, Texture, Turbidity
+from sim.sensors.view_conditions import ViewConditions
 from sim.sensors.visible_world import Rays, VisibleWorld, body_id, site_on_body
 
 TABLE = Path(__file__).with_suffix(".toml")
@@ -196,22 +197,6 @@ class ArmCameraState:
     lost: int = 0  # pictures in a row
     cloud: float = 0.0  # share of the view hidden now
     cloud_until: float = -np.inf  # [s]
-
-
-@dataclass(frozen=True, kw_only=True)
-class ViewConditions:
-    """What the camera sees beside the object's shape."""
-
-    texture: float = 0.2  # standard deviation of the surface's reflectance, share of its mean; 0: plain
-    attenuation: float = 0.4  # [1/m] of a beam of light
-    cloud_rate: float = 0.05  # [1/s] of clouds of silt; each hides a share drawn between 0 and 1
-    cloud_time: float = 1.0  # [s] mean time that one lasts
-    scale: float = 1e-3  # standard deviation of the error of the stereo calibration's scale, constant over a run
-
-    def __post_init__(self) -> None:
-        for name in ("texture", "attenuation", "cloud_rate", "cloud_time", "scale"):
-            finite_number(getattr(self, name), f"arm camera {name}", least=0.0)
-        finite_number(self.cloud_time, "arm camera cloud_time [s]", above=0.0)
 
 
 class ArmCamera:

@@ -26,8 +26,9 @@ from scenarios.pool.trials import read_trials
 from scenarios.study.options import at_least
 from scenarios.water_identification.command import console, table_of, words
 from scenarios.water_identification.coverage import VEHICLES, Draw, KeptWord, coverage, draw, kept_word
-from scenarios.water_identification.log_residuals import FitSettings, identify
+from scenarios.water_identification.log_residuals import identify
 from scenarios.water_identification.pool_logs import logs_of_trials
+from scenarios.water_identification.settings import FitSettings
 from scenarios.water_identification.vehicle_replay import ReplayVehicle
 from sim.runs.saving import write_json
 

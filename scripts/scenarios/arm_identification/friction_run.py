@@ -6,19 +6,10 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import mujoco
 import numpy as np
-from rich.table import Table
-from rich.text import Text
 
-from controllers.estimation.friction_identification import (
-    FrictionMotion,
-    IdentifiedFriction,
-    identify_friction,
-    over_steps,
-)
 from models.arms.gear_friction import DryFriction
 from models.naming import CAMERA_SITE, TOOL_GEOM
 from models.vehicle import Vehicle
-from perception.clouds.scan import SensorModel
 from scenarios.own_vehicle import OwnVehicle
 from scenarios.scenario import Scenario
 from scenarios.site import OpenWater
@@ -29,11 +20,15 @@ from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import WorkState
 from sim.interfaces.protocols import Sensor
 from sim.interfaces.spatial import Array, finite_number, pose
-from sim.loop.recording import Recorder
 from sim.loop.rollout import Moment
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+    from rich.table import Table
+
+    from controllers.estimation.friction_identification import FrictionMotion, IdentifiedFriction
+    from perception.clouds.scan import SensorModel
+    from sim.loop.recording import Recorder
 
 SHORTEST, LONGEST = 10.0, 300.0  # [s] of swings
 DEPTH = 2.0  # [m] of the hull
@@ -96,6 +91,11 @@ class GearIdentificationTask(Task):
     def __post_init__(self) -> None:
         finite_number(self.seconds, "--seconds [s]", least=SHORTEST, most=LONGEST)
 
+    def check_inputs(self, scenario: Scenario) -> None:
+        """Refuses a site with an object."""
+        super().check_inputs(scenario)
+        object_of(scenario, OpenWater)
+
     def place(self, scenario: Scenario, own: OwnVehicle, rng: np.random.Generator) -> "FrictionCase":
         """The swings in open water."""
         object_of(scenario, OpenWater)
@@ -112,7 +112,7 @@ class FrictionCase(PlacedTask):
     believed: Vehicle
     samples: FrictionSamples = field(default_factory=FrictionSamples)
     model: mujoco.MjModel | None = None  # of the plant; `sensors` sets it
-    found: IdentifiedFriction | None = None  # `assess` sets it
+    found: "IdentifiedFriction | None" = None  # `assess` sets it
 
     @property
     def title(self) -> str:
@@ -141,13 +141,15 @@ class FrictionCase(PlacedTask):
         """The vehicle alone."""
         return vehicle
 
-    def sensors(self, model: mujoco.MjModel) -> tuple[list[Sensor], SensorModel | None]:
+    def sensors(self, model: mujoco.MjModel) -> "tuple[list[Sensor], SensorModel | None]":
         """No sensor sees anything."""
         self.model = model
         return [], None
 
-    def planner(self) -> FrictionMotion:
+    def planner(self) -> "FrictionMotion":
         """Slow swings, then fast ones."""
+        from controllers.estimation.friction_identification import FrictionMotion
+
         seconds = self.task.seconds
         slow, fast = SLOW_SHARE * seconds, 0.5 * (1.0 - SLOW_SHARE) * seconds
         return FrictionMotion(self.believed, self.X_WB, slow=slow, fast=fast)
@@ -161,7 +163,7 @@ class FrictionCase(PlacedTask):
                 raise
         return assessed(self, self.found, ran)
 
-    def tables(self) -> Iterator[Table]:
+    def tables(self) -> "Iterator[Table]":
         """Friction joint by joint."""
         if self.found is not None:
             yield joint_table(self, self.found)
@@ -174,17 +176,19 @@ class FrictionCase(PlacedTask):
             )
             yield "Friction", caption, curves(self, self.found)
 
-    def story(self, recorder: Recorder, log: Any) -> FrictionSamples:
+    def story(self, recorder: "Recorder", log: Any) -> FrictionSamples:
         """Observer that takes the samples."""
         return self.samples
 
 
-def identified(case: FrictionCase) -> IdentifiedFriction:
+def identified(case: FrictionCase) -> "IdentifiedFriction":
     """Friction identified from the samples; rotor inertias are taken as known.
 
     Raises:
         ConfigurationError: A joint moved too little.
     """
+    from controllers.estimation.friction_identification import identify_friction, over_steps
+
     qd, gear, motor = case.samples.columns()
     speed, acceleration = over_steps(qd, case.timestep)
     return identify_friction(speed, acceleration, motor[1:], gear[1:], case.believed.armature)
@@ -195,7 +199,7 @@ def values_of(viscous: Array, dry: DryFriction) -> dict[str, Array]:
     return {"viscous": viscous, **{name: getattr(dry, name) for name in ("coulomb", "stiction", "stribeck_speed")}}
 
 
-def errors(case: FrictionCase, found: IdentifiedFriction) -> dict[str, Array]:
+def errors(case: FrictionCase, found: "IdentifiedFriction") -> dict[str, Array]:
     """Errors (n,) of Coulomb friction, stiction and viscous friction, as shares of what FrictionBounds says."""
     got, true = values_of(found.viscous, found.dry), values_of(case.true.joint_damping, case.true.dry_friction)
     usual = USUAL * np.asarray(case.true.torque_limits)
@@ -206,7 +210,7 @@ def errors(case: FrictionCase, found: IdentifiedFriction) -> dict[str, Array]:
     }
 
 
-def assessed(case: FrictionCase, found: IdentifiedFriction | None, ran: RunResult) -> Assessment:
+def assessed(case: FrictionCase, found: "IdentifiedFriction | None", ran: RunResult) -> Assessment:
     """Metrics of the run: friction of each joint and the errors of the worst, by FrictionBounds.
 
     Args:
@@ -250,8 +254,11 @@ def assessed(case: FrictionCase, found: IdentifiedFriction | None, ran: RunResul
     return Assessment.of(ran.recording, content, checks, seed=case.scenario.seed, wall_s=ran.wall_s)
 
 
-def joint_table(case: FrictionCase, found: IdentifiedFriction) -> Table:
+def joint_table(case: FrictionCase, found: "IdentifiedFriction") -> "Table":
     """Table of each joint: believed, identified with its standard deviation, true; of a slide in N and m."""
+    from rich.table import Table
+    from rich.text import Text
+
     table = Table(title="friction of the gears", title_justify="left")
     for column in ("joint", "figure"):
         table.add_column(column)
@@ -272,15 +279,17 @@ def joint_table(case: FrictionCase, found: IdentifiedFriction) -> Table:
     return table
 
 
-def curves(case: FrictionCase, found: IdentifiedFriction) -> "Figure":
+def curves(case: FrictionCase, found: "IdentifiedFriction") -> "Figure":
     """Torque lost over speed, one plot for each joint."""
+    from matplotlib.figure import Figure
+
+    from controllers.estimation.friction_identification import over_steps
+
     qd, gear, motor = case.samples.columns()
     speed, acceleration = over_steps(qd, case.timestep)
     lost = motor[1:] - case.believed.armature * acceleration - gear[1:] - found.bias
     n = len(case.true.joint_names)
     across = min(n, 3)
-    from matplotlib.figure import Figure
-
     figure = Figure(figsize=(3.4 * across, 2.8 * -(-n // across)), layout="constrained")
     every = max(1, len(speed) // _SHOWN)
     drawn = (

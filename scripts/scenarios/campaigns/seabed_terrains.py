@@ -16,13 +16,13 @@ from perception.seabed.seabed_finder import points_in_world
 from perception.seabed.terrain_path import SeabedPlan, plan_seabed_work
 from scenarios.own_vehicle import OwnVehicle, vehicle_spec
 from scenarios.study import Row, Summary, Table
-from scenarios.tasks.seabed_sampling import ABOVE, AHEAD, APART, BEAMS, LOOKS, height_search, sonar_on_hull
+from scenarios.tasks.seabed_sampling import ABOVE, AHEAD, APART, LOOKS, height_search, sonar_beams, sonar_on_hull
 from sim.interfaces.errors import PerceptionError, ReachError
 from sim.interfaces.messages import SonarScan
 from sim.interfaces.spatial import Array, exp_so3, pose
 from sim.sensors.sonar import Sonar, SonarBeams, SonarNoise
 
-SWATH = BEAMS.azimuth  # [rad] swath of the sonar, both ways
+SWATH = sonar_beams().azimuth  # [rad] swath of the sonar, both ways
 STANDOFF = 0.1  # [m] from which the tool approaches the path
 
 

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from scenarios import first_start
 from scenarios.assembly import assemble
 from scenarios.campaigns.trials import Spread, Trials
 from scenarios.options import TrialOptions
@@ -30,6 +31,7 @@ def command_trials(scenario: Scenario, options: TrialOptions) -> int:
     Raises:
         UuvError: An option is out of range.
     """
+    first_start.build()
     assemble(scenario)  # an error in the settings is raised here once, not in every worker
     seeds = range(scenario.seed, scenario.seed + options.trials)
     return TRIALS[type(scenario.task)].carry_out(scenario.name, scenario, seeds, options)

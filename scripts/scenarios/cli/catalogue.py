@@ -4,7 +4,9 @@ Nothing of it is imported, which takes seconds: names and first lines of docstri
 """
 
 import ast
+import shutil
 import sys
+import textwrap
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -21,13 +23,9 @@ JOBS = {  # `uuv run`: name and class of its options in `scenarios.options`
     "sample-seabed": "SeabedOptions",
     "inspect-object": "InspectionOptions",
 }
-_SENSORS = {  # made by functions without a line of their own
-    "camera": "Stereo depth camera.",
-    "sonar": "Multibeam 3D sonar.",
-    "survey": "None: the object's pose is known (--target-pose known).",
-}
 _GROUP = "uuv_arm"  # of entry points, as in `models.registry`
-_WIDTH = 88  # characters of a line about a thing
+_WIDTH = 120  # characters of a line where the output is no terminal
+_LEAST = 40  # characters of what is said about a thing, in a narrow terminal
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,8 +51,9 @@ SHELVES = (
 )
 
 
-def main(args: Sequence[str]) -> int:
+def main(verb: str, args: Sequence[str]) -> int:
     """Prints all kinds, or those named; returns the exit code."""
+    del verb
     kinds = [shelf.kind for shelf in SHELVES]
     wanted = [arg.removesuffix("s") if arg.removesuffix("s") in kinds else arg for arg in args]
     wanted = ["study" if one == "studies" else one for one in wanted]
@@ -67,12 +66,13 @@ def main(args: Sequence[str]) -> int:
 
             print(f"error: no kind {one!r}; there are {', '.join(kinds)}{did_you_mean(one, kinds)}", file=sys.stderr)
             return 2
+    columns = shutil.get_terminal_size((_WIDTH, 0)).columns
     blocks = []
     for shelf in SHELVES:
         if not wanted or shelf.kind in wanted:
             names = list(things(shelf.kind))
             wide = max((len(name) for name, _ in names), default=0)
-            lines = [f"  {name:<{wide}}  {_cut(said)}".rstrip() for name, said in names]
+            lines = [_entry(f"  {name:<{wide}}  ", said, columns) for name, said in names]
             plural = {"study": "studies"}.get(shelf.kind, shelf.kind + "s")
             blocks.append("\n".join([f"{plural}  ({shelf.use})", *lines]))
     print("\n\n".join(blocks))
@@ -101,11 +101,12 @@ def things(kind: str) -> Iterator[tuple[str, str]]:
         case "soil":
             yield from _documented(ROOT / "models" / "site" / "soil.py", "SOILS")
         case "sensor":
-            for name in _keys(HOME / "scenarios" / "contact_parts.py", "SENSORS"):
-                yield name, _SENSORS.get(name, "")
+            documented = _definitions(HOME / "scenarios" / "contact_parts.py")
+            for name in _keys(HOME / "scenarios" / "kinds.py", "SENSORS"):
+                yield name, documented.get(name, "")
         case "controller":
             classes = _definitions(ROOT / "controllers" / "work_controller.py")
-            for name in _keys(HOME / "scenarios" / "contact_parts.py", "CONTROLLERS"):
+            for name in _keys(HOME / "scenarios" / "kinds.py", "CONTROLLERS"):
                 yield name, classes["WorkController"]
         case "task" | "perturbation":
             folder = HOME / "scenarios" / f"{kind}s"
@@ -181,13 +182,13 @@ def _assigned(file: Path, variable: str) -> ast.expr:
 
 
 def _kinds(file: Path) -> list[tuple[str, str]]:
-    """Names of the things that a function's dictionary lists, and of their classes."""
+    """Names of the things that a function's dictionary lists, and of their classes, which it has as MODULE:CLASS."""
     for inner in ast.walk(_tree(file)):
         if isinstance(inner, ast.Dict) and inner.keys:
             return [
-                (_word(key), value.attr if isinstance(value, ast.Attribute) else value.id)
+                (_word(key), _word(value).rpartition(":")[2])
                 for key, value in zip(inner.keys, inner.values, strict=True)
-                if isinstance(key, ast.Constant) and isinstance(value, ast.Attribute | ast.Name)
+                if isinstance(key, ast.Constant)
             ]
     return []
 
@@ -197,5 +198,8 @@ def _word(node: ast.expr | None) -> str:
     return node.value if isinstance(node, ast.Constant) and isinstance(node.value, str) else ""
 
 
-def _cut(text: str) -> str:
-    return text if len(text) <= _WIDTH else text[: _WIDTH - 3].rstrip() + "..."
+def _entry(begin: str, said: str, columns: int) -> str:
+    """A thing and what is said about it, in as many lines as that takes."""
+    room = max(_LEAST, columns - len(begin))
+    lines = textwrap.wrap(said, room, break_long_words=False, break_on_hyphens=False) or [""]
+    return f"\n{' ' * len(begin)}".join([f"{begin}{lines[0]}".rstrip(), *lines[1:]])

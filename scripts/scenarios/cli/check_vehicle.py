@@ -6,12 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from rich.console import Console
-
-from scenarios import first_start
-from scenarios.vehicle_check.check import check_vehicle
-from scenarios.vehicle_check.jobs import JOBS
-from scenarios.vehicle_check.table import print_check
+from scenarios.vehicle_check.checked_jobs import JOBS, check_jobs
 from sim.runs.command_line import parse
 
 WIDTH = 132  # characters of the tables where the output is no terminal
@@ -51,6 +46,18 @@ def main(verb: str, args: Sequence[str]) -> int:
         print(_USAGE)
         return 0 if args and args[0] in ("-h", "--help") else 2
     options = parse(CheckOptions, args[1:])
+    check_jobs(options.jobs)
+    from scenarios import inputs
+    from scenarios.scenario import VehicleSetup
+
+    parts = None if options.parts is None else str(options.parts)
+    inputs.check_vehicle(VehicleSetup(vehicle=args[0], tool=options.tool, parts=parts))
+    from rich.console import Console
+
+    from scenarios import first_start
+    from scenarios.vehicle_check.check import check_vehicle
+    from scenarios.vehicle_check.table import print_check
+
     first_start.build()
     found = check_vehicle(
         args[0], parts_file=options.parts, tool=options.tool, jobs=options.jobs, forces=options.forces

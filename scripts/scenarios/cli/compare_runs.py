@@ -3,18 +3,17 @@
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
-
-from rich.console import Console
-from rich.table import Table
+from typing import TYPE_CHECKING, Any
 
 from scenarios.cli.past_runs import run_folder
-from scenarios.command import LOG, SCENARIO_FILE, flat
-from scenarios.scenario_file import as_dict, read_scenario
 from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.extras import absent, to_install
-from sim.reporting.series_tables import PastRun
+from sim.interfaces.extras import LOG, absent, to_install
 from sim.runs.saving import write_whole
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from sim.reporting.series_tables import PastRun
 
 _LEFT_OUT = ("provenance", "timings", "start", "schema")
 _ASKED = ("scenario", "options.", "model_sha256")  # what was asked for, and the model that follows from it
@@ -35,7 +34,12 @@ def main(verb: str, args: Sequence[str]) -> int:
     if len(names) < 2 or any(name.startswith("-") for name in names):
         print(_USAGE)
         return 0 if {"-h", "--help"} & set(args) else 2
-    runs = [PastRun.of(run_folder(name)) for name in names]
+    folders = [run_folder(name) for name in names]
+    from rich.console import Console
+
+    from sim.reporting.series_tables import PastRun
+
+    runs = [PastRun.of(folder) for folder in folders]
     found = tables(runs, every=_ALL in args)
     console = Console(width=None if Console().is_terminal else 140)
     for title, rows in found.items():
@@ -52,8 +56,10 @@ def main(verb: str, args: Sequence[str]) -> int:
     return 0
 
 
-def tables(runs: Sequence[PastRun], *, every: bool) -> dict[str, Rows]:
+def tables(runs: "Sequence[PastRun]", *, every: bool) -> dict[str, Rows]:
     """Rows of options and of versions that differ, and of figures: all, or those that differ."""
+    from scenarios.scenario_file import SCENARIO_FILE, as_dict, flat, read_scenario
+
     asked = [flat(as_dict(read_scenario(run.folder / SCENARIO_FILE))) for run in runs]
     made = [flat(run.metrics.get("provenance", {})) for run in runs]
     made = [{key: value for key, value in one.items() if not key.startswith(_ASKED)} for one in made]
@@ -67,7 +73,7 @@ def tables(runs: Sequence[PastRun], *, every: bool) -> dict[str, Rows]:
     }
 
 
-def write_page(runs: Sequence[PastRun], found: Mapping[str, Rows]) -> Path:
+def write_page(runs: "Sequence[PastRun]", found: Mapping[str, Rows]) -> Path:
     """Page with the tables, and the time series of the first two runs; written to the folder of the first."""
     from sim.evaluation.metrics import Bounds
     from sim.reporting import report_page
@@ -119,8 +125,10 @@ def alike(values: Sequence[Any]) -> bool:
     return max(values) - min(values) <= _SAME * max(map(abs, values))
 
 
-def table(title: str, names: Sequence[str], rows: Sequence[tuple[str, Sequence[Any]]]) -> Table:
+def table(title: str, names: Sequence[str], rows: Sequence[tuple[str, Sequence[Any]]]) -> "Table":
     """A column for each run."""
+    from rich.table import Table
+
     made = Table(title=title, title_justify="left")
     made.add_column("")
     for name in names:

@@ -3,7 +3,6 @@
 import importlib
 import os
 import sys
-from ctypes.util import find_library
 from pathlib import Path
 from typing import NoReturn
 
@@ -22,7 +21,7 @@ uuv new KIND NAME             a working skeleton with a test
 uuv completion bash           completion for the shell: source <(uuv completion bash)
 
 uuv VERB --help lists the options of a verb."""
-VERBS = {  # verb: module that has `main(args) -> exit code`
+VERBS = {  # verb: module that has `main(verb, args) -> exit code`
     "list": "scenarios.cli.catalogue",
     "run": "scenarios.cli.run_job",
     "compare": "scenarios.cli.compare_runs",
@@ -32,7 +31,7 @@ VERBS = {  # verb: module that has `main(args) -> exit code`
     "picture": "scenarios.cli.picture",
     "check": "scenarios.cli.check_vehicle",
     "wet": "scenarios.cli.wet_model",
-    "identify-water": "scenarios.water_identification.command",
+    "identify-water": "scenarios.water_identification.options",
     "doctor": "scenarios.cli.doctor",
     "new": "scenarios.cli.skeletons",
     "completion": "scenarios.cli.completion",
@@ -41,30 +40,42 @@ VERBS = {  # verb: module that has `main(args) -> exit code`
 
 def main() -> NoReturn:
     """Runs the verb of the command line, and exits with its code."""
-    args = sys.argv[1:]
-    if not args or args[0] in ("-h", "--help", "help"):
-        print(USAGE)
-        raise SystemExit(0)
-    if args[0] == "--version":
-        from importlib.metadata import version
+    from sim.runs.process import BAD_INPUT, quiet_pipe, refuse_foreign_system
 
-        print(f"uuv-arm {version('uuv-arm')}")
-        raise SystemExit(0)
-    verb = args[0]
-    if verb not in VERBS:
+    refuse_foreign_system()
+    args = sys.argv[1:]
+    verb = args[0] if args else "help"
+    if verb in VERBS and verb != "list":
+        from scenarios.start import run_scenario
+
+        if verb == "picture":
+            _choose_renderer()
+        sys.path.insert(0, str(Path.cwd()))  # own parts, MODULE:ATTRIBUTE, are looked for where one works
+        sys.argv = [f"uuv {verb}", *args[1:]]
+        run_scenario(lambda: importlib.import_module(VERBS[verb]).main(verb, args[1:]))
+    with quiet_pipe():  # half a second is too long to say what there is: nothing heavy is imported
+        if verb == "list":
+            raise SystemExit(importlib.import_module(VERBS[verb]).main(verb, args[1:]))
+        if verb in ("-h", "--help", "help"):
+            print(USAGE)
+            raise SystemExit(0)
+        if verb == "--version":
+            from importlib.metadata import version
+
+            print(f"uuv-arm {version('uuv-arm')}")
+            raise SystemExit(0)
         from sim.interfaces.errors import did_you_mean
 
         print(f"error: no verb {verb!r}; there are {', '.join(VERBS)}{did_you_mean(verb, VERBS)}", file=sys.stderr)
-        raise SystemExit(2)
-    if verb == "picture" and not os.environ.get("DISPLAY") and find_library("EGL"):
-        os.environ.setdefault("MUJOCO_GL", "egl")  # read when MuJoCo is imported, which fails without that library
-    sys.path.insert(0, str(Path.cwd()))  # own parts, MODULE:ATTRIBUTE, are looked for where one works
-    if verb == "list":  # a second is too long to say what there is: nothing heavy is imported
-        raise SystemExit(importlib.import_module(VERBS[verb]).main(args[1:]))
-    from scenarios.start import run_scenario
+        raise SystemExit(BAD_INPUT)
 
-    sys.argv = [f"uuv {verb}", *args[1:]]
-    run_scenario(lambda: importlib.import_module(VERBS[verb]).main(verb, args[1:]))
+
+def _choose_renderer() -> None:
+    """Lets MuJoCo draw without a screen where it can; read when it is imported, which fails without that library."""
+    from ctypes.util import find_library
+
+    if not os.environ.get("DISPLAY") and find_library("EGL"):
+        os.environ.setdefault("MUJOCO_GL", "egl")
 
 
 if __name__ == "__main__":

@@ -6,12 +6,8 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from scenarios.command import LOG, SCENARIO_FILE, show
-from scenarios.runner import run
-from scenarios.scenario_file import read_scenario
 from sim.interfaces.errors import ConfigurationError, MissingLibraryError
-from sim.interfaces.extras import absent, to_install
-from sim.reporting.series_tables import PastRun
+from sim.interfaces.extras import LOG, absent, to_install
 from sim.runs.run_folder import LATEST, RUNS
 
 _ABOUT = {
@@ -46,8 +42,16 @@ def run_folder(given: str) -> Path:
 
 def replay(folder: Path) -> int:
     """Runs again; 0 if the trajectory is the same to the bit, else 1."""
+    from scenarios.inputs import check_inputs
+    from scenarios.scenario_file import SCENARIO_FILE, read_scenario
+    from sim.reporting.series_tables import PastRun
+
     wanted = PastRun.of(folder).metrics["run"]["trajectory_sha256"]
-    ran = run(read_scenario(folder / SCENARIO_FILE))
+    scenario = read_scenario(folder / SCENARIO_FILE)
+    check_inputs(scenario)
+    from scenarios.runner import run  # what runs it is imported, and compiled, after what can be refused
+
+    ran = run(scenario)
     got = ran.recording.digest()
     if got == wanted:
         print(f"the same to the bit: {ran.recording.duration:.1f} s, trajectory {got[:12]}")
@@ -65,7 +69,15 @@ def report(folder: Path) -> int:
     if not file.exists():
         if absent(LOG):
             raise MissingLibraryError(f"report: needs {', '.join(absent(LOG))}: {to_install(LOG)}")
-        show(run(read_scenario(folder / SCENARIO_FILE)), folder)
+        from scenarios.inputs import check_inputs
+        from scenarios.scenario_file import SCENARIO_FILE, read_scenario
+
+        scenario = read_scenario(folder / SCENARIO_FILE)
+        check_inputs(scenario)
+        from scenarios.command import show
+        from scenarios.runner import run
+
+        show(run(scenario), folder)
     print(file.resolve())
     return 0
 

@@ -11,8 +11,6 @@ from pathlib import Path
 
 from scenarios import options as jobs
 from scenarios.cli.catalogue import JOBS
-from scenarios.command import command
-from scenarios.scenario_file import read_scenario, with_values
 from sim.interfaces.errors import ConfigurationError, did_you_mean
 from sim.runs.command_line import Options, RunOptions, parse
 from sim.runs.run_folder import claimed_folder
@@ -53,6 +51,8 @@ def main(verb: str, args: Sequence[str]) -> int:
         scenario = chosen.scenario()
     elif name.endswith(".toml"):
         chosen = _parsed(FileOptions, rest)
+        from scenarios.scenario_file import read_scenario
+
         scenario = read_scenario(name)
         if chosen.seed is not None:
             scenario = replace(scenario, seed=chosen.seed)
@@ -60,11 +60,14 @@ def main(verb: str, args: Sequence[str]) -> int:
         raise ConfigurationError(
             f"no job {name!r}; there are {', '.join(JOBS)}, or a scenario file (.toml){did_you_mean(name, JOBS)}"
         )
-    scenario = with_values(with_values(scenario, task, _TASK), values)
+    if task or values:
+        from scenarios.scenario_file import with_values
+
+        scenario = with_values(with_values(scenario, task, _TASK), values)
     if _QUIET not in args and _JSON not in args:
-        return command(scenario, chosen, started)
+        return jobs.run_job(scenario, chosen, started)
     with contextlib.redirect_stdout(io.StringIO()):
-        code = command(scenario, chosen, started)
+        code = jobs.run_job(scenario, chosen, started)
     folder = claimed_folder()
     metrics = json.loads(Path(folder / "metrics.json").read_text(encoding="utf-8"))
     if _JSON in args:

@@ -4,20 +4,20 @@ import json
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from rich.console import Console
-from rich.markup import escape
-from rich.table import Table
 from tyro.conf import Positional
 
-from models.arms.urdf import MESHES
-from models.hydrodynamics import SEA_WATER
-from models.sidecar import tree_of
-from models.wet.files import make_neutral, read_model, write_model
-from models.wet.geoms import Choice
-from models.wet.wetting import PANELS, Wetted, wet
+from models.water.bounds import SEA_WATER
+from models.wet.choices import PANELS, Choice
 from sim.interfaces.errors import ConfigurationError
 from sim.runs.command_line import parse
+
+if TYPE_CHECKING:
+    from rich.console import Console
+    from rich.table import Table
+
+    from models.wet.wetting import Wetted
 
 _COLUMNS = ("body", "quantity", "value", "origin", "uncertainty")
 
@@ -56,16 +56,25 @@ class WetOptions:
 def main(verb: str, args: Sequence[str]) -> int:
     """Writes the model and prints the table; returns the exit code."""
     del verb
-    return wet_model(parse(WetOptions, args), Console(width=None if Console().is_terminal else 200))
+    options = parse(WetOptions, args)
+    from rich.console import Console
+
+    return wet_model(options, Console(width=None if Console().is_terminal else 200))
 
 
-def wet_model(options: WetOptions, console: Console) -> int:
+def wet_model(options: WetOptions, console: "Console") -> int:
     """Writes the model and prints the table; returns the exit code."""
+    from models.arms.urdf import MESHES
+    from models.wet.files import make_neutral, read_model, write_model
+
     visual = options.geoms != "collision"
     spec, notes = read_model(options.model, free=options.free, scale=options.scale, visual=visual)
     out = options.model.with_suffix(".wet.xml") if options.out is None else options.out
     if not out.parent.is_dir():
         raise ConfigurationError(f"--out {out}: there is no folder {str(out.parent)!r}")
+    from models.sidecar import tree_of
+    from models.wet.wetting import wet  # brings the compiled panels, after what can be refused
+
     wetted = wet(
         spec,
         geoms=options.geoms,
@@ -88,8 +97,11 @@ def wet_model(options: WetOptions, console: Console) -> int:
     return 0
 
 
-def table(wetted: Wetted, title: str) -> Table:
+def table(wetted: "Wetted", title: str) -> "Table":
     """The table of origins."""
+    from rich.markup import escape
+    from rich.table import Table
+
     printed = Table(title=escape(title), title_justify="left")
     for column in _COLUMNS:
         printed.add_column(column, overflow="fold", no_wrap=column in ("body", "quantity"))

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from controllers.planning.hull_placement import MOST_THRUST
+from controllers.planning.promise import MOST_THRUST
 from scenarios.campaigns.contact_study import Ranges, RunTask, draw
 from scenarios.options import BarrelOptions, InsertionOptions, ObjectOptions, PileOptions
 from scenarios.perturbations.loop import MisplacedSurface

@@ -4,7 +4,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import get_args
 
-from scenarios.scenario import Control, Method
+from scenarios.methods import Method
+from scenarios.scenario import Control
 from scenarios.study.loaded_code import digests, file_of
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import shown

@@ -1,21 +1,31 @@
 """Perturbations of the loop: misplaced surface, failure of a thruster or of a sensor."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
+import mujoco
 import numpy as np
 
+from models.vehicle import thruster_names
 from scenarios.perturbations.perturbation import Loop, Perturbation
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import Measurement, StateEstimate, Target, WorkState
 from sim.interfaces.protocols import TargetFinder
 from sim.interfaces.spatial import finite_number, readonly, shown
 from sim.loop.rollout import Observer
-from sim.plant.faults import FaultyPlant, FaultySensor, Fixed, Frozen, Lost, Offset, Onset, SensorFault, ThrusterFault
-from sim.plant.plant import Plant
-from sim.sensors.proprioception import Dvl, Encoders, Imu, JointTorqueSensors, VisionDrift
+from sim.plant.onset import Onset
 
-SENSORS = {"encoders": Encoders, "torque": JointTorqueSensors, "imu": Imu, "dvl": Dvl, "vision": VisionDrift}
+if TYPE_CHECKING:
+    from sim.plant.faults import SensorFault
+
+SENSORS = {  # and their classes in `sim.sensors.proprioception`
+    "encoders": "Encoders",
+    "torque": "JointTorqueSensors",
+    "imu": "Imu",
+    "dvl": "Dvl",
+    "vision": "VisionDrift",
+}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -112,8 +122,15 @@ class ThrusterFailure(Failure):
     share: float = 0.0  # from 0 to 1
     stuck: bool = False
 
+    def check_inputs(self, spec: mujoco.MjSpec) -> None:
+        """Refuses a thruster that the vehicle has not."""
+        self._index(thruster_names(spec.compile()))
+
     def on_loop(self, loop: Loop) -> Loop:
         """Wraps the plant."""
+        from sim.plant.faults import FaultyPlant, ThrusterFault
+        from sim.plant.plant import Plant
+
         plant = loop.plant
         sound: Any = plant
         while isinstance(sound, FaultyPlant):
@@ -122,15 +139,18 @@ class ThrusterFailure(Failure):
             raise ConfigurationError(
                 f"ThrusterFailure: comes before perturbations that wrap the plant, found {type(sound).__name__}"
             )
-        names = sound.vehicle.thruster_names
+        index, onset = self._index(sound.vehicle.thruster_names), self.onset()
+        fault = ThrusterFault(index, onset, self.share, self.stuck)
+        faulty: Any = FaultyPlant(sound, [*(plant.faults if isinstance(plant, FaultyPlant) else ()), fault])
+        return replace(loop, plant=faulty, observers=(*loop.observers, *self._observers(onset)))
+
+    def _index(self, names: Sequence[str]) -> int:
+        """Number of the thruster among `names`."""
         if self.thruster not in names:
             raise ConfigurationError(
                 f"ThrusterFailure thruster: allowed {', '.join(names)}, got {shown(self.thruster)}"
             )
-        onset = self.onset()
-        fault = ThrusterFault(names.index(self.thruster), onset, self.share, self.stuck)
-        faulty: Any = FaultyPlant(sound, [*(plant.faults if isinstance(plant, FaultyPlant) else ()), fault])
-        return replace(loop, plant=faulty, observers=(*loop.observers, *self._observers(onset)))
+        return names.index(self.thruster)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -145,7 +165,10 @@ class SensorFailure(Failure):
 
     def on_loop(self, loop: Loop) -> Loop:
         """Wraps the sensor."""
-        onset, kind = self.onset(), SENSORS[self.sensor]
+        from sim.plant.faults import FaultySensor
+        from sim.sensors import proprioception
+
+        onset, kind = self.onset(), getattr(proprioception, SENSORS[self.sensor])
         sensors = [
             FaultySensor(sensor, self._fault(), onset) if isinstance(getattr(sensor, "sound", sensor), kind) else sensor
             for sensor in loop.parts.sensors
@@ -154,7 +177,9 @@ class SensorFailure(Failure):
             loop, parts=replace(loop.parts, sensors=sensors), observers=(*loop.observers, *self._observers(onset))
         )
 
-    def _fault(self) -> SensorFault:
+    def _fault(self) -> "SensorFault":
+        from sim.plant.faults import Fixed, Frozen, Lost, Offset
+
         match self.effect:
             case "lost":
                 return Lost()

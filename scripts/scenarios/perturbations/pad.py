@@ -5,7 +5,6 @@ from dataclasses import dataclass
 
 import mujoco
 import numpy as np
-from scipy.optimize import brentq
 
 from models.naming import PAD_BODY, PAD_JOINT, TOOL_GEOM
 from scenarios.perturbations.perturbation import Perturbation
@@ -92,6 +91,8 @@ def _sunk(force: float, geom: mujoco.MjsGeom, light: float) -> float:
 
     MuJoCo's impedance over depth, by `solimp` (MuJoCo documentation, Modeling, Solver parameters).
     """
+    from scipy.optimize import brentq
+
     least, most, width, middle, power = np.array(geom.solimp)
     low = least / (1.0 - least)
 

@@ -42,6 +42,9 @@ class Perturbation:
 
     stream: ClassVar[int | None] = None  # of the random draws; None: by the class's name
 
+    def check_inputs(self, spec: mujoco.MjSpec) -> None:
+        """Refuses names that the vehicle `spec` has not, before anything is compiled; by default it names none."""
+
     def on_vehicle(self, spec: mujoco.MjSpec, rng: np.random.Generator) -> Mapping[str, float]:
         """Changes the true vehicle's spec in place, and returns means of the drawn factors by name."""
         return {}
@@ -82,23 +85,21 @@ def perturb(spec: mujoco.MjSpec, perturbations: Iterable[Perturbation], seed: in
 @cache
 def registry() -> Registry[Perturbation]:
     """All kinds of perturbation, those of other packages included."""
-    from scenarios.perturbations import elastic_gears, loop, pad, sensing, target, vehicle
-
-    kinds: dict[str, type[Perturbation]] = {
-        "Water": vehicle.Water,
-        "Payload": vehicle.Payload,
-        "Thrusters": vehicle.ThrusterSpread,
-        "Gears": vehicle.Gears,
-        "Pad": pad.Pad,
-        "ElasticGears": elastic_gears.ElasticGears,
-        "WanderingVision": sensing.WanderingVision,
-        "DriftingTorque": sensing.DriftingTorque,
-        "AttitudeError": sensing.AttitudeError,
-        "MovingObject": target.MovingObject,
-        "MountedObject": target.MountedObject,
-        "MisplacedSurface": loop.MisplacedSurface,
-        "PushedObject": target.PushedObject,
-        "ThrusterFailure": loop.ThrusterFailure,
-        "SensorFailure": loop.SensorFailure,
+    kinds = {
+        "Water": "scenarios.perturbations.vehicle:Water",
+        "Payload": "scenarios.perturbations.vehicle:Payload",
+        "Thrusters": "scenarios.perturbations.vehicle:ThrusterSpread",
+        "Gears": "scenarios.perturbations.vehicle:Gears",
+        "Pad": "scenarios.perturbations.pad:Pad",
+        "ElasticGears": "scenarios.perturbations.elastic_gears:ElasticGears",
+        "WanderingVision": "scenarios.perturbations.sensing:WanderingVision",
+        "DriftingTorque": "scenarios.perturbations.sensing:DriftingTorque",
+        "AttitudeError": "scenarios.perturbations.sensing:AttitudeError",
+        "MovingObject": "scenarios.perturbations.target:MovingObject",
+        "MountedObject": "scenarios.perturbations.target:MountedObject",
+        "MisplacedSurface": "scenarios.perturbations.loop:MisplacedSurface",
+        "PushedObject": "scenarios.perturbations.target:PushedObject",
+        "ThrusterFailure": "scenarios.perturbations.loop:ThrusterFailure",
+        "SensorFailure": "scenarios.perturbations.loop:SensorFailure",
     }
     return Registry("perturbation", kinds)

@@ -4,8 +4,6 @@ from dataclasses import dataclass, replace
 
 from scenarios.perturbations.perturbation import Loop, Perturbation
 from sim.interfaces.spatial import finite_number
-from sim.sensors.proprioception import Imu, JointTorqueSensors, VisionDrift
-from sim.sensors.torque_drift import DriftingTorqueSensors
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -21,6 +19,8 @@ class WanderingVision(Perturbation):
 
     def on_loop(self, loop: Loop) -> Loop:
         """Replaces the vision sensor; its messages state the wander."""
+        from sim.sensors.proprioception import VisionDrift
+
         sensors = [
             replace(sensor, bias=self.sigma, bias_time=self.time) if isinstance(sensor, VisionDrift) else sensor
             for sensor in loop.parts.sensors
@@ -43,6 +43,9 @@ class DriftingTorque(Perturbation):
 
     def on_loop(self, loop: Loop) -> Loop:
         """Wraps the torque sensors."""
+        from sim.sensors.proprioception import JointTorqueSensors
+        from sim.sensors.torque_drift import DriftingTorqueSensors
+
         sensors = [
             DriftingTorqueSensors(sensor, sigma=self.sigma, time=self.time, drift=self.drift)
             if isinstance(sensor, JointTorqueSensors)
@@ -63,6 +66,8 @@ class AttitudeError(Perturbation):
 
     def on_loop(self, loop: Loop) -> Loop:
         """Replaces the inertial unit."""
+        from sim.sensors.proprioception import Imu
+
         sensors = [
             replace(sensor, attitude_bias=self.sigma) if isinstance(sensor, Imu) else sensor
             for sensor in loop.parts.sensors

@@ -13,7 +13,6 @@ from scenarios.perturbations.loop import Failure
 from scenarios.perturbations.perturbation import Loop, Perturbation
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import checked, finite_number, rotation_from_quat_wxyz
-from sim.plant.moved_object import MovedObjectPlant, push, swing
 
 ADDED_MASS = 0.5  # share of the displaced water's mass: a sphere, exact in potential flow
 DRAG = 0.47  # coefficient of a sphere
@@ -43,6 +42,8 @@ class PushedObject(Failure):
 
     def on_loop(self, loop: Loop) -> Loop:
         """Wraps the plant."""
+        from sim.plant.moved_object import MovedObjectPlant, push
+
         onset = self.onset()
         plant = MovedObjectPlant(loop.plant, TARGET_BODY, push(onset, self.by, self.turn, self.ramp))
         return replace(loop, plant=plant, observers=(*loop.observers, *self._observers(onset)))
@@ -65,6 +66,8 @@ class MovingObject(Perturbation):
 
     def on_loop(self, loop: Loop) -> Loop:
         """Wraps the plant."""
+        from sim.plant.moved_object import MovedObjectPlant, swing
+
         plant = MovedObjectPlant(loop.plant, TARGET_BODY, swing(self.amplitude, self.frequency))
         return replace(loop, plant=plant)
 

@@ -5,7 +5,6 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal, Protocol, TypeVar
 
-from scenarios.study.local_processes import run_all
 from scenarios.study.worker import Limits
 
 Task = TypeVar("Task")
@@ -70,6 +69,8 @@ class LocalProcesses:
         self, tasks: Sequence[Task], run: Callable[[Task], Result], died: Callable[[Task], Result]
     ) -> Iterator[Sequence[tuple[Task, Result]]]:
         """As `Engine.results`."""
+        from scenarios.study.local_processes import run_all
+
         return ([each] for each in run_all(tasks, self.workers, run, died, self.limits))
 
 

@@ -5,11 +5,12 @@ import warnings
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from concurrent.futures.process import BrokenProcessPool
-from typing import TypeVar
-
-from loky import ProcessPoolExecutor
+from typing import TYPE_CHECKING, TypeVar
 
 from scenarios.study.worker import Limits, begin
+
+if TYPE_CHECKING:
+    from loky import ProcessPoolExecutor
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")
@@ -75,7 +76,9 @@ def run_all(
             pool.shutdown(wait=True, kill_workers=True)
 
 
-def _pool(workers: int, limits: Limits) -> ProcessPoolExecutor:
+def _pool(workers: int, limits: Limits) -> "ProcessPoolExecutor":
+    from loky import ProcessPoolExecutor
+
     os.environ.setdefault("OMP_NUM_THREADS", "1")  # one thread for each worker: the workers share the cores
     # loky replaces a worker that has grown by 300 MB, and says so; no run is lost by that.
     warnings.filterwarnings("ignore", "A worker (stopped|was restarted) while some jobs", UserWarning)

@@ -1,18 +1,16 @@
 """Insertion: a sampler is put into a hole of a subsea manifold, and withdrawn."""
 
 from dataclasses import dataclass, replace
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import mujoco
 import numpy as np
 
-from controllers.tasks import insertion
 from models.naming import HULL_BODY, TOOL_GEOM, find
 from models.objects.manifold import Hole
 from models.objects.targets import TargetModel
 from models.site import scenes
-from perception.clouds.scan import SensorModel
-from perception.target_finder import KnownObjectFinder
+from models.tools.sampler import SAMPLER
 from scenarios.own_vehicle import OwnVehicle
 from scenarios.scenario import Scenario
 from scenarios.site import HoleManifold, coarse_detection
@@ -23,7 +21,11 @@ from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import WorkState
 from sim.interfaces.protocols import Sensor
 from sim.interfaces.spatial import Array, pose
-from sim.sensors.depth_camera import DepthCamera
+
+if TYPE_CHECKING:
+    from controllers.tasks.insertion import HoleInsertion
+    from perception.clouds.scan import SensorModel
+    from perception.target_finder import KnownObjectFinder
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,6 +47,12 @@ class InsertionTask(Task):
     def tool(self) -> str:
         """The sampler."""
         return "sampler"
+
+    def check_inputs(self, scenario: Scenario) -> None:
+        """Refuses an object that is no manifold, and a hole that it has not."""
+        super().check_inputs(scenario)
+        site: HoleManifold = object_of(scenario, HoleManifold)
+        site.block(SAMPLER.radius).hole(self.hole)
 
     def place(self, scenario: Scenario, own: OwnVehicle, rng: np.random.Generator) -> "PlacedInsertion":
         """The insertion at the site's manifold; draws its pose and its coarse detection."""
@@ -100,17 +108,23 @@ class PlacedInsertion(PlacedTask):
         """Adds the manifold and flat seabed."""
         return scenes.work_site(vehicle, self.target, self.X_WT)
 
-    def sensors(self, model: mujoco.MjModel) -> tuple[list[Sensor], SensorModel | None]:
+    def sensors(self, model: mujoco.MjModel) -> "tuple[list[Sensor], SensorModel | None]":
         """The depth camera."""
+        from sim.sensors.depth_camera import DepthCamera
+
         return [DepthCamera(model, HULL_BODY, self.own.X_BC)], None
 
-    def finder(self, sensor: SensorModel | None, seed: int) -> KnownObjectFinder:
+    def finder(self, sensor: "SensorModel | None", seed: int) -> "KnownObjectFinder":
         """Finder of the manifold."""
+        from perception.target_finder import KnownObjectFinder
+
         path = f"beside_{self.task.hole}"
         return KnownObjectFinder(self.target, path, self.approach_W, self.orientation_W, seed=seed)
 
-    def planner(self) -> insertion.HoleInsertion:
+    def planner(self) -> "HoleInsertion":
         """Planner of the insertion."""
+        from controllers.tasks import insertion
+
         own, task, bore = self.own, self.task, self.bore
         aimed_at = replace(bore, p_T=bore.p_T + bore.pose(np.eye(4))[:3, :3] @ [*task.error, 0.0])
         return insertion.HoleInsertion(

@@ -8,30 +8,29 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import mujoco
 import numpy as np
 
-from controllers.planning.hull_path import HullPath
-from controllers.tasks import inspection
-from models.meshes.visibility import View
+from models.meshes import open3d_loader
 from models.naming import HULL_BODY, TOOL_GEOM
 from models.objects.targets import TargetModel
 from models.site import scenes
-from perception.clouds.scan import SensorModel
-from perception.target_finder import KnownObjectFinder
 from scenarios.own_vehicle import OwnVehicle
 from scenarios.scenario import Scenario
 from scenarios.site import Workpiece, coarse_detection
-from scenarios.tasks.surface_survey import SurfaceSurvey, SurveyStory
 from scenarios.tasks.task import Pictures, PlacedTask, RunResult, Task, object_of, scan_pose
 from sim.evaluation.inspection_metrics import InspectionBounds, TrueInspection, assess_inspection
 from sim.evaluation.metrics import Assessment
 from sim.interfaces.messages import WorkState
 from sim.interfaces.protocols import Sensor
 from sim.interfaces.spatial import Array, pose, transform_points
-from sim.loop.recording import Recorder, Recording
 from sim.loop.rollout import Observer
-from sim.sensors.depth_camera import DepthCamera
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+    from controllers.tasks.inspection import Inspection, InspectionJob
+    from perception.clouds.scan import SensorModel
+    from perception.target_finder import KnownObjectFinder
+    from scenarios.tasks.surface_survey import SurfaceSurvey
+    from sim.loop.recording import Recorder, Recording
 
 COVERED = 0.95  # share of what can be seen that a flight which is to cover the object must see
 FAR = 5.0  # [m] largest range at which a surface point counts as seen
@@ -50,11 +49,22 @@ class InspectionTask(Task):
     cover: bool = False  # further levels, until all that can be seen is seen
     mesh: bool = False  # leave a mesh of what was seen, by Open3D
 
+    def check_inputs(self, scenario: Scenario) -> None:
+        """Refuses an object that there is not, and a mesh without Open3D."""
+        super().check_inputs(scenario)
+        workpiece: Workpiece = object_of(scenario, Workpiece)
+        workpiece.model()
+        if self.mesh:
+            open3d_loader.load()
+
     def place(self, scenario: Scenario, own: OwnVehicle, rng: np.random.Generator) -> "PlacedInspection":
         """The flight around the site's object; draws its pose and its coarse detection."""
+        from controllers.tasks.inspection import InspectionJob
+        from scenarios.tasks.surface_survey import SurfaceSurvey
+
         workpiece: Workpiece = object_of(scenario, Workpiece)
         target = workpiece.model()
-        config = inspection.InspectionJob(distance=self.distance, clearance=self.clearance, speed=self.speed)
+        config = InspectionJob(distance=self.distance, clearance=self.clearance, speed=self.speed)
         X_WT = scenario.site.pose(rng)
         approach_W, orientation_W = coarse_detection(X_WT @ pose(p=target.center), rng)
         there = workpiece.as_it_is(target, None, rng)
@@ -78,14 +88,14 @@ class PlacedInspection(PlacedTask):
 
     scenario: Scenario
     own: OwnVehicle
-    config: inspection.InspectionJob
+    config: "InspectionJob"
     target: TargetModel  # as the vehicle knows it
     there: TargetModel  # as it is
     X_WT: Array  # (4, 4) true pose
     approach_W: Array  # (3,) [m] coarse position of its centre
     orientation_W: Array  # (3, 3) its coarse orientation
     cover: bool = False  # further levels
-    survey: SurfaceSurvey | None = None  # of the surface; None: none
+    survey: "SurfaceSurvey | None" = None  # of the surface; None: none
     half_view: tuple[float, float] = (0.0, 0.0)  # tangents of half the camera's fields of view; `sensors` sets it
 
     def __post_init__(self) -> None:
@@ -119,22 +129,29 @@ class PlacedInspection(PlacedTask):
         """Adds the true object and flat seabed."""
         return scenes.work_site(vehicle, self.there, self.X_WT)
 
-    def sensors(self, model: mujoco.MjModel) -> tuple[list[Sensor], SensorModel | None]:
+    def sensors(self, model: mujoco.MjModel) -> "tuple[list[Sensor], SensorModel | None]":
         """The depth camera."""
+        from sim.sensors.depth_camera import DepthCamera
+
         camera = DepthCamera(model, HULL_BODY, self.own.X_BC)
         self.half_view = (camera.K[0, 2] / camera.K[0, 0], camera.K[1, 2] / camera.K[1, 1])
         if self.survey is not None:
             self.survey.look_through(camera)
         return [camera], None
 
-    def finder(self, sensor: SensorModel | None, seed: int) -> KnownObjectFinder:
+    def finder(self, sensor: "SensorModel | None", seed: int) -> "KnownObjectFinder":
         """Finder of the object."""
+        from perception.target_finder import KnownObjectFinder
+
         return KnownObjectFinder(self.target, None, self.approach_W, self.orientation_W, seed=seed)
 
-    def planner(self) -> inspection.Inspection:
+    def planner(self) -> "Inspection":
         """Planner of the orbit."""
+        from controllers.tasks.inspection import Inspection
+        from models.meshes.visibility import View
+
         own = self.own
-        return inspection.Inspection(
+        return Inspection(
             own.at_work(),
             self.target,
             self.config,
@@ -145,6 +162,9 @@ class PlacedInspection(PlacedTask):
 
     def assess(self, ran: RunResult, seed: int) -> Assessment:
         """Assessment against the true object."""
+        from controllers.planning.hull_path import HullPath
+        from controllers.tasks import inspection
+
         own, vertices_W = self.own.at_work(), transform_points(self.X_WT, self.there.vertices)
         passing = HullPath(own.vehicle, own.chain, own.hull_box, vertices_W)
         keep = inspection.Keep(passing, scenes.seabed_height(self.there, self.X_WT), self.config.clearance)
@@ -170,13 +190,15 @@ class PlacedInspection(PlacedTask):
         self.survey.write(folder / "mesh.ply")
         return (folder / "mesh.ply",)
 
-    def story(self, recorder: Recorder, log: Any) -> Observer:
+    def story(self, recorder: "Recorder", log: Any) -> Observer:
         """Clouds of the identification, and at the end the mesh."""
+        from scenarios.tasks.surface_survey import SurveyStory
+
         story = super().story(recorder, log)
         return story if self.survey is None else SurveyStory(story, self.survey, log)
 
 
-def orbit_picture(recording: Recording, truth: TrueInspection) -> Iterator[tuple[str, str, "Figure"]]:
+def orbit_picture(recording: "Recording", truth: TrueInspection) -> Iterator[tuple[str, str, "Figure"]]:
     """Plan view of the hull's reference and true path around the object."""
     from matplotlib.figure import Figure
 

@@ -2,23 +2,17 @@
 
 from collections.abc import Collection
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import mujoco
 import numpy as np
 
-from controllers.planning.ground_approach import GroundApproach
-from controllers.planning.seabed_height import HeightSearch
-from controllers.tasks.seabed_work import SeabedJob, SeabedWork
 from models.naming import CAMERA_SITE, HULL_BODY, TOOL_GEOM, find
 from models.site import scenes
 from models.site.seabed import Seabed
 from models.site.soil import SOILS, SoilTool, box, core_tube
 from models.tools import sampler
 from perception.clouds.point_files import read_cloud, read_targets
-from perception.clouds.scan import SensorModel
-from perception.navigation.ground_plane import GroundPlaneEstimator
-from perception.seabed.seabed_finder import SeabedFinder, SeabedFinderState
 from scenarios.own_vehicle import OwnVehicle
 from scenarios.scenario import Scenario
 from scenarios.site import ALTITUDE, Ground
@@ -29,17 +23,21 @@ from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import WorkState
 from sim.interfaces.protocols import Estimator, Sensor
 from sim.interfaces.spatial import Array, exp_so3, pose, transform_points
-from sim.loop.recording import Recorder
 from sim.loop.rollout import Moment
-from sim.plant.soil_contact import SoilForce
-from sim.sensors.dvl_ranges import DvlBeams, DvlRanges
-from sim.sensors.sonar import Sonar, SonarBeams
+
+if TYPE_CHECKING:
+    from controllers.planning.seabed_height import HeightSearch
+    from controllers.tasks.seabed_work import SeabedJob, SeabedWork
+    from perception.clouds.scan import SensorModel
+    from perception.seabed.seabed_finder import SeabedFinder
+    from sim.loop.recording import Recorder
+    from sim.plant.soil_contact import SoilForce
+    from sim.sensors.sonar import SonarBeams
 
 ABOVE = np.array([0.0, 0.0, ALTITUDE])  # [m] from the terrain's middle to the hull during the scan, in W
 HIGHER = (0.8, 1.8)  # [m] further height of the start pose: the vehicle does not know its altitude
 AHEAD = 0.5  # [m] distance of the default targets ahead of the hull's middle
 APART = 0.3  # [m] distance between the two default targets of a drag
-BEAMS = SonarBeams(rows=96, columns=96, elevation=np.radians(90.0), azimuth=np.radians(90.0))
 AXES = 0.06  # [m] length of the unit axes in the log
 PLANE = 0.5  # [m] length of the normal of the plane from the Doppler log, in the log
 OWN_ARM = 0.8  # [m] from the sonar: closer echoes are from the vehicle's own arm; less where that folds closer
@@ -64,8 +62,20 @@ class SeabedSamplingTask(Task):
         """Box or core tube."""
         return "box" if self.drag else "corer"
 
+    def check_inputs(self, scenario: Scenario) -> None:
+        """Refuses a site without ground, a soil that there is not, and files that cannot be read."""
+        super().check_inputs(scenario)
+        site: Ground = object_of(scenario, Ground)
+        SOILS.resolve(site.soil)
+        self._targets()
+        if self.cloud is not None:
+            read_cloud(self.cloud)
+
     def place(self, scenario: Scenario, own: OwnVehicle, rng: np.random.Generator) -> "PlacedSampling":
         """The work on the site's seabed; draws the terrain, heading and height of the start."""
+        from controllers.tasks.seabed_work import SeabedJob
+        from sim.plant.soil_contact import SoilForce
+
         site: Ground = object_of(scenario, Ground)
         ground = site.draw(scenario.seed, rng)
         X_WB = pose(exp_so3([0.0, 0.0, rng.uniform(-np.pi, np.pi)]), ground.center_W + ABOVE)
@@ -105,13 +115,13 @@ class PlacedSampling(PlacedTask):
     scenario: Scenario
     own: OwnVehicle
     task: SeabedSamplingTask
-    job: SeabedJob
+    job: "SeabedJob"
     ground: Seabed  # true terrain
     start: Array  # (4, 4) pose X_WB
     B_W: Array  # (s, 3) [m] targets
     up_W: Array  # (3,) their direction
     cloud_W: Array | None  # (n, 3) [m] that replaces the scan
-    soil_force: SoilForce
+    soil_force: "SoilForce"
 
     @property
     def title(self) -> str:
@@ -126,7 +136,7 @@ class PlacedSampling(PlacedTask):
         return self.start
 
     @property
-    def soil(self) -> SoilForce:
+    def soil(self) -> "SoilForce":
         """Soil that acts on the tool."""
         return self.soil_force
 
@@ -140,26 +150,36 @@ class PlacedSampling(PlacedTask):
         """Adds the terrain."""
         return scenes.dig_site(vehicle, self.ground)
 
-    def sensors(self, model: mujoco.MjModel) -> tuple[list[Sensor], SensorModel | None]:
+    def sensors(self, model: mujoco.MjModel) -> "tuple[list[Sensor], SensorModel | None]":
         """Sonar under the bow, slant ranges of the Doppler log."""
+        from sim.sensors.dvl_ranges import DvlBeams, DvlRanges
+        from sim.sensors.sonar import Sonar
+
         hull = self.own.hull_box
         nearest = own_arm(self.own)
         beams = DvlBeams(limits=(nearest, 50.0), dead=self.scenario.sensing.dead_beams)
         return [
-            Sonar(model, HULL_BODY, sonar_on_hull(hull), beams=BEAMS, range_limits=(nearest, 10.0)),
+            Sonar(model, HULL_BODY, sonar_on_hull(hull), beams=sonar_beams(), range_limits=(nearest, 10.0)),
             DvlRanges.on(model, HULL_BODY, dvl_on_hull(hull), beams),
         ], None
 
     def estimator(self, navigation: Estimator) -> Estimator:
         """Navigation with the plane of the ground."""
+        from perception.navigation.ground_plane import GroundPlaneEstimator
+
         return GroundPlaneEstimator(navigation)
 
-    def finder(self, sensor: SensorModel | None, seed: int) -> SeabedFinder:
+    def finder(self, sensor: "SensorModel | None", seed: int) -> "SeabedFinder":
         """Finder of the surface."""
+        from perception.seabed.seabed_finder import SeabedFinder
+
         return SeabedFinder(self.B_W, self.up_W, core_depth=self.job.depth, cloud_W=self.cloud_W, looks=LOOKS)
 
-    def planner(self) -> SeabedWork:
+    def planner(self) -> "SeabedWork":
         """Planner of the work in the soil."""
+        from controllers.planning.ground_approach import GroundApproach
+        from controllers.tasks.seabed_work import SeabedWork
+
         own, hull = self.own, self.own.hull_box
         return SeabedWork(
             own.at_work(),
@@ -179,7 +199,7 @@ class PlacedSampling(PlacedTask):
 
         return seabed_figures(ran.recording, self.truth)
 
-    def story(self, recorder: Recorder, log: Any) -> "SeabedRecorder":
+    def story(self, recorder: "Recorder", log: Any) -> "SeabedRecorder":
         """Observer of the found seabed."""
         return SeabedRecorder(recorder, log)
 
@@ -202,10 +222,19 @@ def tool_of(own: mujoco.MjModel) -> SoilTool:
     )
 
 
-def height_search(hull: Array, *, drag: bool) -> HeightSearch:
+def height_search(hull: Array, *, drag: bool) -> "HeightSearch":
     """Search settings for the hull's height: a box keeps its edge ahead, a tube may turn about its axis."""
+    from controllers.planning.seabed_height import HeightSearch
+
     jets = -float(hull[0, 2])
     return HeightSearch(jets_above=jets, rolls=1) if drag else HeightSearch(jets_above=jets)
+
+
+def sonar_beams() -> "SonarBeams":
+    """Beams of the sonar that looks at the seabed."""
+    from sim.sensors.sonar import SonarBeams
+
+    return SonarBeams(rows=96, columns=96, elevation=np.radians(90.0), azimuth=np.radians(90.0))
 
 
 def sonar_on_hull(box: Array) -> Array:
@@ -237,13 +266,17 @@ class SeabedRecorder:
 
     slow_ticks = ()
 
-    def __init__(self, recorder: Recorder, log: Any) -> None:
+    def __init__(self, recorder: "Recorder", log: Any) -> None:
         self._recorder, self._log = recorder, log
 
     def observe(self, moment: Moment) -> None:
         """Adds what the finder has at each new ping."""
+        if moment.frame is None:
+            return
+        from perception.seabed.seabed_finder import SeabedFinderState
+
         found = moment.found
-        if moment.frame is None or not isinstance(found, SeabedFinderState) or found.cloud_W is None:
+        if not isinstance(found, SeabedFinderState) or found.cloud_W is None:
             return
         time, plan = moment.truth.time, found.plan
         self._recorder.add_cloud("scan", found.cloud_W)

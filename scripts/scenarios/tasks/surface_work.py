@@ -1,29 +1,18 @@
 """Surface work: a tool is pressed on an object, or held above it, along a path."""
 
 from dataclasses import dataclass, field
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import mujoco
 import numpy as np
 
-from controllers.hull.thrust_margin import ThrustMargin
-from controllers.planning.arm_margins import TILT
-from controllers.planning.arm_size import FULL
 from controllers.planning.promise import PromiseLimits
 from controllers.planning.trajectories import FASTEST, SLOWEST
-from controllers.tasks import surface_work
-from controllers.tasks.arrival import ArrivalLimits
-from controllers.tasks.contact_phases import ApproachLimits
-from controllers.tasks.hull_phases import EscapeLimits
-from controllers.tasks.task import TaskPlanner
+from controllers.tasks.approach_limits import ApproachLimits
 from models.objects.targets import TargetModel
 from models.site import scenes
 from models.site.sliding_contact import let_tool_slide
-from perception.clouds.scan import SensorModel
-from perception.object_tracker import FoundObjectFollower
-from perception.surveyed_object import SurveyedObjectFinder
-from perception.target_finder import FinderState, KnownObjectFinder, PublishedFinder
-from scenarios.contact_parts import SURVEY, exteroceptive_sensor
+from scenarios.kinds import SURVEY
 from scenarios.own_vehicle import OwnVehicle
 from scenarios.scenario import Scenario
 from scenarios.site import Workpiece, coarse_detection
@@ -32,6 +21,14 @@ from sim.evaluation.metrics import Assessment, Bounds, TrueObject, assess
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.protocols import Sensor
 from sim.interfaces.spatial import Array, finite_number, shown
+
+if TYPE_CHECKING:
+    from controllers.tasks.surface_work import SurfaceTaskConfig
+    from controllers.tasks.task import TaskPlanner
+    from perception.clouds.scan import SensorModel
+    from perception.object_tracker import FoundObjectFollower
+    from perception.surveyed_object import SurveyedObjectFinder
+    from perception.target_finder import KnownObjectFinder
 
 TAP_FORCE, TAPPED = 40.0, (0.0, 0.06, 0.12)  # [N] to tap with, [m] along a path
 _MOST_FORCE = 1e3  # [N] beyond the capability of any vehicle here
@@ -76,16 +73,29 @@ class SurfaceWorkTask(Task):
         for force in self.forces:
             finite_number(force, "--forces [N]", above=0.0, most=_MOST_FORCE)
 
+    def check_inputs(self, scenario: Scenario) -> None:
+        """Refuses an object without surface, a path that it has not, and options that exclude each other."""
+        workpiece: Workpiece = object_of(scenario, Workpiece)
+        self._check_stops(scenario)
+        if scenario.sensing.follow:
+            check_follows(scenario)
+        workpiece.target(self.path)
+
+    def _check_stops(self, scenario: Scenario) -> None:
+        """Refuses stops for navigation where they tell nothing."""
+        if self.promise.stops is None:
+            return
+        for given, why in (
+            (scenario.sensing.arm_camera is not None, "--arm-camera: it sees more than stops tell"),
+            (self.contactless is not None, "--contactless: nothing holds the tool"),
+            ("fusion" in scenario.control.without, "--without fusion: nothing takes what they tell"),
+        ):
+            if given:
+                raise ConfigurationError(f"--stop-every (task.promise.stops) and {why}; one of the two")
+
     def place(self, scenario: Scenario, own: OwnVehicle, rng: np.random.Generator) -> "PlacedSurfaceWork":
         """The work on the site's object; draws its pose, its coarse detection, growth and dents."""
-        if self.promise.stops is not None:
-            for given, why in (
-                (scenario.sensing.arm_camera is not None, "--arm-camera: it sees more than stops tell"),
-                (self.contactless is not None, "--contactless: nothing holds the tool"),
-                ("fusion" in scenario.control.without, "--without fusion: nothing takes what they tell"),
-            ):
-                if given:
-                    raise ConfigurationError(f"--stop-every (task.promise.stops) and {why}; one of the two")
+        self._check_stops(scenario)
         workpiece: Workpiece = object_of(scenario, Workpiece)
         target, path = workpiece.target(self.path)
         if self.turn is not None:
@@ -135,6 +145,9 @@ class PlacedSurfaceWork(PlacedTask):
     @property
     def bounds(self) -> Bounds:
         """The usual bounds; those of the force by the arm's size, and an axis that leans for one of fewer joints."""
+        from controllers.planning.arm_margins import TILT
+        from controllers.planning.arm_size import FULL
+
         own, usual = self.own.at_work(), Bounds()
         return Bounds(
             force_error_rms=own.size * usual.force_error_rms,
@@ -148,13 +161,18 @@ class PlacedSurfaceWork(PlacedTask):
         let_tool_slide(scene, speed=self.task.speed, force=min(self.task.forces))
         return scene
 
-    def sensors(self, model: mujoco.MjModel) -> tuple[list[Sensor], SensorModel | None]:
+    def sensors(self, model: mujoco.MjModel) -> "tuple[list[Sensor], SensorModel | None]":
         """The camera, sonar, survey or registered sensor."""
+        from scenarios.contact_parts import exteroceptive_sensor
+
         sensor, seen_as = exteroceptive_sensor(self.scenario.sensing.sensor, model, self.own.X_BC)
         return [sensor], seen_as
 
-    def finder(self, sensor: SensorModel | None, seed: int) -> KnownObjectFinder | SurveyedObjectFinder:
+    def finder(self, sensor: "SensorModel | None", seed: int) -> "KnownObjectFinder | SurveyedObjectFinder":
         """Finder of the clean object."""
+        from perception.surveyed_object import SurveyedObjectFinder
+        from perception.target_finder import KnownObjectFinder, PublishedFinder
+
         if self.scenario.sensing.sensor == SURVEY:
             return SurveyedObjectFinder(self.target, self.truth.path)
         kind = PublishedFinder if "identification" in self.scenario.control.published else KnownObjectFinder
@@ -169,19 +187,22 @@ class PlacedSurfaceWork(PlacedTask):
             seed=seed,
         )
 
-    def follower(self, sensor: SensorModel | None) -> FoundObjectFollower:
+    def follower(self, sensor: "SensorModel | None") -> "FoundObjectFollower":
         """Follower of the clean object."""
-        if self.scenario.sensing.sensor != "camera":
-            raise ConfigurationError(
-                f"--follow: takes depth frames; the sensor is {shown(self.scenario.sensing.sensor)}, not camera"
-            )
+        from perception.object_tracker import FoundObjectFollower
+
+        check_follows(self.scenario)
         return FoundObjectFollower(self.target, sensor=sensor)
 
-    def job(self) -> surface_work.SurfaceTaskConfig:
+    def job(self) -> "SurfaceTaskConfig":
         """Forces and limits of the work, for the arm's size."""
+        from controllers.tasks.arrival import ArrivalLimits
+        from controllers.tasks.hull_phases import EscapeLimits
+        from controllers.tasks.surface_work import SurfaceTaskConfig
+
         size, task = self.own.at_work().size, self.task
         usual_rate = task.force_rate == SurfaceWorkTask.force_rate
-        return surface_work.SurfaceTaskConfig(
+        return SurfaceTaskConfig(
             forces=task.forces,
             speed=task.speed,
             least_share=task.least,
@@ -195,9 +216,12 @@ class PlacedSurfaceWork(PlacedTask):
             promise=task.promise,
         )
 
-    def planner(self) -> TaskPlanner:
+    def planner(self) -> "TaskPlanner":
         """Planner of the work."""
-        return surface_work.SurfaceWork(
+        from controllers.hull.thrust_margin import ThrustMargin
+        from controllers.tasks.surface_work import SurfaceWork
+
+        return SurfaceWork(
             self.own.at_work(),
             self.target,
             self.job(),
@@ -208,6 +232,8 @@ class PlacedSurfaceWork(PlacedTask):
 
     def assess(self, ran: RunResult, seed: int) -> Assessment:
         """Assessment against the true object."""
+        from perception.target_finder import FinderState
+
         state = ran.last.found
         found = state.last if isinstance(state, FinderState) else None
         return assess(
@@ -224,6 +250,14 @@ class PlacedSurfaceWork(PlacedTask):
         from sim.reporting.report_figures import object_as_found
 
         return object_as_found(ran.recording, self.truth)
+
+
+def check_follows(scenario: Scenario) -> None:
+    """Refuses to follow an object without depth frames."""
+    if scenario.sensing.sensor != "camera":
+        raise ConfigurationError(
+            f"--follow: takes depth frames; the sensor is {shown(scenario.sensing.sensor)}, not camera"
+        )
 
 
 def first_force(scenario: Scenario) -> float:

@@ -1,20 +1,19 @@
 """Tapping: points of an object are touched one after another with a set force, for some time each."""
 
 from dataclasses import dataclass, replace
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from controllers.hull.thrust_margin import ThrustMargin
-from controllers.planning.hull_placement import PathStanding, StandingLimits
-from controllers.tasks.arrival import WorkSite, around
-from controllers.tasks.tap import tap
-from controllers.tasks.task import TaskPlanner
 from models.site import scenes
 from scenarios.own_vehicle import OwnVehicle
 from scenarios.scenario import Scenario
 from scenarios.tasks.surface_work import TAP_FORCE, TAPPED, PlacedSurfaceWork, SurfaceWorkTask
 from sim.evaluation.metrics import Bounds
+
+if TYPE_CHECKING:
+    from controllers.planning.hull_placement import PathStanding
+    from controllers.tasks.task import TaskPlanner
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,8 +53,11 @@ class PlacedTapping(PlacedSurfaceWork):
         return replace(super().bounds, path_deviation=float("inf"))
 
     @property
-    def standing(self) -> PathStanding:
+    def standing(self) -> "PathStanding":
         """Chooses the hull's place from which all points are within reach."""
+        from controllers.hull.thrust_margin import ThrustMargin
+        from controllers.planning.hull_placement import PathStanding, StandingLimits
+
         own, job = self.own.at_work(), self.job()
         return PathStanding(
             vehicle=own.vehicle,
@@ -67,8 +69,11 @@ class PlacedTapping(PlacedSurfaceWork):
             holding=ThrustMargin.of(self.own.model),
         )
 
-    def planner(self) -> TaskPlanner:
+    def planner(self) -> "TaskPlanner":
         """Planner of the work."""
+        from controllers.tasks.arrival import WorkSite, around
+        from controllers.tasks.tap import tap
+
         own, job = self.own.at_work(), self.job()
         site = WorkSite(own=own, X_WB_scan=self.X_WB, stand=self.standing, around=around(own, self.target))
         return tap(site, job, TappingTask.points, own.tip, TappingTask.hold)

@@ -11,25 +11,25 @@ import mujoco
 import numpy as np
 
 from models.registry import Registry
-from perception.clouds.scan import SensorModel
-from perception.target_finder import FinderState
-from scenarios.own_vehicle import OwnVehicle
 from sim.evaluation.metrics import Assessment, Bounds
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import WorkState
 from sim.interfaces.protocols import Controller, Estimator, Planner, Sensor, TargetFinder, TargetFollower
 from sim.interfaces.spatial import Array, exp_so3, finite_number, pose
-from sim.loop.recording import Recorder, Recording
 from sim.loop.rollout import Moment, Observer
-from sim.plant.soil_contact import SoilForce
 
-if TYPE_CHECKING:
+if TYPE_CHECKING:  # a task is described, and refused, without the kernels of what carries it out
     from matplotlib.figure import Figure
     from rich.table import Table
 
+    from perception.clouds.scan import SensorModel
+    from scenarios.own_vehicle import OwnVehicle
     from scenarios.scenario import Scenario
+    from sim.loop.recording import Recorder, Recording
+    from sim.plant.soil_contact import SoilForce
 
 Pictures = Iterable[tuple[str, str, "Figure"]]  # title, caption, figure
+_NOT_FOLLOWED = "--follow: this task has no object that it could follow"
 _FARTHEST = 1e3  # [m] largest scan range, far beyond any sensor here
 
 
@@ -37,7 +37,7 @@ _FARTHEST = 1e3  # [m] largest scan range, far beyond any sensor here
 class RunResult:
     """Recording, last moment and wall time of a run."""
 
-    recording: Recording
+    recording: "Recording"
     last: Moment
     wall_s: float
     part_by_part: str = ""  # why every tick was taken part by part; empty: compiled ticks where nothing slow was due
@@ -60,8 +60,19 @@ class Task(ABC):
         """Tool that the task needs, in place of one of another shape; None: the vehicle's own."""
         return None
 
+    def check_inputs(self, scenario: "Scenario") -> None:
+        """Refuses an object that is none for it, and names and files that there are not, before anything is compiled.
+
+        Calls nothing compiled. A task that follows an object overrides it, others add to it.
+
+        Raises:
+            ConfigurationError: Which one, what is allowed, and what was given.
+        """
+        if scenario.sensing.follow:
+            raise ConfigurationError(_NOT_FOLLOWED)
+
     @abstractmethod
-    def place(self, scenario: "Scenario", own: OwnVehicle, rng: np.random.Generator) -> "PlacedTask":
+    def place(self, scenario: "Scenario", own: "OwnVehicle", rng: np.random.Generator) -> "PlacedTask":
         """The task at its site.
 
         Args:
@@ -105,7 +116,7 @@ class PlacedTask(ABC):
         return None
 
     @property
-    def soil(self) -> SoilForce | None:
+    def soil(self) -> "SoilForce | None":
         """Soil that acts on the tool."""
         return None
 
@@ -113,7 +124,7 @@ class PlacedTask(ABC):
     def scene(self, vehicle: mujoco.MjSpec) -> mujoco.MjSpec:
         """Adds the site to the spec of the true vehicle, in place, and returns it."""
 
-    def sensors(self, model: mujoco.MjModel) -> tuple[list[Sensor], SensorModel | None]:
+    def sensors(self, model: mujoco.MjModel) -> "tuple[list[Sensor], SensorModel | None]":
         """Sensors that see the site, and the model that perception has of them; None: its default."""
         return [], None
 
@@ -121,18 +132,18 @@ class PlacedTask(ABC):
         """Estimator of the vehicle's state, around `navigation`."""
         return navigation
 
-    def finder(self, sensor: SensorModel | None, seed: int) -> TargetFinder | None:
+    def finder(self, sensor: "SensorModel | None", seed: int) -> TargetFinder | None:
         """Finder of the object; `seed` is that of its random sampling."""
         return None
 
-    def follower(self, sensor: SensorModel | None) -> TargetFollower:
+    def follower(self, sensor: "SensorModel | None") -> TargetFollower:
         """Follower of the object while the vehicle looks at it.
 
         Raises:
             ConfigurationError: This task follows nothing.
         """
         del sensor
-        raise ConfigurationError("--follow: this task has no object that it could follow")
+        raise ConfigurationError(_NOT_FOLLOWED)
 
     @abstractmethod
     def planner(self) -> Planner:
@@ -162,7 +173,7 @@ class PlacedTask(ABC):
         """Write what the task leaves beside report and metrics to `folder`; returns the files."""
         return ()
 
-    def story(self, recorder: Recorder, log: Any) -> Observer:
+    def story(self, recorder: "Recorder", log: Any) -> Observer:
         """Observer that adds clouds to recording and log."""
         return CloudRecorder(recorder, log)
 
@@ -172,12 +183,16 @@ class CloudRecorder:
 
     slow_ticks = ()
 
-    def __init__(self, recorder: Recorder, log: Any) -> None:
+    def __init__(self, recorder: "Recorder", log: Any) -> None:
         self._recorder, self._log = recorder, log
 
     def observe(self, moment: Moment) -> None:
         """Adds the clouds, in W, if the moment has an identification."""
-        if moment.frame is None or not isinstance(moment.found, FinderState) or moment.found.last is None:
+        if moment.frame is None:
+            return
+        from perception.target_finder import FinderState
+
+        if not isinstance(moment.found, FinderState) or moment.found.last is None:
             return
         for name in ("cloud", "model_before", "model_after"):
             points_W = moment.found.in_world(getattr(moment.found.last, name))
@@ -221,15 +236,12 @@ def scan_pose(X_BC: Array, approach_W: Array, scan_range: float) -> Array:
 @cache
 def registry() -> Registry[Task]:
     """All tasks, those of other packages included."""
-    from scenarios.arm_identification.friction_run import GearIdentificationTask
-    from scenarios.tasks import insertion, inspection, seabed_sampling, surface_work, tapping
-
-    kinds: dict[str, type[Task]] = {
-        "SurfaceWork": surface_work.SurfaceWorkTask,
-        "Tapping": tapping.TappingTask,
-        "Insertion": insertion.InsertionTask,
-        "Inspection": inspection.InspectionTask,
-        "SeabedSampling": seabed_sampling.SeabedSamplingTask,
-        "GearIdentification": GearIdentificationTask,
+    kinds = {
+        "SurfaceWork": "scenarios.tasks.surface_work:SurfaceWorkTask",
+        "Tapping": "scenarios.tasks.tapping:TappingTask",
+        "Insertion": "scenarios.tasks.insertion:InsertionTask",
+        "Inspection": "scenarios.tasks.inspection:InspectionTask",
+        "SeabedSampling": "scenarios.tasks.seabed_sampling:SeabedSamplingTask",
+        "GearIdentification": "scenarios.arm_identification.friction_run:GearIdentificationTask",
     }
     return Registry("task", kinds)

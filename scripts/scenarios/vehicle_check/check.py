@@ -18,8 +18,9 @@ from scenarios.options import BarrelOptions
 from scenarios.own_vehicle import vehicle_spec, with_tool
 from scenarios.tasks.surface_work import SurfaceWorkTask
 from scenarios.vehicle_check import doubts
+from scenarios.vehicle_check.checked_jobs import ARM_JOBS, HOVERING, JOBS, check_jobs
 from scenarios.vehicle_check.findings import JobVerdict, Level, VehicleCheck, VehicleFigure, VehicleFinding, VehiclePart
-from scenarios.vehicle_check.jobs import ARM_JOBS, HOVERING, JOBS, ArmJobs, hover_verdict
+from scenarios.vehicle_check.jobs import ArmJobs, hover_verdict
 from scenarios.vehicle_check.statics import (
     AXES,
     FASTEST,
@@ -32,7 +33,7 @@ from scenarios.vehicle_check.statics import (
     weight_of,
 )
 from sim import hydrodynamics
-from sim.interfaces.errors import ConfigurationError, HydrodynamicsError, PhysicsWarning, UuvError, did_you_mean
+from sim.interfaces.errors import HydrodynamicsError, PhysicsWarning, UuvError
 
 _OF_ARM = ("motor", "thruster-rank", "timestep")  # faults that leave station keeping to its simulation
 
@@ -51,7 +52,7 @@ def check_vehicle(
         vehicle: A name, a file (MJCF or URDF), MODULE:FUNCTION, or a spec, which is left as it is.
         parts_file: Mapping of its names; None: the one beside its file.
         tool: Tool of `models.tools.tools.TOOLS` on its tip; None: its own.
-        jobs: Names of `scenarios.vehicle_check.jobs.JOBS` for which a verdict is wanted.
+        jobs: Names of `scenarios.vehicle_check.checked_jobs.JOBS` for which a verdict is wanted.
         forces: [N] set forces in place of the jobs' own.
 
     Returns:
@@ -60,9 +61,7 @@ def check_vehicle(
     Raises:
         ConfigurationError: There is no such vehicle, tool or job, or a file cannot be read or compiled.
     """
-    for job in jobs:
-        if job not in JOBS:
-            raise ConfigurationError(f"--jobs: no job {job!r}; there are {', '.join(JOBS)}{did_you_mean(job, JOBS)}")
+    check_jobs(jobs)
     file = None if parts_file is None else str(parts_file)
     if isinstance(vehicle, str | Path):
         name = str(vehicle)

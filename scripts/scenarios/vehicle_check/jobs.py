@@ -5,10 +5,9 @@ That looks for a place of the hull beside the object at its true pose, in the jo
 at the tip and thrust tell why, if they can. All numbers are those of the job's own options.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
-from typing import Any, Literal, Self
+from typing import Any, Self
 
 import mujoco
 import numpy as np
@@ -27,15 +26,15 @@ from models.vehicle import Vehicle
 from perception.seabed.terrain_path import core_path
 from perception.target_finder import PATH_SPACING
 from perception.toolpath.path_planner import path_on_model
-from scenarios.options import BarrelOptions, InsertionOptions, PileOptions, SeabedOptions
 from scenarios.own_vehicle import OwnVehicle, vehicle_spec, with_tool
 from scenarios.scenario import Scenario
 from scenarios.tasks.insertion import PlacedInsertion
 from scenarios.tasks.seabed_sampling import PlacedSampling, SeabedSamplingTask, sonar_on_hull
 from scenarios.tasks.start_place import check_start, folded_at
-from scenarios.tasks.surface_work import TAP_FORCE, TAPPED, PlacedSurfaceWork, SurfaceWorkTask
-from scenarios.tasks.tapping import PlacedTapping, TappingTask
+from scenarios.tasks.surface_work import PlacedSurfaceWork, SurfaceWorkTask
+from scenarios.tasks.tapping import PlacedTapping
 from scenarios.tasks.task import PlacedTask
+from scenarios.vehicle_check.checked_jobs import ARM_JOBS, HOVERING
 from scenarios.vehicle_check.findings import JobVerdict
 from scenarios.vehicle_check.hover import HoverFigures, hover
 from scenarios.vehicle_check.statics import tip_force
@@ -47,7 +46,6 @@ from sim.interfaces.spatial import Array, transform_points
 DRIFT = 0.1  # [m] at most, of a vehicle that keeps station
 TILT = float(np.radians(10.0))  # [rad] at most
 SATURATED = 0.3  # share of the time at most at which a thruster may be at its limit
-CURRENT = (0.3 * float(np.cos(np.pi / 6)), 0.3 * float(np.sin(np.pi / 6)), 0.0)  # [m/s] of the job hover-current
 VIEW = 0.5  # share of the camera's view that may be on the vehicle itself
 BEYOND = 2.0  # times what arm or thrusters bear in `ready`, from which on no other posture is hoped for
 SHORT_MARGIN = 0.5  # least margin of an arm of fewer than six joints
@@ -55,42 +53,7 @@ HIDDEN = 0.1  # share of the ground about a target that may be hidden from the s
 SMALL_PAD = 50.0  # [N] at the tip in its weakest direction, under which the small pad is proposed
 
 
-def _barrel(path: Literal["longitudinal", "transverse"], **given: Any) -> Scenario:
-    return BarrelOptions(path=path, **given).scenario()
-
-
-def _pile(**given: Any) -> Scenario:
-    return PileOptions(**given).scenario()
-
-
-def _tap(**given: Any) -> Scenario:
-    """The points to tap, on a line along the barrel."""
-    options: dict[str, Any] = {"length": TAPPED[-1], "forces": (TAP_FORCE,)} | given
-    scenario = BarrelOptions(**options).scenario()
-    task = scenario.task
-    assert isinstance(task, SurfaceWorkTask)
-    return replace(scenario, task=TappingTask(path=task.path, forces=task.forces, range=task.range))
-
-
-def _insertion(**given: Any) -> Scenario:
-    return InsertionOptions(**given).scenario()
-
-
-def _core(**given: Any) -> Scenario:
-    return SeabedOptions(**given).scenario()
-
-
-ARM_JOBS: dict[str, Callable[..., Scenario]] = {
-    "barrel-longitudinal": partial(_barrel, "longitudinal"),
-    "barrel-transverse": partial(_barrel, "transverse"),
-    "pile": _pile,
-    "tap": _tap,
-    "insertion": _insertion,
-    "seabed-core": _core,
-}
 _FORCELESS = ("insertion", "seabed-core")  # jobs whose force is no list of set forces
-HOVERING = {"hover": (0.0, 0.0, 0.0), "hover-current": CURRENT}
-JOBS = (*HOVERING, *ARM_JOBS)
 
 
 def hover_verdict(name: str, model: mujoco.MjModel) -> JobVerdict:

@@ -1,12 +1,12 @@
-"""Identification of a vehicle's water as a command: options, logs, and what is printed and written."""
+"""Identification of a vehicle's water as a command runs it, and what is printed and written."""
 
 import datetime
 import hashlib
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -16,98 +16,32 @@ from rich.text import Text
 
 from calib.water.estimator import WaterFit
 from calib.water.findings import Finding, findings, together
-from calib.water.logs import ATTITUDE, CHANNELS, POSITION, RATE, WaterLog, log_of, read_log, write_log
+from calib.water.logs import ATTITUDE, POSITION, RATE, WaterLog, write_log
 from calib.water.named_fit import values_of
 from calib.water.planning import Planned
 from calib.water.results import write_fit, write_vehicle
 from models import hydrodynamics
 from models.site.scenes import vehicle_spec
-from scenarios.water_identification.log_residuals import NOISE, FitSettings, WaterResiduals, identify
+from scenarios.water_identification.log_residuals import WaterResiduals, identify
 from scenarios.water_identification.manoeuvres import simulated, survey
 from scenarios.water_identification.next_manoeuvre import next_manoeuvres
+from scenarios.water_identification.options import COMMAND, WaterOptions, logs_of, settings_of
+from scenarios.water_identification.replayed_parts import ranges_of
+from scenarios.water_identification.settings import FitSettings
 from scenarios.water_identification.vehicle_replay import ReplayVehicle
 from sim.interfaces.extras import absent
-from sim.interfaces.spatial import Array, finite_number, one_of, whole_number
-from sim.runs.command_line import RunOptions
+from sim.interfaces.spatial import Array, finite_number, one_of
 from sim.runs.provenance import provenance
 from sim.runs.run_folder import new_folder
 from sim.runs.saving import write_json
 
-COMMAND = "identify_water"  # name in the results
 _USUAL = (POSITION, ATTITUDE, RATE)  # channels of a log that is planned or simulated
 _SHOWN = 4  # manoeuvres in the table of a plan
-
-
-@dataclass(kw_only=True)
-class WaterOptions(RunOptions):
-    """Identify added mass, damping, trim and thrust of a vehicle from logs."""
-
-    groups: ClassVar[Mapping[str, str]] = {"comparison": "window rate noise current gust mount"}
-
-    vehicle: str = "bluerov2_heavy"
-    """Name of `uuv list vehicle`, an MJCF or URDF file, or MODULE:FUNCTION; its water is the prior."""
-    log: tuple[Path, ...] = ()
-    """Logs, CSV or Parquet, or folders of recorded runs; none: a survey is simulated, or planned with --plan."""
-    water_density: float | None = None
-    """Density of the water [kg/m^3]; default: the vehicle's."""
-    plan: bool = False
-    """Also name the manoeuvre that tells most next; without a log, the one to begin with."""
-    aim: tuple[str, ...] = ()
-    """Groups of parameters that the plan is for: "added mass", trim, thrusters, ...; default: all."""
-    prior: tuple[tuple[str, float], ...] = ()
-    """Other prior standard deviations: NAME VALUE, repeatable; of a factor that of its logarithm."""
-    window: float = 6.0
-    """Length of the windows into which a log is cut [s]."""
-    rate: float = 20.0
-    """Rate to which samples are averaged [Hz]."""
-    noise: tuple[tuple[str, float], ...] = ()
-    """Standard deviation of a channel's samples: NAME VALUE, repeatable; default: see the documentation."""
-    current: float = 0.1
-    """Prior standard deviation of a log's steady current [m/s], each axis."""
-    gust: float = 0.02
-    """Standard deviation of a window's current about it [m/s]."""
-    mount: float = 0.01
-    """Standard deviation of the attitude sensor's roll and pitch on the hull [rad]; 0: it is exact."""
-    seconds: float = 60.0
-    """Length of a simulated survey [s]."""
-    seed: int = 0
-    """Seed of a simulated vehicle, its survey, gusts and noise."""
-    workers: int = 1
-    """Threads."""
-
-
-def main(verb: str, args: Sequence[str]) -> int:
-    """The verb `uuv identify-water`."""
-    from scenarios.start import parse
-
-    del verb
-    options = parse(WaterOptions, args)
-    return run(options, console())
 
 
 def console() -> Console:
     """Terminal; elsewhere wide enough for the tables."""
     return Console(width=None if Console().is_terminal else 140)
-
-
-def settings_of(options: WaterOptions) -> FitSettings:
-    """Settings of the comparison.
-
-    Raises:
-        ConfigurationError: A number is out of bounds, or a channel is unknown.
-    """
-    noise = dict(NOISE)
-    for name, value in options.noise:
-        noise[one_of(name, tuple(CHANNELS), "--noise")] = finite_number(value, f"--noise {name}", above=0.0)
-    return FitSettings(
-        window=finite_number(options.window, "--window [s]", least=1.0, most=60.0),
-        rate=finite_number(options.rate, "--rate [Hz]", least=1.0, most=200.0),
-        noise=noise,
-        current=finite_number(options.current, "--current [m/s]", above=0.0, most=3.0),
-        gust=finite_number(options.gust, "--gust [m/s]", above=0.0, most=1.0),
-        mount=finite_number(options.mount, "--mount [rad]", least=0.0, most=0.5),
-        workers=whole_number(options.workers, "--workers", least=1, most=64),
-    )
 
 
 def vehicle_of(options: WaterOptions) -> tuple[mujoco.MjSpec, ReplayVehicle]:
@@ -133,36 +67,6 @@ def vehicle_of(options: WaterOptions) -> tuple[mujoco.MjSpec, ReplayVehicle]:
     return spec, own
 
 
-def logs_of(options: WaterOptions, own: ReplayVehicle) -> list[WaterLog]:
-    """The logs of the command line.
-
-    Raises:
-        UuvError: One cannot be read, or is none.
-    """
-    limits = zip(own.joints, own.vehicle.q_limits.tolist(), strict=True)
-    joints = {name: (float(low), float(high)) for name, (low, high) in limits}
-    logs = [
-        _of_run(path, own.names, joints) if path.is_dir() else read_log(path, thrusters=own.names, joints=joints)
-        for path in options.log
-    ]
-    names = [log.name for log in logs]  # of the file, which another folder may have too
-    return [
-        replace(log, name=f"{log.name} ({i})") if names.count(log.name) > 1 else log for i, log in enumerate(logs, 1)
-    ]
-
-
-def _of_run(folder: Path, thrusters: Sequence[str], joints: Mapping[str, tuple[float, float]]) -> WaterLog:
-    """Log of a recorded run: thrusts and joints at the rate of its slower table, with the pose at those times."""
-    from sim.reporting.series_tables import LOOP, SLOW, PastRun
-
-    past = PastRun.of(folder)
-    time = past.column("time", SLOW)
-    names = [f"p_WB.{axis}" for axis in "xyz"] + [f"quat_WB_wxyz.{part}" for part in "wxyz"]
-    columns = {name: np.interp(time, past.column("time", LOOP), past.column(name, LOOP)) for name in names}
-    columns |= {name: past.column(name, SLOW) for name in past.units(SLOW) if name.startswith(("q.", "thrust."))}
-    return log_of(f"run {folder.name}", {"time": time, **columns}, thrusters=thrusters, joints=joints)
-
-
 def run(options: WaterOptions, console: Console) -> int:
     """Identifies or plans, prints and writes; returns the exit code.
 
@@ -173,7 +77,7 @@ def run(options: WaterOptions, console: Console) -> int:
     finite_number(options.seconds, "--seconds [s]", least=10.0, most=3600.0)
     spec, own = vehicle_of(options)
     n = len(own.water.parameters)
-    logs = logs_of(options, own)
+    logs = logs_of(options, own.names, ranges_of(own.vehicle))
     if not logs and options.plan:
         folder = new_folder(COMMAND, options.out, options.seed)
         _plan(options, own, np.zeros(n), np.eye(n), settings, _USUAL, folder, console)

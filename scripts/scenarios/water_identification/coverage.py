@@ -10,9 +10,10 @@ import numpy as np
 from calib.water.named_fit import values_of
 from calib.water.parameters import GROUPS, group_of
 from models.site.scenes import vehicle_spec
-from scenarios.water_identification.log_residuals import FitSettings, identify
+from scenarios.water_identification.log_residuals import identify
 from scenarios.water_identification.manoeuvres import simulated, survey
 from scenarios.water_identification.next_manoeuvre import next_manoeuvres
+from scenarios.water_identification.settings import FitSettings
 from scenarios.water_identification.vehicle_replay import ReplayVehicle
 from sim.interfaces.spatial import Array
 

@@ -8,7 +8,7 @@ what a window tells of the water is what its own few seconds show.
 import queue
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -17,45 +17,17 @@ from scipy.spatial.transform import Rotation
 from calib.water.estimator import WaterFit, estimate
 from calib.water.logs import ATTITUDE, DEPTH, FORCE, POSITION, RATE, VELOCITY, WaterLog
 from calib.water.named_fit import NamedParameter, Slopes, fit_blocks, values_of
+from scenarios.water_identification.settings import FitSettings
 from scenarios.water_identification.vehicle_replay import ReplayVehicle, Script
 from sim.interfaces.errors import ConfigurationError, UuvError
 from sim.interfaces.spatial import GRAVITY, Array
 
-NOISE: Mapping[str, float] = {  # standard deviation of a sample, each axis
-    POSITION: 0.005,  # [m]
-    ATTITUDE: 0.003,  # [rad]
-    RATE: 0.003,  # [rad/s]
-    FORCE: 0.05,  # [m/s^2]
-    VELOCITY: 0.01,  # [m/s]
-    DEPTH: 0.01,  # [m]
-}
 STEP = 1e-4  # prior standard deviations, of the differences: small, for what only a sum tells is their small sum
 NODES = 3  # of a window's current: at its begin, middle and end, straight between
 STATE = 12  # numbers of a window's start: position, attitude, velocity, rate; (3,) each
 OWN = STATE + 3 * NODES  # numbers of a window
-SHORT = 0.5  # [s] windows of the first, rough fit
 _SMOOTHED = 0.3  # [s] before and after the start of a window, from which its first guess is taken
 _STILL = 3.0  # standard deviations within which a hull counts as at rest
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class FitSettings:
-    """How a log is compared with its replay."""
-
-    window: float = 6.0  # [s]
-    rate: float = 20.0  # [Hz] to which samples are averaged
-    noise: Mapping[str, float] = field(default_factory=lambda: dict(NOISE))
-    current: float = 0.1  # [m/s] prior standard deviation of a log's current, each axis
-    gust: float = 0.02  # [m/s] of a window's current about it
-    mount: float = 0.01  # [rad] of the attitude sensor's axes on the hull, in roll and pitch
-    rate_bias: float = 0.002  # [rad/s] of the gyro
-    force_bias: float = 0.05  # [m/s^2] of the accelerometer
-    every: int = 1  # windows of which one is used
-    workers: int = 1  # threads
-
-    def short(self) -> "FitSettings":
-        """The same with windows so short that residuals are nearly straight in the parameters."""
-        return replace(self, window=SHORT, every=2)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from calib.water.logs import ATTITUDE, DEPTH, FORCE, POSITION, RATE, VELOCITY, Channel, WaterLog
 from calib.water.parameters import AXES, CENTER, added_mass_name
 from models.water.thruster_curves import command_for, thrust_at
-from scenarios.water_identification.log_residuals import NOISE
+from scenarios.water_identification.settings import NOISE
 from scenarios.water_identification.vehicle_replay import ReplayVehicle, Script
 from sim.interfaces.spatial import GRAVITY, Array
 from sim.water.current import Current

@@ -6,8 +6,9 @@ import numpy as np
 
 from calib.water.named_fit import NamedParameter, values_of
 from calib.water.planning import Planned, information, planned
-from scenarios.water_identification.log_residuals import OWN, FitSettings, WaterResiduals
+from scenarios.water_identification.log_residuals import OWN, WaterResiduals
 from scenarios.water_identification.manoeuvres import Manoeuvre, menu, simulated
+from scenarios.water_identification.settings import FitSettings
 from scenarios.water_identification.vehicle_replay import ReplayVehicle
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array

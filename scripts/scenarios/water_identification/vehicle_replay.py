@@ -18,6 +18,7 @@ from models.hydrodynamics import LAYOUT, world_row
 from models.vehicle import Vehicle
 from models.water.thruster_curves import thrust_in_flow
 from models.water.thrusters import INFLOW_LOSS, SLEW_RATE, TIME_CONSTANT, curves, inflow_levers
+from scenarios.water_identification.replayed_parts import pushed_parts
 from sim import hydrodynamics
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.kernels import kernel
@@ -68,15 +69,8 @@ class ReplayVehicle:
         self.vehicle = vehicle = Vehicle.of(original)
         if not hydrodynamics.carries_hydrodynamics(original):
             raise ConfigurationError("the vehicle has no hydrodynamics to begin with: attach some to its bodies")
-        pushed = [
-            i
-            for i in range(original.nu)
-            if original.actuator_trntype[i] == mujoco.mjtTrn.mjTRN_SITE
-            and original.body_rootid[original.site_bodyid[original.actuator_trnid[i, 0]]]
-            == original.body_rootid[vehicle.hull]
-        ]
-        own = {int(a): str(name) for a, name in zip(vehicle.thruster_actuators, vehicle.thruster_names, strict=True)}
-        self.names = tuple(str(own.get(i, original.actuator(i).name.removeprefix("thruster_"))) for i in pushed)
+        pushed = pushed_parts(original, vehicle)
+        self.names = tuple(pushed.values())
         self.joints = vehicle.joint_names
         self.water = VehicleWater.of(original, gains=self.names)
         self.model = _compiled(spec, vehicle, [original.actuator(i).name for i in pushed])
@@ -86,6 +80,7 @@ class ReplayVehicle:
         self.model.opt.timestep = self.timestep
         row = world_row(self.model)  # what the callback warns of is not for RK4, and W is the log's own
         row[LAYOUT.drag_rate : LAYOUT.drag_rate + 2], row[LAYOUT.ceiling] = 0.0, 1e9
+        own = vehicle.thruster_actuators
         width = vehicle.thruster_table.shape[1] if len(own) else 0
         rows = {int(a): row for a, row in zip(vehicle.thruster_actuators, vehicle.thruster_table, strict=True)}
         self.has_curve = np.array([i in rows for i in pushed], dtype=np.bool_)

@@ -15,7 +15,8 @@ from PIL import Image
 from scenarios.cli import catalogue, skeletons
 from scenarios.cli.compare_runs import alike
 from scenarios.cli.main import main
-from scenarios.cli.picture import CLIP, FRAMES, HEIGHT, STILL, WIDTH
+from scenarios.cli.picture import CLIP, STILL
+from scenarios.cli.run_scene import FRAMES, HEIGHT, WIDTH
 from scenarios.options import barrel
 from scenarios.scenario_file import write_scenario
 from sim.interfaces.errors import ConfigurationError
@@ -67,7 +68,7 @@ def test_list_names_everything_that_the_registries_do_without_importing_them(uuv
     said = uuv("list", "objects")
     assert said.startswith("objects  (uuv run clean-object --object NAME)")
     assert "  barrel  " in said
-    heavy = "import sys; from scenarios.cli import catalogue; catalogue.main([]); print('mujoco' in sys.modules)"
+    heavy = "import sys; from scenarios.cli.catalogue import main; main('list', []); print('mujoco' in sys.modules)"
     ran = subprocess.run([sys.executable, "-c", heavy], capture_output=True, text=True, check=True)
     assert ran.stdout.splitlines()[-1] == "False"
 

@@ -15,9 +15,11 @@ from calib.water.logs import ATTITUDE, POSITION, RATE, Channel, WaterLog, write_
 from calib.water.named_fit import values_of
 from calib.water.results import write_vehicle
 from models.site.scenes import vehicle_spec
-from scenarios.water_identification.command import WaterOptions, run
-from scenarios.water_identification.log_residuals import FitSettings, LogReplay, identify
+from scenarios.water_identification.command import run
+from scenarios.water_identification.log_residuals import LogReplay, identify
 from scenarios.water_identification.manoeuvres import Manoeuvre, menu, simulated, survey
+from scenarios.water_identification.options import WaterOptions
+from scenarios.water_identification.settings import FitSettings
 from scenarios.water_identification.vehicle_replay import ReplayVehicle
 from sim import hydrodynamics
 from sim.interfaces.errors import ConfigurationError

@@ -1,0 +1,82 @@
+"""Inputs of a run, checked before anything is compiled: names against the registries, files by their readers.
+
+A door calls `check_inputs` before it imports what runs a scenario, and before `first_start.build`. Nothing compiled is
+called here, so that what is refused is refused at once, also in a clone without compiled kernels.
+"""
+
+from collections.abc import Collection
+from pathlib import Path
+
+import mujoco
+
+import models
+from models.naming import check_parts
+from models.own.complete import COMPUTABLE, is_armed
+from models.site.scenes import given_vehicle
+from models.tools.tools import TOOLS
+from scenarios.kinds import CONTROLLER, CONTROLLERS, SENSORS, class_of
+from scenarios.own_vehicle import vehicle_spec, with_tool
+from scenarios.scenario import Scenario, VehicleSetup
+
+
+def check_inputs(scenario: Scenario) -> None:
+    """Refuses a scenario that names what there is not, or a file that cannot be read or lacks what the job needs.
+
+    Raises:
+        ConfigurationError: Which name or file, what is allowed, and what was given.
+    """
+    # Names cost nothing: they come first.
+    CONTROLLERS.resolve(scenario.control.controller)
+    SENSORS.resolve(scenario.sensing.sensor)
+    _check_names(scenario.vehicle)
+
+    # Files of the job, and the object that it works on.
+    scenario.task.check_inputs(scenario)
+    if scenario.belief.arm is not None:
+        from calib.arm_files import read_arm
+
+        read_arm(Path(scenario.belief.arm))
+
+    # A user's own classes.
+    if ":" in scenario.control.controller:
+        class_of(scenario.control.controller, CONTROLLER)
+    if ":" in scenario.sensing.sensor:
+        SENSORS.maker(scenario.sensing.sensor)
+
+    # Last the vehicle: its thrusters bring numba, though they call nothing compiled.
+    spec = check_vehicle(scenario.vehicle, scenario.task.tool, scenario.task.spares)
+    for perturbation in scenario.perturbations:
+        perturbation.check_inputs(spec)
+
+
+def check_vehicle(
+    setup: VehicleSetup, needs: str | None = None, spares: Collection[str] | None = None
+) -> mujoco.MjSpec:
+    """Refuses a vehicle that there is not, whose files cannot be read, or that lacks parts.
+
+    Args:
+        setup: The vehicle.
+        needs: Tool of a task, as for `scenarios.own_vehicle.vehicle_spec`.
+        spares: Named parts that it can do without; None: it is not asked for any.
+
+    Returns:
+        Its spec, without the parts that are computed.
+
+    Raises:
+        ConfigurationError: Which vehicle, file or part.
+    """
+    _check_names(setup)
+    if setup.vehicle in models.available() and setup.parts is None:
+        spec = vehicle_spec(setup.vehicle, setup.tool, None, needs)
+    else:
+        spec = with_tool(given_vehicle(setup.vehicle, parts=setup.parts)[0], setup.tool, needs)
+    if spares is not None:
+        check_parts(spec.compile(), {*spares, *(COMPUTABLE if is_armed(spec) else ())})
+    return spec
+
+
+def _check_names(setup: VehicleSetup) -> None:
+    if setup.tool is not None:
+        TOOLS.resolve(setup.tool)
+    if ":" not in setup.vehicle and not Path(setup.vehicle).suffix and setup.vehicle not in models.available():
+        given_vehicle(setup.vehicle)  # which refuses it

@@ -1,0 +1,53 @@
+"""When a fault or a motion begins, and how long it lasts: a value that watches the loop."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.messages import WorkState
+from sim.interfaces.spatial import number
+from sim.loop.rollout import Moment
+
+
+@dataclass(slots=True, eq=False)
+class Onset:
+    """Start and duration of a fault: at a given time, or at an event of the task.
+
+    Give `at`; or give `state` (and `force`) and pass it to the rollout as an observer; or call `begin`.
+    """
+
+    at: float | None = None  # [s]
+    state: WorkState | None = None  # event: the planner first enters this state
+    force: float = 0.0  # [N] smallest set force for the event
+    after: float = 0.0  # [s] delay after time or event
+    duration: float = np.inf  # [s]
+    began: float = field(default=np.inf, init=False)  # [s]
+
+    def __post_init__(self) -> None:
+        for name in ("force", "after", "duration") if self.at is None else ("at", "after", "duration"):
+            value = number(getattr(self, name), f"onset {name}")
+            if not value >= 0.0:
+                raise ConfigurationError(f"onset {name}: must be >= 0, got {value}")
+        if self.at is not None:
+            if self.state is not None:
+                raise ConfigurationError("onset: a time or a state, not both")
+            self.began = self.at + self.after
+
+    def begin(self, time: float) -> None:
+        """Start the fault `after` seconds later than `time` [s]."""
+        self.began = time + self.after
+
+    def observe(self, moment: Moment) -> None:
+        """Wait for the event; an observer of `sim.loop.rollout`."""
+        reference = moment.reference
+        if not np.isfinite(self.began) and reference.state is self.state and reference.force >= self.force:
+            self.begin(float(moment.truth.time))
+
+    def elapsed(self, time: float) -> float:
+        """Time [s] since the start; negative before it."""
+        return time - self.began
+
+    def active(self, time: float) -> bool:
+        """Return True if the fault acts at `time` [s]."""
+        return 0.0 <= self.elapsed(time) < self.duration

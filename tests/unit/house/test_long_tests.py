@@ -1,0 +1,58 @@
+"""Tests that are too long for the suite name the test of the suite that guards the same code."""
+
+import ast
+from collections.abc import Iterator
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[3]
+UNGUARDED = 66  # marks that say no guard: none is added
+
+
+def long_marks(tree: ast.AST) -> Iterator[ast.Attribute | ast.Call]:
+    """Each `pytest.mark.long` of a file, with its arguments where it is called."""
+    called = [node for node in ast.walk(tree) if isinstance(node, ast.Call) and is_long(node.func)]
+    yield from called
+    bare = {id(node.func) for node in called}
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Attribute) and is_long(node) and id(node) not in bare:
+            yield node
+
+
+def is_long(node: ast.AST) -> bool:
+    return isinstance(node, ast.Attribute) and ast.unparse(node) == "pytest.mark.long"
+
+
+def marks() -> dict[str, list[str]]:
+    """Guards that the marks of each test file name; an empty one for a mark without."""
+    found: dict[str, list[str]] = {}
+    for file in sorted((ROOT / "tests").rglob("test_*.py")):
+        for mark in long_marks(ast.parse(file.read_text(encoding="utf-8"))):
+            words = (
+                {word.arg: ast.literal_eval(word.value) for word in mark.keywords} if isinstance(mark, ast.Call) else {}
+            )
+            assert words.keys() <= {"guarded_by"}, file
+            found.setdefault(file.relative_to(ROOT).as_posix(), []).append(words.get("guarded_by", ""))
+    return found
+
+
+def is_plain(guard: str) -> bool:
+    """True if the test is there, and runs in the suite at least for some of its parameters."""
+    name, _, function = guard.partition("::")
+    file = ROOT / name
+    if not file.is_file():
+        return False
+    for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.FunctionDef) and node.name == function.partition("[")[0]:
+            return not any(
+                is_long(part) for mark in node.decorator_list for part in (mark, getattr(mark, "func", mark))
+            )
+    return False
+
+
+def test_the_guard_of_a_long_test_is_a_test_of_the_suite():
+    guards = {guard for named in marks().values() for guard in named if guard}
+    assert {guard for guard in guards if not is_plain(guard)} == set()
+
+
+def test_no_further_long_test_is_without_a_guard():
+    assert sum(guard == "" for named in marks().values() for guard in named) <= UNGUARDED

@@ -13,6 +13,7 @@ import os
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
@@ -185,11 +186,15 @@ def build() -> int:
     """
     if _config.DISABLE_JIT:
         return 0
-    lacking = _lacking()
+    rows = jobs()
+    lacking = {row: job.seconds for row, job in enumerate(rows) if job.takes is not None and not job.is_stored()}
     if sum(lacking.values()) < WORTH_IT:
         return 0
+
+    # What the calls compile is not listed; each takes a moment where the store has it.
+    lacking |= {row: job.seconds for row, job in enumerate(rows) if job.takes is None}
     if store.folder() is None:
-        print(f"no store of compiled kernels: this start compiles {sum(lacking.values()):.0f} s", file=sys.stderr)
+        _say(f"there is no store of compiled kernels, so every start compiles, about {sum(lacking.values()):.0f} s")
         return 0
     return _compiled_by_workers(lacking)
 
@@ -199,15 +204,6 @@ def noted(built: int) -> StartMetrics:
     start = StartMetrics(kernels_loaded=counts.loaded, kernels_compiled=counts.compiled + built)
     store.note_start(start.kernels_loaded, start.kernels_compiled)
     return start
-
-
-def _lacking() -> dict[int, float]:
-    """Rows of the list that the store lacks, in order, and their seconds."""
-    rows = jobs()
-    lacking = {row: job.seconds for row, job in enumerate(rows) if job.takes is not None and not job.is_stored()}
-    if lacking:
-        lacking |= {row: job.seconds for row, job in enumerate(rows) if job.takes is None}
-    return lacking
 
 
 def _compiled_by_workers(lacking: Mapping[int, float]) -> int:
@@ -235,7 +231,7 @@ def _compiled_by_workers(lacking: Mapping[int, float]) -> int:
         for worker in started:
             worker.end()
     if done < len(lacking):
-        print(f"{len(lacking) - done} of {len(lacking)} inner loops are left to their first call", file=sys.stderr)
+        _say(f"{len(lacking) - done} of {len(lacking)} are left to their first call")
     return done
 
 
@@ -250,28 +246,27 @@ def _progress(seconds: Mapping[int, float], workers: int) -> Iterator[Callable[[
             yield lambda row: bar.advance(task, seconds[row])
         return
 
-    began = said = time.monotonic()
-    done = 0
-
-    def advance(_row: int) -> None:
-        nonlocal done, said
-        done += 1
-        if time.monotonic() - said >= SILENCE:
-            said = time.monotonic()
-            print(f"first start: {done} of {len(seconds)} after {said - began:.0f} s", file=sys.stderr, flush=True)
-
     about = max(whole / workers, 1.0)
-    print(
-        f"first start: compiling {len(seconds)} inner loops, about {about:.0f} s on {workers} cores, once",
-        file=sys.stderr,
-        flush=True,
-    )
-    yield advance
-    print(
-        f"first start: ended after {time.monotonic() - began:.0f} s; the store is {store.folder()}",
-        file=sys.stderr,
-        flush=True,
-    )
+    began = time.monotonic()
+    done, ended = [], threading.Event()
+
+    def say_on() -> None:
+        while not ended.wait(SILENCE):
+            _say(f"{len(done)} of {len(seconds)} after {time.monotonic() - began:.0f} s")
+
+    _say(f"compiling {len(seconds)} inner loops, about {about:.0f} s on {workers} cores, once")
+    speaker = threading.Thread(target=say_on, daemon=True)
+    speaker.start()
+    try:
+        yield done.append
+    finally:
+        ended.set()
+        speaker.join()
+    _say(f"ended after {time.monotonic() - began:.0f} s; the loops are kept in {store.folder()}")
+
+
+def _say(message: str) -> None:
+    print(f"first start: {message}", file=sys.stderr, flush=True)
 
 
 def _in_order(

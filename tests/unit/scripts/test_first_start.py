@@ -4,6 +4,7 @@ import json
 import subprocess
 import sys
 import threading
+import time
 from concurrent.futures import ThreadPoolExecutor
 
 import pytest
@@ -70,6 +71,27 @@ def test_rows_run_after_those_that_they_call_two_at_a_time_and_the_longest_way_f
     assert began[:2] == [0, 1]  # 0 leads to the 20 seconds of 2
     assert sorted(ended) == [(0, True), (1, True), (2, False), (3, True)]
     assert [row for row, _ in ended].index(2) < [row for row, _ in ended].index(3)
+
+
+def test_without_a_terminal_lines_say_how_far_it_is(monkeypatch, capsys):
+    monkeypatch.setattr(first_start, "SILENCE", 0.02)
+    with first_start._progress({3: 5.0, 8: 7.0}, workers=2) as advance:
+        advance(3)
+        time.sleep(0.1)
+    first, *between, last = capsys.readouterr().err.splitlines()
+    assert first == "first start: compiling 2 inner loops, about 6 s on 2 cores, once"
+    assert between[-1].startswith("first start: 1 of 2 after ")
+    assert last.startswith("first start: ended after 0 s; the loops are kept in ")
+    assert all(line.isprintable() for line in (first, *between, last))
+
+
+def test_the_lines_end_with_what_they_tell_of(monkeypatch, capsys):
+    monkeypatch.setattr(first_start, "SILENCE", 0.02)
+    with pytest.raises(KeyboardInterrupt), first_start._progress({0: 1.0}, workers=1):
+        raise KeyboardInterrupt
+    capsys.readouterr()
+    time.sleep(0.1)
+    assert capsys.readouterr().err == ""
 
 
 def test_only_rows_that_are_wanted_run():

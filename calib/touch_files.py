@@ -117,6 +117,17 @@ def read_touches(
     )
 
 
+def check_touches(paths: Sequence[Path | str]) -> None:
+    """Refuse files that are missing, empty or no text, before the arm is known to which they belong.
+
+    Raises:
+        ConfigurationError: Which one.
+    """
+    for path in paths:
+        for file in _files(Path(path)):
+            _text(bytes_of(file, "touches"), file)
+
+
 def write_touches(folder: Path, names: Sequence[str], series: Sequence[Array], joint_names: Sequence[str]) -> Path:
     """Write one CSV file per point into `folder`, readable by `read_touches`.
 
@@ -247,7 +258,7 @@ def _text(raw: bytes, file: Path) -> str:
     try:
         return raw.decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        raise ConfigurationError(f"{file}: not a text file in UTF-8") from error
+        raise ConfigurationError(f"{file}: not a text file in UTF-8; touches are CSV, or a folder of it") from error
 
 
 def _parse(

@@ -12,14 +12,18 @@ With --plan N nothing is identified: the N touches that would tell most are prin
 from scenarios.start import parse, run_scenario  # isort: skip
 
 import numpy as np
-from rich.console import Console
 
-from scenarios.arm_identification.calibration_command import COMMAND, CalibrationOptions, calibrate, plan_touches
+from scenarios.arm_identification.calibration_options import COMMAND, CalibrationOptions, check_inputs
 
 
 def main() -> int:
     """Calibrates or plans touches, writes the results and returns the exit code."""
     options = parse(CalibrationOptions)
+    check_inputs(options)
+    from rich.console import Console
+
+    from scenarios.arm_identification.calibration_command import calibrate, plan_touches
+
     run = calibrate if options.plan is None else plan_touches
     return run(options, options.folder(COMMAND), Console(), np.random.default_rng(options.seed))
 

@@ -8,14 +8,10 @@ from scenarios.start import parse, run_scenario  # isort: skip
 from dataclasses import dataclass
 from pathlib import Path
 
-from rich.console import Console
 from tyro.conf import Positional
 
-from scenarios.campaigns.comparison import Finished, compared
 from scenarios.start import new_folder
-from scenarios.study.harness import as_json
-from scenarios.study.row_log import METRICS, PAGE
-from sim.runs.provenance import provenance
+from sim.interfaces.errors import ConfigurationError
 from sim.runs.saving import write_json
 
 NAME = "compare_campaigns"
@@ -36,6 +32,16 @@ class Options:
 def main() -> int:
     """Compares the campaigns; returns the exit code."""
     options = parse(Options)
+    for folder in (options.a, options.b):
+        if not folder.is_dir():
+            raise ConfigurationError(f"{folder}: no folder of a campaign")
+    from rich.console import Console
+
+    from scenarios.campaigns.comparison import Finished, compared
+    from scenarios.study.harness import as_json
+    from scenarios.study.row_log import METRICS, PAGE
+    from sim.runs.provenance import provenance
+
     summary = compared(Finished.read(options.a), Finished.read(options.b))
     folder, made_by = new_folder(NAME, options.out), provenance(NAME, options)
     write_json(folder / METRICS, as_json({**summary.metrics, "provenance": made_by}))

@@ -10,23 +10,7 @@ accepted; 1: rescan or refused; 2: invalid file or option.
 
 from scenarios.start import new_folder, parse, run_scenario  # isort: skip
 
-from rich.console import Console
-
-from models.meshes.ply_files import write_ply
-from models.objects import targets
-from perception.registration.pose_check import Decision
-from perception.toolpath.deformation import map_deformation
-from scenarios.cloud_commands.deformation_report import figures, picture_of_deviations, save_cloud, table
-from scenarios.cloud_commands.identification import (
-    IdentificationOptions,
-    candidates_of,
-    found_in,
-    models_among,
-    picture,
-    recognised_in,
-    report,
-)
-from sim.interfaces.spatial import transform_points
+from scenarios.cloud_commands.options import IdentificationOptions, check_inputs
 from sim.runs.saving import write_json
 
 NOT_ACCEPTED = 1  # exit code for the decisions rescan and refuse
@@ -34,7 +18,26 @@ NOT_ACCEPTED = 1  # exit code for the decisions rescan and refuse
 
 def main() -> int:
     """Runs the identification, writes its files and returns the exit code."""
-    options, console = parse(IdentificationOptions), Console()
+    options = parse(IdentificationOptions)
+    check_inputs(options)
+    from rich.console import Console
+
+    from models.meshes.ply_files import write_ply
+    from models.objects import targets
+    from perception.registration.pose_check import Decision
+    from perception.toolpath.deformation import map_deformation
+    from scenarios.cloud_commands.deformation_report import figures, picture_of_deviations, save_cloud, table
+    from scenarios.cloud_commands.identification import (
+        candidates_of,
+        found_in,
+        models_among,
+        picture,
+        recognised_in,
+        report,
+    )
+    from sim.interfaces.spatial import transform_points
+
+    console = Console()
     folder = new_folder("identify_object", options.out, options.seed)
     made = None
     if options.among:

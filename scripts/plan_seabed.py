@@ -10,12 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from rich.console import Console
 
-from controllers.planning.trajectories import FASTEST, SLOWEST, speed_law
-from perception.clouds.point_files import read_cloud, read_targets
-from perception.seabed.terrain_path import NARROWEST, WIDEST, plan_seabed_work
-from scenarios.cloud_commands.seabed_picture import picture
 from sim.interfaces.spatial import finite_number
 
 
@@ -38,11 +33,20 @@ class Options:
 def main() -> int:
     """Plans the path, writes its files and returns the exit code."""
     options = parse(Options)
-    finite_number(options.width, "--width [m]", least=NARROWEST, most=WIDEST)
+    from controllers.planning.trajectories import FASTEST, SLOWEST, speed_law
+    from perception.clouds.point_files import read_cloud, read_targets
+    from perception.seabed.tool_width import checked_width
+
+    checked_width(options.width, "--width [m]")
     finite_number(options.speed, "--speed [m/s]", least=SLOWEST, most=FASTEST)
-    folder = new_folder("plan_seabed", options.out)
     cloud = read_cloud(options.cloud)
     B, z = read_targets(options.targets)
+    folder = new_folder("plan_seabed", options.out)
+    from rich.console import Console
+
+    from perception.seabed.terrain_path import plan_seabed_work  # imported, and compiled, after the files are read
+    from scenarios.cloud_commands.seabed_picture import picture
+
     plan = plan_seabed_work(cloud, B, z, width=options.width)
     console = Console()
     terrain, relief = plan.terrain, plan.relief

@@ -12,17 +12,18 @@ import time
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from tyro.conf import Positional, UseAppendAction
 
-from scenarios.campaigns.campaign import CampaignRun, crashed_row, one_run, read_campaign
-from scenarios.campaigns.campaign_report import summarise
-from scenarios.command import command
-from scenarios.study import HarnessOptions, Row, Study
-from scenarios.study.options import at_least
+from scenarios.options import run_job
+from scenarios.study.options import HarnessOptions, at_least
 from sim.interfaces.errors import ConfigurationError
 from sim.runs.command_line import RunOptions
+
+if TYPE_CHECKING:
+    from scenarios.campaigns.campaign import CampaignRun
+    from scenarios.study import Row
 
 
 @dataclass(kw_only=True)
@@ -54,6 +55,9 @@ class Options(HarnessOptions):
 def main() -> int:
     """Runs or resumes the campaign, or replays one of its runs; returns the exit code."""
     started, options = time.perf_counter(), parse(Options)
+    from scenarios.campaigns.campaign import crashed_row, one_run, read_campaign
+    from scenarios.inputs import check_inputs
+
     values = tuple(itertools.chain(*options.set))
     campaign = read_campaign(options.file, values)
     changed = {name: value for name in ("seed", "cases") if (value := getattr(options, name)) is not None}
@@ -64,7 +68,12 @@ def main() -> int:
     if options.replay is not None:
         run = one_of(runs, options.replay)
         scenario = replace(run.scenario(), name=f"{campaign.name}/case_{run.case:04d}")
-        return command(scenario, RunOptions(out=options.out), started, f", case {run.case} of {campaign.name}")
+        return run_job(scenario, RunOptions(out=options.out), started, f", case {run.case} of {campaign.name}")
+    if not options.page:
+        check_inputs(runs[0].scenario())
+    from scenarios.campaigns.campaign_report import summarise
+    from scenarios.study import Study
+
     study = Study(
         cases=runs if options.only is None else [one_of(runs, options.only)],
         run_one=one_run,
@@ -78,14 +87,14 @@ def main() -> int:
     return study.carry_out(campaign.name, options, title, campaign.limits)
 
 
-def one_of(runs: list[CampaignRun], case: int) -> CampaignRun:
+def one_of(runs: "list[CampaignRun]", case: int) -> "CampaignRun":
     """The run of a number."""
     if case >= len(runs):
         raise ConfigurationError(f"case: must be below {len(runs)}, got {case}")
     return runs[case]
 
 
-def line(row: Row) -> str:
+def line(row: "Row") -> str:
     """Line about a run that did not finish its work; empty for others."""
     return "" if row["state"] == "done" else f"case {row['case']:4d}  {row['state']}: {row['code']}"
 

@@ -190,13 +190,32 @@ def write_log(file: Path, log: WaterLog) -> None:
             writer.writerow("" if np.isnan(value) else f"{value:.9g}" for value in row)
 
 
-def _csv(path: Path) -> dict[str, Array]:
+def check_log(file: str | Path) -> None:
+    """Refuse a file that is neither CSV nor Parquet, before the vehicle is known to which it belongs.
+
+    Raises:
+        ConfigurationError: It is missing, empty or of another kind.
+    """
+    path = Path(file)
+    if path.suffix == ".parquet":
+        if not bytes_of(path, "log").startswith(b"PAR1"):
+            raise ConfigurationError(f"log {path.name}: it is no Parquet file; what goes is {KINDS}")
+    else:
+        _text(path)
+
+
+def _text(path: Path) -> str:
     try:
         text = text_of(path, "log")
     except ConfigurationError as error:
         raise ConfigurationError(f"{error}; what goes is {KINDS}") from error
     if "\0" in text:
         raise ConfigurationError(f"log {path.name}: it is binary; what goes is {KINDS}")
+    return text
+
+
+def _csv(path: Path) -> dict[str, Array]:
+    text = _text(path)
     rows = csv.reader(io.StringIO(text))
     head = [cell.strip() for cell in next(rows, [])]
     if twice := [cell for i, cell in enumerate(head) if cell in head[:i]]:

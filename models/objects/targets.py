@@ -1,5 +1,6 @@
 """Access to objects to work on: registry by name, mesh files, and the classes of `models.objects.target_model`."""
 
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ from models.objects.target_model import ModelPath, Solid, Symmetry, TargetModel
 from models.objects.valve import valve
 from models.registry import Registry
 from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.files import existing_file
 from sim.interfaces.spatial import shown
 
 __all__ = [
@@ -91,7 +93,15 @@ def of(name_or_file: str | Path, scale: float | None = None) -> TargetModel:
         raise ConfigurationError(f"object: expected a name or a mesh file, got {shown(name_or_file)}")
     name_or_file = str(name_or_file)
     if ":" not in name_or_file and Path(name_or_file).suffix:
-        return TargetModel.from_file(name_or_file, scale=scale)
+        about = existing_file(name_or_file, "target mesh").stat()
+        return _from_file(name_or_file, scale, (about.st_mtime_ns, about.st_size))
     if scale is not None:
         raise ConfigurationError(f"object {name_or_file!r} has its size; a scale is for mesh files")
     return named(name_or_file)
+
+
+@lru_cache(maxsize=4)
+def _from_file(file: str, scale: float | None, stamp: tuple[int, int]) -> TargetModel:
+    """The object in a file, read once: a check of the inputs and the work both ask for it."""
+    del stamp
+    return TargetModel.from_file(file, scale=scale)

@@ -9,6 +9,8 @@ from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.files import bytes_of, existing_file, text_of
 from sim.interfaces.spatial import Array
 
+KINDS = "what goes is PLY, PCD, or text with x y z a line"
+_HEAD = 20_000  # [bytes] that hold the header of a PCD file
 _UP = "z"  # first word of the line with the direction z
 
 
@@ -37,6 +39,25 @@ def read_organised_cloud(file: str | Path) -> tuple[Array, tuple[int, int] | Non
             return _ply_points(path), None
         case _:
             return _text_points(path), None
+
+
+def check_cloud(file: str | Path) -> None:
+    """Refuse a file that is no cloud by its beginning: neither PLY nor PCD nor lines of three numbers.
+
+    Raises:
+        ConfigurationError: It is missing, empty or of another kind.
+    """
+    path = existing_file(file, "cloud")
+    match path.suffix.lower():
+        case ".ply" if not bytes_of(path, "cloud").lstrip().startswith(b"ply"):
+            raise ConfigurationError(f"cloud {path}: it is no PLY file; {KINDS}")
+        case ".pcd" if b"FIELDS" not in bytes_of(path, "cloud")[:_HEAD]:
+            raise ConfigurationError(f"cloud {path}: it is no PCD file; {KINDS}")
+        case ".ply" | ".pcd":
+            return
+        case _:
+            i, line = next(_lines(_cloud_text(path)))
+            _numbers(line, 3, f"cloud {path}, line {i}")
 
 
 def read_targets(file: str | Path) -> tuple[Array, Array]:
@@ -84,7 +105,7 @@ def _ply_points(path: Path) -> Array:
 
 
 def _text_points(path: Path) -> Array:
-    text = _text(path, "cloud")
+    text = _cloud_text(path)
     try:
         points = np.loadtxt(text.translate(_BLANKS).splitlines(), dtype=np.float64, comments="#", ndmin=2)
     except ValueError:
@@ -93,6 +114,17 @@ def _text_points(path: Path) -> Array:
         rows = [_numbers(line, 3, f"cloud {path}, line {i}") for i, line in _lines(text)]
         points = np.array(rows)
     return points
+
+
+def _cloud_text(path: Path) -> str:
+    """Text of a cloud that is neither PLY nor PCD; tells what goes where it is none."""
+    try:
+        text = _text(path, "cloud")
+    except ConfigurationError as error:
+        raise ConfigurationError(f"{error}; {KINDS}") from error
+    if "\0" in text:
+        raise ConfigurationError(f"cloud {path}: it is binary; {KINDS}")
+    return text
 
 
 def _text(path: Path, what: str) -> str:

@@ -7,7 +7,7 @@ points, ICP again, PoseCheck by projected trajectories.
 from dataclasses import dataclass, replace
 from pathlib import Path
 from time import perf_counter
-from typing import Any, Literal, NamedTuple, get_args
+from typing import Any, NamedTuple, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,6 +18,7 @@ from perception.clouds.scan import MIN_POINTS, Scan, SensorModel, background, ne
 from perception.registration.evidence import Evidence, score, seen_noise, surface_noise
 from perception.registration.initialiser import Expected, initial_poses
 from perception.registration.likelihood import log_likelihood
+from perception.registration.method import Method
 from perception.registration.model_surface import ModelSurface
 from perception.registration.pose_check import MAX_SIZE, MIN_MARGIN, Decision, PoseCheck, check
 from perception.registration.pose_covariance import PoseCovariance, pose_covariance
@@ -40,8 +41,6 @@ from sim.interfaces.spatial import (
     transform_points,
     whole_number,
 )
-
-Method = Literal["planes", "paper", "paper-q"]
 
 _FARTHEST = 1e5  # [m] largest accepted distance of an object from the sensor
 APPROACH_ERROR = 0.3  # [m] largest error of a coarse detection, unless the caller states another

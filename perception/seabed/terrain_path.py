@@ -13,11 +13,11 @@ from scipy.interpolate import BSpline, make_lsq_spline
 from scipy.spatial import cKDTree
 
 from perception.seabed.terrain import Projection, Relief, ReliefLimits, Terrain, build_terrain, project, relief
+from perception.seabed.tool_width import checked_width
 from sim.interfaces.errors import ConfigurationError, PerceptionError
 from sim.interfaces.messages import ToolPath
 from sim.interfaces.spatial import Array, finite_number, readonly, real_array
 
-NARROWEST, WIDEST = 1e-3, 10.0  # [m] accepted widths of a tool
 _DENSE = 0.003  # [m] between the points that the spline is fitted to
 _KNOTS = 0.02  # [m] between the knots of the spline
 _PINNED = 1e3  # [-] weight of the targets, which the spline is to pass through
@@ -52,7 +52,7 @@ def profile(terrain: Terrain, A: ArrayLike, width: float = 0.1) -> Profile:
     targets = real_array(A, "profile: targets", "(s, 3) numbers")
     if targets.ndim != 2 or targets.shape[1:] != (3,) or len(targets) < 2 or not np.all(np.isfinite(targets)):
         raise ConfigurationError(f"profile: expected two or more finite targets (s, 3), got shape {targets.shape}")
-    width = _width(width)
+    width = checked_width(width)
     ground, ends = terrain.ground(terrain.vertices), terrain.ground(targets)
     points, along, flags = [], [], []
     for i in range(len(ends) - 1):
@@ -69,10 +69,6 @@ def profile(terrain: Terrain, A: ArrayLike, width: float = 0.1) -> Profile:
     n /= np.linalg.norm(n, axis=1, keepdims=True)
     R = terrain.R_ground
     return Profile(T=readonly(T @ R), a=readonly(-normal @ R), n=readonly(n @ R), target=np.array([*flags, True]))
-
-
-def _width(width: float) -> float:
-    return finite_number(width, "the tool's width [m]", least=NARROWEST, most=WIDEST)
 
 
 def _cut(
@@ -225,7 +221,7 @@ def plan_seabed_work(
         PerceptionError: For a bad cloud, a hole under a target or on the way, or a relief beyond `limits`.
     """
     began = time.perf_counter()
-    width = _width(width)
+    width = checked_width(width)
     if limits is not None and not isinstance(limits, ReliefLimits):
         raise ConfigurationError(f"limits: expected ReliefLimits, got {type(limits).__name__}")
     patch = finite_number(patch, "patch [m]", above=0.0, most=100.0)

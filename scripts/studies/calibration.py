@@ -12,9 +12,7 @@ from scenarios.start import parse, run_scenario  # isort: skip
 from dataclasses import dataclass
 from pathlib import Path
 
-from scenarios.arm_identification.calibration_study import real_cases, run, simulated_cases, summarise
-from scenarios.study import Study, StudyOptions
-from scenarios.study.options import at_least
+from scenarios.study.options import StudyOptions, at_least
 from sim.interfaces.spatial import finite_number
 
 
@@ -44,6 +42,9 @@ class Options(StudyOptions):
 def main() -> int:
     """Runs or resumes the study and returns the exit code."""
     options = parse(Options)
+    from scenarios.arm_identification.calibration_study import real_cases, run, simulated_cases, summarise
+    from scenarios.study import Study
+
     cases = list(simulated_cases(options.seed, options.runs, options.wild_runs))
     for folder in options.real:
         cases += real_cases(folder, options.real_arm, options.socket_distance, options.aside)

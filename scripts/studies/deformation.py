@@ -10,11 +10,7 @@ from scenarios.start import parse, run_scenario  # isort: skip
 
 from dataclasses import dataclass
 
-from models.objects import targets
-from scenarios.perception_studies.deformation import DeformationCase, run, summarise
-from scenarios.perception_studies.paths import SCENES
-from scenarios.study import Study, StudyOptions
-from scenarios.study.options import at_least
+from scenarios.study.options import StudyOptions, at_least
 
 
 @dataclass(kw_only=True)
@@ -36,6 +32,11 @@ class Options(StudyOptions):
 def main() -> int:
     """Runs or resumes the study; exit code 0 if overlaps reach the bound and no region is false."""
     options = parse(Options)
+    from models.objects import targets
+    from scenarios.perception_studies.deformation import DeformationCase, run, summarise
+    from scenarios.perception_studies.paths import SCENES
+    from scenarios.study import Study
+
     cases = [DeformationCase(name, options.seed + k, options.looks) for name in SCENES for k in range(options.runs)]
     cases += [DeformationCase(name, options.seed + k, 0) for name in targets.available() for k in range(options.clean)]
     study = Study(cases=cases, run_one=run, summarise=summarise)

@@ -11,14 +11,9 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Literal
 
-import models
-from models.vehicle import Vehicle
 from scenarios.campaigns.contact_study import PATHS, PathName
-from scenarios.campaigns.fault_cases import chosen_cases
-from scenarios.campaigns.fault_figures import BranchedCase, lines, run, summarise
 from scenarios.options import BarrelOptions
-from scenarios.study import Study, StudyOptions
-from sim import hydrodynamics
+from scenarios.study.options import StudyOptions
 from sim.runs.run_folder import RUNS
 
 NAME = "study_faults"
@@ -47,6 +42,13 @@ class Options(StudyOptions):
 def main() -> int:
     """Runs or resumes the study; exit code 1 if a case does damage or touches the object late."""
     options = parse(Options)
+    import models
+    from models.vehicle import Vehicle
+    from scenarios.campaigns.fault_cases import chosen_cases
+    from scenarios.campaigns.fault_figures import BranchedCase, lines, run, summarise
+    from scenarios.study import Study
+    from sim import hydrodynamics
+
     vehicle = Vehicle.of(models.load(BarrelOptions().vehicle).compile())
     chosen_cases(vehicle.thruster_names, options.only)  # refuses words that match no case
     cases = [

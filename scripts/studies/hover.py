@@ -11,9 +11,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Literal
 
-from scenarios.control_studies import hover
-from scenarios.study import Study, StudyOptions
-from scenarios.study.options import at_least
+from scenarios.study.options import StudyOptions, at_least
 
 
 @dataclass(kw_only=True)
@@ -41,6 +39,9 @@ class Options(StudyOptions):
 def main() -> int:
     """Runs or resumes the study and returns the exit code."""
     options = parse(Options)
+    from scenarios.control_studies import hover
+    from scenarios.study import Study
+
     base = hover.push_case(options.directions, options.force, options.posture, options.gust, options.seed)
     cases = {
         "envelope": lambda: hover.envelope(base, options.currents),

@@ -11,9 +11,7 @@ from scenarios.start import parse, run_scenario  # isort: skip
 from dataclasses import dataclass
 from functools import partial
 
-from scenarios.perception_studies.paths import SCENES, PathCase, run, summarise
-from scenarios.study import Study, StudyOptions
-from scenarios.study.options import at_least
+from scenarios.study.options import StudyOptions, at_least
 
 
 @dataclass(kw_only=True)
@@ -37,6 +35,9 @@ class Options(StudyOptions):
 def main() -> int:
     """Runs or resumes the study; exit code 0 if all seen parts of all paths are within the bound."""
     options = parse(Options)
+    from scenarios.perception_studies.paths import SCENES, PathCase, run, summarise
+    from scenarios.study import Study
+
     cases = [
         PathCase(name, options.seed + k, options.looks, options.exact, options.judged)
         for name in SCENES

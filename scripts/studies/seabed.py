@@ -12,9 +12,7 @@ from scenarios.start import parse, run_scenario  # isort: skip
 
 from dataclasses import dataclass
 
-from scenarios.campaigns import seabed_speed, seabed_terrains
-from scenarios.campaigns.seabed_terrains import TerrainCase, searched_with
-from scenarios.study import Study, StudyOptions
+from scenarios.study.options import StudyOptions
 from sim.interfaces.errors import ConfigurationError
 
 
@@ -42,6 +40,10 @@ class Options(StudyOptions):
 def main() -> int:
     """Runs or resumes the study or the time measurement and returns the exit code."""
     options = parse(Options)
+    from scenarios.campaigns import seabed_speed, seabed_terrains
+    from scenarios.campaigns.seabed_terrains import TerrainCase, searched_with
+    from scenarios.study import Study
+
     if options.speed:
         speed = Study(cases=[options.seed], run_one=seabed_speed.run, summarise=seabed_speed.summarise)
         return speed.carry_out("study_seabed_speed", options, "Time from the cloud to the path")

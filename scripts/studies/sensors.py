@@ -9,8 +9,7 @@ from scenarios.start import parse, run_scenario  # isort: skip
 from dataclasses import dataclass
 from functools import partial
 
-from scenarios.perception_studies.sensors import SensorCase, run, summarise
-from scenarios.study import Study, StudyOptions
+from scenarios.study.options import StudyOptions
 from sim.interfaces.errors import ConfigurationError
 
 
@@ -32,6 +31,9 @@ class Options(StudyOptions):
 def main() -> int:
     """Runs or resumes the study and returns the exit code."""
     options = parse(Options)
+    from scenarios.perception_studies.sensors import SensorCase, run, summarise
+    from scenarios.study import Study
+
     cases = [SensorCase(k, options.seed, options.ranges) for k in range(options.runs)]
     summary = partial(summarise, seed=options.seed, ranges=options.ranges)
     study = Study(cases=cases, run_one=run, summarise=summary)

@@ -9,10 +9,7 @@ from scenarios.start import parse, run_scenario  # isort: skip
 from dataclasses import dataclass
 from functools import partial
 
-from scenarios.control_studies.step_response import line, summarise
-from scenarios.force_steps import StepTask, failed, responses
-from scenarios.study import Study, StudyOptions
-from sim import hydrodynamics
+from scenarios.study.options import StudyOptions
 from sim.interfaces.errors import ConfigurationError
 
 
@@ -50,6 +47,11 @@ class Options(StudyOptions):
 def main() -> int:
     """Runs or resumes the study and returns the exit code."""
     options = parse(Options)
+    from scenarios.control_studies.step_response import line, summarise
+    from scenarios.force_steps import StepTask, failed, responses
+    from scenarios.study import Study
+    from sim import hydrodynamics
+
     tasks = [
         StepTask(
             stiffness=stiffness,

@@ -8,8 +8,7 @@ from scenarios.start import parse, run_scenario  # isort: skip
 
 from dataclasses import dataclass
 
-from scenarios.control_studies.tip_force import cases, run, summarise
-from scenarios.study import Study, StudyOptions
+from scenarios.study.options import StudyOptions
 
 
 @dataclass(kw_only=True)
@@ -27,6 +26,9 @@ class Options(StudyOptions):
 def main() -> int:
     """Runs or resumes the study and returns the exit code."""
     options = parse(Options)
+    from scenarios.control_studies.tip_force import cases, run, summarise
+    from scenarios.study import Study
+
     each = tuple(cases(options.seed, options.runs, options.noise, options.bias))
     study = Study(cases=each, run_one=run, summarise=summarise)
     return study.carry_out("study_tip_force", options, f"Error of the felt force, {options.runs} postures a row")

@@ -1,9 +1,9 @@
-"""The calibration of an arm as a command runs it: options, input, and what is printed and written."""
+"""The calibration of an arm as a command runs it: input, and what is printed and written."""
 
 import datetime
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -20,7 +20,6 @@ from scenarios.arm_identification.calibration_input import (
     CalibrationOutcome,
     Loading,
     RealEffects,
-    Touching,
     by_contact,
     failed,
     figures_of_merit,
@@ -30,75 +29,17 @@ from scenarios.arm_identification.calibration_input import (
     simulated,
     solve,
 )
+from scenarios.arm_identification.calibration_options import COMMAND, CalibrationOptions
 from scenarios.arm_identification.touching import touching_scenario
 from scenarios.options import site_of
 from scenarios.scenario import VehicleSetup
 from scenarios.site import OpenWater, Site
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import finite_number, whole_number
-from sim.runs.command_line import ScenarioOptions
 from sim.runs.provenance import provenance
 from sim.runs.saving import write_json
 
-COMMAND = "calibrate_arm"  # name in the results
 _MOST_POINTS, _MOST_POSES = 100, 10_000
-
-
-@dataclass(kw_only=True)
-class CalibrationOptions(ScenarioOptions):
-    """Calibrate an arm by touching fixed points."""
-
-    arm: str = "ur10e"
-    """A published arm (ur10e, panda, ...), the arm of a vehicle (uuv_puma), or a file: .csv, .yaml, .urdf, .xml
-    (MJCF)."""
-    touches: tuple[Path, ...] = ()
-    """CSV files of touches or folders of them, one file for each point; none: touching is simulated."""
-    held_out: tuple[Path, ...] = ()
-    """Touches for validation only, not used by the fit."""
-    distance: tuple[tuple[str, str, float], ...] = ()
-    """Known distances between points: POINT POINT METRES, repeatable."""
-    base: str | None = None
-    """Base link or body of a URDF or MJCF."""
-    tip: str | None = None
-    """Tip link or site of a URDF or MJCF."""
-    units: Literal["auto", "rad", "deg"] = "auto"
-    """Unit of the angles in the touches."""
-    touching: Touching = "noise"
-    """Simulated touching: noise (by hand), or by contact with the hull clamped or hovering."""
-    points: int | None = None
-    """Number of simulated points; default 3, by contact 4."""
-    poses: int | None = None
-    """Simulated touches of each point; default 21, by contact 10."""
-    noise: float = 0.092e-3
-    """Standard deviation of the simulated hand [m], along each axis."""
-    pin: Literal["straight", "off-axis"] | None = None
-    """Tool for simulated touches by hand. Default: straight for a vehicle, at its own tool; off-axis for other arms."""
-    known_length: bool | None = None
-    """Give the distance between the two farthest simulated points; default: yes, except for the UR10e [Yukhimets
-    2023]."""
-    arm_errors: int | None = None
-    """Seed of the workshop errors; default: --seed."""
-    free: tuple[str, ...] = ()
-    """Free parameters: theta d a alpha beta tcp, or single ones such as a2; default: all."""
-    prior: tuple[tuple[str, float], ...] = ()
-    """Prior standard deviations about the nominal values [rad], [m]: NAME VALUE, repeatable; default: from the data."""
-    compliance: bool = False
-    """Also identify joint compliances, from the sag under the links' weight and --payload. The base is upright; that
-    of a vehicle's arm hangs."""
-    link_mass: tuple[float, ...] = ()
-    """Masses of the links [kg]; default: spread evenly along the links, so that compliances are relative to that."""
-    payload: tuple[float, ...] = ()
-    """Payload at the tool [kg] during the touches of each point."""
-    true_compliance: float = 0.0
-    """Compliance of the simulated arm's joints [rad/(N m)]."""
-    true_gears: float = 0.0
-    """Eccentricity of the simulated arm's gears: spread of the amplitudes [rad]."""
-    true_seating: float = 0.0
-    """Seating errors of the ball in the simulated sockets: spread along each axis [m], repeats with the direction."""
-    method: Literal["map", "paper"] = "map"
-    """map: maximum a posteriori fit; paper: three iterations on all parameters [Yukhimets 2023]."""
-    plan: int | None = None
-    """Plan this number of touches instead: those that would tell most, after those of --touches or from the start."""
 
 
 def case_of(options: CalibrationOptions, folder: Path, rng: np.random.Generator) -> CalibrationCase:

@@ -20,6 +20,7 @@ from calib.touch_files import Touches, read_touches
 from models.arms import dh_geometry, published_arms
 from models.arms.serial_arm import SerialArm
 from models.naming import ARM_BASE_BODY, TIP_SITE
+from scenarios.arm_identification.calibration_options import check_arm
 from scenarios.arm_identification.deck_calibration import DOWN, LENGTH_ERROR, farthest, touched
 from scenarios.arm_identification.touching import Session, touch
 from scenarios.scenario import Scenario
@@ -27,7 +28,6 @@ from sim.interfaces.errors import ConfigurationError, ReachError
 from sim.interfaces.spatial import GRAVITY, Array, finite_number, readonly
 from sim.loop.rollout import Observer
 
-Touching = Literal["noise", "clamped", "hovering"]
 TOOLS = {"straight": (0.0, 0.0, 0.15), "off-axis": (0.06, 0.0, 0.15)}  # [m] tip in the flange
 # Tool direction in an arm's base whose z axis points up.
 LOOKING_DOWN = (0.0, 0.0, -1.0)
@@ -109,6 +109,7 @@ def nominal(name: str, folder: Path, base: str | None, tip: str | None) -> ArmSo
     Raises:
         ConfigurationError: The name is unknown, or the file is unusable.
     """
+    check_arm(name)
     if name in published_arms.available():
         return ArmSource(
             path=Path(name), kind="dh", arm=published_arms.load(name), base="base", tip="flange", sha256=""
@@ -117,9 +118,6 @@ def nominal(name: str, folder: Path, base: str | None, tip: str | None) -> ArmSo
         file = folder / f"{name}.xml"
         file.write_text(models.load(name).to_xml(), encoding="utf-8")
         return read_arm(file, base=base, tip=tip)
-    if not Path(name).suffix:
-        known = (*published_arms.available(), *models.available())
-        raise ConfigurationError(f"--arm: unknown {name!r}; there are {', '.join(known)}, or a file")
     return read_arm(name, base=base, tip=tip)
 
 

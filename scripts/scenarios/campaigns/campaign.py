@@ -29,7 +29,6 @@ from typing import Any
 
 import numpy as np
 
-from scenarios.assembly import assemble
 from scenarios.campaigns.distributions import DESIGNS, Design, Distribution, drawn
 from scenarios.options import (
     BarrelOptions,
@@ -39,7 +38,6 @@ from scenarios.options import (
     PileOptions,
     SeabedOptions,
 )
-from scenarios.runner import run
 from scenarios.scenario import Scenario
 from scenarios.scenario_file import KIND, as_dict, assigned, from_dict, put, read_scenario
 from scenarios.study.worker import Limits
@@ -154,6 +152,9 @@ def read_campaign(file: str | Path, changed: Sequence[str] = ()) -> Campaign:
 
 def one_run(task: CampaignRun) -> dict[str, Any]:
     """Row of a run; an error of the run is part of the row."""
+    from scenarios.assembly import assemble
+    from scenarios.runner import run
+
     row = failed_row(task, "")
     try:
         built = assemble(task.scenario())

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import Any, Literal, get_args
 
 import numpy as np
-from scipy.stats import qmc
 
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array, finite_number, shown
@@ -120,6 +119,8 @@ def drawn(distributions: Mapping[str, Distribution], cases: int, seed: int, desi
     d, rng = sum(each.dimensions for each in distributions.values()), np.random.default_rng([seed, _DRAWS])
     if not d:
         return [{} for _ in range(cases)]
+    from scipy.stats import qmc  # costs a second
+
     if design == "sobol":
         if d > qmc.Sobol.MAXDIM:
             raise ConfigurationError(f"design: Sobol has at most {qmc.Sobol.MAXDIM} dimensions, got {d}")

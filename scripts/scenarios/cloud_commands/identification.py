@@ -2,68 +2,29 @@
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from models.objects import targets
 from models.objects.targets import TargetModel
 from perception.clouds.cloud_files import load_cloud
-from perception.clouds.scan import SIGMA_ALLOWED, SensorModel
-from perception.registration.identification import Identification, Method, identify
+from perception.clouds.scan import SensorModel
+from perception.registration.identification import Identification, identify
 from perception.registration.pose_check import PoseCheck
 from perception.registration.pose_covariance import PoseCovariance
 from perception.registration.recognition import Recognition, model_files, recognise
+from scenarios.cloud_commands.options import IdentificationOptions
 from scenarios.object_scenes import ObjectScene, object_scene
 from scenarios.site import with_growth_and_dents
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import exp_so3, transform_points
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
 _TOO_LARGE = 20.0  # times the extent of the cloud: a larger object means a mistake in the units
 _SHOWN = 20_000  # largest number of points of each cloud in the picture
-
-
-@dataclass(kw_only=True)
-class IdentificationOptions:
-    """Identify a known object in a point cloud."""
-
-    object: str = "barrel"
-    """A name of models.objects.targets.available(), a mesh file (STL, PLY, OBJ, OFF, glTF), or a cloud of the surface
-    (PLY, PCD, text with x y z or x y z nx ny nz a line), which is meshed."""
-    among: tuple[str, ...] = ()
-    """Names, mesh or cloud files, and folders of them: which of these is it? --object is then only what the simulated
-    scene shows."""
-    cloud: Path | None = None
-    """Text (x y z a line), PLY or PCD, in the sensor's frame; default: a simulated scene."""
-    scale: float | None = None
-    """Unit of the cloud in metres: 0.001 for millimetres."""
-    mesh_scale: float | None = None
-    """Unit of the mesh or cloud files of models in metres."""
-    approach: tuple[float, float, float] | None = None
-    """Coarse position of the object's centre in the sensor's frame [m]; default: unknown."""
-    rotation: tuple[float, float, float] | None = None
-    """Coarse attitude of the object in the sensor's frame as a rotation vector [deg]; default: unknown."""
-    sigma: float | None = None
-    """Standard deviation of the sensor's depth [m] at 1 m range; it grows with the square of the range."""
-    sensor: Literal["stereo", "white", "sonar"] = "stereo"
-    """Sensor of the simulated scene."""
-    method: Method = "planes"
-    """Registration method; paper: as published, for comparison."""
-    fouled: float = 0.0
-    """Growth on the object in the simulated scene, up to this height [m]; its model stays clean."""
-    dented: float = 0.0
-    """Dents in the object in the simulated scene, up to this depth [m]; its model stays undamaged."""
-    seed: int = 0
-    """Seed of the simulated scene and of random samples."""
-    out: Path | None = None
-    """Folder for identification.json, cloud.ply, model.ply and identification.png. Where the object differs from its
-    model, also deformation.ply and deformation.png."""
-
-    def __post_init__(self) -> None:
-        least, most = SIGMA_ALLOWED
-        if self.sigma is not None and not least <= self.sigma <= most:
-            raise ConfigurationError(f"--sigma: must lie in {least:g} to {most:g} m (at 1 m), got {self.sigma}")
 
 
 def models_among(options: IdentificationOptions) -> dict[str, TargetModel]:
@@ -257,8 +218,10 @@ def candidates_of(made: Recognition) -> list[dict[str, Any]]:
     ]
 
 
-def picture(found: Identification, title: str) -> Figure:
+def picture(found: Identification, title: str) -> "Figure":
     """Scatter plots of cloud and fitted model: along the sensor's z axis, and from the side."""
+    from matplotlib.figure import Figure
+
     figure = Figure(figsize=(10, 5), layout="constrained")
     parts = ((found.model_after, "tab:orange", "model, where found", 8.0), (found.cloud, "k", "cloud", 1.0))
     left, right = figure.subplots(1, 2)

@@ -7,9 +7,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from calib.water.logs import CHANNELS, WaterLog, log_of, read_log
+from calib.water.logs import CHANNELS, WaterLog, check_log, log_of, read_log
 from scenarios.water_identification.settings import NOISE, FitSettings
-from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import finite_number, one_of, whole_number
 from sim.runs.command_line import RunOptions, parse
 
@@ -85,8 +84,8 @@ def check_inputs(options: WaterOptions) -> None:
 
     settings_of(options)
     for path in options.log:
-        if not path.exists():
-            raise ConfigurationError(f"log {str(path)!r}: there is no such file or folder")
+        if not path.is_dir():
+            check_log(path)
     model = inputs.check_vehicle(VehicleSetup(vehicle=options.vehicle)).compile()
     vehicle = Vehicle.of(model)
     logs_of(options, tuple(pushed_parts(model, vehicle).values()), ranges_of(vehicle))

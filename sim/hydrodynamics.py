@@ -34,6 +34,8 @@ import math
 import sys
 import warnings
 import weakref
+from collections.abc import Iterable
+from dataclasses import dataclass
 from typing import Any
 
 import llvmlite.binding
@@ -59,6 +61,7 @@ from models.water.bounds import LARGEST
 from sim.interfaces.errors import ConfigurationError, HydrodynamicsError, PhysicsWarning
 from sim.interfaces.spatial import Array, skew
 from sim.water import energy, mujoco_layout, passive_callback
+from sim.water.wet_inertia import TreeSums, WetInertia
 
 DRAG_SPEED = 2.0  # [m/s, rad/s] speed at which the drag rate is compared with the time step
 
@@ -227,23 +230,27 @@ def doubts(model: mujoco.MjModel) -> list[str]:
     - Cross terms that feed energy in, beside the other damping of their body, at a motion that sampling found.
     - Force and torque sensors, which do not measure the water.
     """
-    wet = _bodies(model)
-    trees, fixed = {int(model.body_treeid[i]) for i in wet}, np.asarray(model.body_weldid)
-    watered = {int(fixed[i]) for i in wet}
+    return _doubts(model, _bodies(model))
+
+
+def _doubts(model: mujoco.MjModel, wet: dict[int, BodyHydrodynamics]) -> list[str]:
+    """As `doubts`, of a model with the coefficients `wet`."""
+    trees, fixed = model.body_treeid.tolist(), model.body_weldid.tolist()
+    wet_trees = {trees[i] for i in wet}
     names = [model.body(i).name or f"body {i}" for i in range(model.nbody)]
-    dry = [
-        names[i]
-        for i in range(1, model.nbody)
-        if model.body_treeid[i] in trees
-        and model.body_mass[i] > 0.0
-        and model.body_geomnum[i] > 0
-        and int(fixed[i]) not in watered
-    ]
+
+    # Mass and volume of bodies that are fixed to each other, by the topmost of them.
+    masses = np.bincount(fixed, weights=model.body_mass).tolist()
+    volumes: dict[int, float] = {}
+    for i, body in wet.items():
+        volumes[fixed[i]] = volumes.get(fixed[i], 0.0) + body.volume
+
+    shaped = (model.body_mass > 0.0) & (model.body_geomnum > 0)
+    dry = [names[i] for i in np.flatnonzero(shaped).tolist() if i and trees[i] in wet_trees and fixed[i] not in volumes]
     found = [f"movable bodies without water: {', '.join(dry)}"] if dry else []
     for i, body in wet.items():
         mass = float(model.body_mass[i])
-        together = float(np.sum(model.body_mass[fixed == fixed[i]]))
-        volume = sum(other.volume for j, other in wet.items() if fixed[j] == fixed[i])
+        together, volume = masses[fixed[i]], volumes[fixed[i]]
         if body.volume > 0.0 and not DENSITIES[0] <= together / volume <= DENSITIES[1]:
             found.append(
                 f"{names[i]}: {together:.4g} kg in {volume:.4g} m^3 make {together / volume:.3g} kg/m^3, outside "
@@ -267,7 +274,7 @@ def doubts(model: mujoco.MjModel) -> list[str]:
                 "water, more than its other damping takes: a motion may grow without bound"
             )
     kinds = int(mujoco.mjtSensor.mjSENS_FORCE), int(mujoco.mjtSensor.mjSENS_TORQUE)
-    holding = {j for i in wet for j in _above(model, i)}
+    holding = _with_ancestors(model, wet)
     blind = [
         model.sensor(k).name or f"sensor {k}"
         for k in range(model.nsensor)
@@ -295,7 +302,7 @@ def compile(spec: mujoco.MjSpec) -> mujoco.MjModel:  # noqa: A001 (always called
 
     A spec without coefficients is compiled as it is. If only bodies carry water data (the spec came from MJCF, or was
     attached to this one), the world body gets its row from them. A wet model installs the process's passive callback.
-    PhysicsWarning for each of its `doubts`.
+    PhysicsWarning for each of its `doubts`. The cost is linear in the number of kinematic trees.
 
     Raises:
         ConfigurationError: `spec` is no MjSpec, or its bodies carry waters of different density.
@@ -309,9 +316,9 @@ def compile(spec: mujoco.MjSpec) -> mujoco.MjModel:  # noqa: A001 (always called
     model = spec.compile()
     if not carries_hydrodynamics(model):
         return model
-    check(model)
-    _set_constants(model, _damping_ratios(spec))
-    for doubt in doubts(model):
+    bodies = _bodies(model)
+    _set_constants(model, _checked(model, bodies), _damping_ratios(spec))
+    for doubt in _doubts(model, bodies):
         warnings.warn(doubt, PhysicsWarning, 2)
     return model
 
@@ -325,9 +332,8 @@ def set_constants(model: mujoco.MjModel) -> None:
     Raises:
         HydrodynamicsError: As `check` does.
     """
-    check(model)
     if carries_hydrodynamics(model):
-        _set_constants(model, {})
+        _set_constants(model, _checked(model, _bodies(model)), {})
 
 
 def check(model: mujoco.MjModel) -> None:
@@ -340,55 +346,13 @@ def check(model: mujoco.MjModel) -> None:
         HydrodynamicsError: A setting is refused, or the callback is not installed.
         ConfigurationError: A body's row is one that `BodyHydrodynamics` would refuse.
     """
-    if not carries_hydrodynamics(model):
-        return
-    if not is_installed():
-        raise HydrodynamicsError(f"this model carries hydrodynamics but {_moves_dry()}")
-    if found := _refused(model):
-        raise HydrodynamicsError(f"hydrodynamics cannot be run with {'; '.join(found)}")
-    bodies = _bodies(model)
-    for i in bodies:
-        if model.body_simple[i]:
-            raise HydrodynamicsError(f"{model.body(i).name}: compiled as a simple body; attach() sets simple = 0")
-    data = _at_qpos0(model)
-    if model.nv == 0:
-        return
-    inertia = _dry_inertia(model, data) + added_inertia(model, data)
-    try:
-        factor = np.linalg.inv(np.linalg.cholesky(inertia))
-    except np.linalg.LinAlgError as error:
-        raise HydrodynamicsError(
-            f"the inertia with the added mass is not positive definite at qpos0 (its diagonal runs from "
-            f"{np.diag(inertia).min():.3g} to {np.diag(inertia).max():.3g})"
-        ) from error
-    rate = _drag_rate(model, data, factor, DRAG_SPEED)
-    if not model.opt.timestep * rate <= 1.0:
-        raise HydrodynamicsError(
-            f"timestep {model.opt.timestep:g} s times the rate of the drag at {DRAG_SPEED:g} m/s, {rate:.4g} 1/s, is "
-            f"{model.opt.timestep * rate:.4g}, more than 1; use at most {1.0 / rate:.3g} s"
-        )
-    force = np.zeros(model.nv)
-    lift = water_density(model) * model.opt.gravity
-    for i, body in bodies.items():
-        R_BW = data.xmat[i].reshape(3, 3).T
-        buoyancy = -body.volume * (R_BW @ lift)
-        wrench = np.concatenate([buoyancy, np.cross(body.center_of_buoyancy, buoyancy)])
-        force += _jacobian(model, data, i).T @ wrench
-    start = float(np.max(np.abs(factor.T @ (factor @ force))))
-    if not start * model.opt.timestep < LARGEST_START:
-        raise HydrodynamicsError(
-            f"buoyancy alone would bring this model to {start * model.opt.timestep:.3g} m/s or rad/s in one step, more "
-            f"than {LARGEST_START:g}: mass and volume cannot belong together"
-        )
+    if carries_hydrodynamics(model):
+        _checked(model, _bodies(model))
 
 
 def added_inertia(model: mujoco.MjModel, data: mujoco.MjData) -> Array:
     """Joint-space added mass sum_b J_b^T A_b J_b (nv, nv) at `data`, whose kinematics and comPos are up to date."""
-    total = np.zeros((model.nv, model.nv))
-    for i, body in _bodies(model).items():
-        J_B = _jacobian(model, data, i)
-        total += J_B.T @ body.added_mass @ J_B
-    return total
+    return TreeSums(model, data, _bodies(model)).dense(lambda body: body.added_mass)
 
 
 def drag_slope(model: mujoco.MjModel, data: mujoco.MjData, speed: float) -> Array:
@@ -402,24 +366,7 @@ def drag_slope(model: mujoco.MjModel, data: mujoco.MjData, speed: float) -> Arra
     Returns:
         Joint-space damping matrix (nv, nv).
     """
-    total = np.zeros((model.nv, model.nv))
-    for i, body in _bodies(model).items():
-        slope = 0.5 * (body.linear_damping + body.linear_damping.T) + np.diag(2.0 * speed * body.quadratic_damping)
-        for strip in body.segments:
-            nodes, weights = np.polynomial.legendre.leggauss(strip.stations)
-            length = float(np.linalg.norm(strip.end - strip.start))
-            axis = (strip.end - strip.start) / length
-            along = np.outer(axis, axis)
-            local = 2.0 * speed * (strip.normal * (np.eye(3) - along) + strip.tangential * along)
-            for node, weight in zip(nodes, weights, strict=True):
-                p = strip.start + 0.5 * (1.0 + node) * (strip.end - strip.start)
-                to_point = np.hstack([np.eye(3), -skew(p)])
-                slope += 0.5 * weight * length * to_point.T @ local @ to_point
-        for form in body.terms:
-            slope += form.slope(speed)
-        J_B = _jacobian(model, data, i)
-        total += J_B.T @ slope @ J_B
-    return total
+    return TreeSums(model, data, _bodies(model)).dense(lambda body: _body_drag_slope(body, speed))
 
 
 class _Notice(event.Listener):
@@ -469,13 +416,14 @@ copyreg.pickle(mujoco.MjModel, _reduced)
 copyreg.pickle(mujoco.MjData, _reduced)
 
 
-def _above(model: mujoco.MjModel, body: int) -> list[int]:
-    """`body` and its ancestors, without the world."""
-    chain = []
-    while body:
-        chain.append(body)
-        body = int(model.body_parentid[body])
-    return chain
+def _with_ancestors(model: mujoco.MjModel, bodies: Iterable[int]) -> set[int]:
+    """`bodies` and all bodies that they hang on, without the world."""
+    parents, reached = model.body_parentid.tolist(), {0}
+    for body in bodies:
+        while body not in reached:
+            reached.add(body)
+            body = parents[body]
+    return reached - {0}
 
 
 def _largest_inertia(model: mujoco.MjModel, body: int) -> float:
@@ -487,9 +435,22 @@ def _largest_inertia(model: mujoco.MjModel, body: int) -> float:
     return max(float(np.linalg.eigvalsh(about_origin)[-1]), 0.0)
 
 
-def _drag_rate(model: mujoco.MjModel, data: mujoco.MjData, factor: np.ndarray, speed: float) -> float:
-    """Largest rate [1/s] of drag over inertia at `speed`; `factor` (nv, nv) satisfies inv(M + A) = factor^T factor."""
-    return float(np.linalg.eigvalsh(factor @ drag_slope(model, data, speed) @ factor.T)[-1])
+def _body_drag_slope(body: BodyHydrodynamics, speed: float) -> Array:
+    """As `drag_slope`, of one body with respect to its twist (6, 6), in body axes at its origin."""
+    slope = 0.5 * (body.linear_damping + body.linear_damping.T) + np.diag(2.0 * speed * body.quadratic_damping)
+    for strip in body.segments:
+        nodes, weights = np.polynomial.legendre.leggauss(strip.stations)
+        length = float(np.linalg.norm(strip.end - strip.start))
+        axis = (strip.end - strip.start) / length
+        along = np.outer(axis, axis)
+        local = 2.0 * speed * (strip.normal * (np.eye(3) - along) + strip.tangential * along)
+        for node, weight in zip(nodes, weights, strict=True):
+            p = strip.start + 0.5 * (1.0 + node) * (strip.end - strip.start)
+            to_point = np.hstack([np.eye(3), -skew(p)])
+            slope += 0.5 * weight * length * to_point.T @ local @ to_point
+    for form in body.terms:
+        slope += form.slope(speed)
+    return slope
 
 
 def _carriers(model: mujoco.MjModel) -> list[int]:
@@ -540,30 +501,6 @@ def _bodies(model: mujoco.MjModel) -> dict[int, BodyHydrodynamics]:
     }
 
 
-def _jacobian(model: mujoco.MjModel, data: mujoco.MjData, body: int) -> Array:
-    """J (6, nv) of the body origin, in body axes, linear over angular."""
-    J = np.zeros((6, model.nv))
-    mujoco.mj_jacBody(model, data, J[:3], J[3:], body)
-    R_BW = data.xmat[body].reshape(3, 3).T
-    return np.vstack([R_BW @ J[:3], R_BW @ J[3:]])
-
-
-def _at_qpos0(model: mujoco.MjModel) -> mujoco.MjData:
-    """Data at qpos0 after the position-dependent stage, with the dry inertia."""
-    data = mujoco.MjData(model)
-    mujoco.mj_fwdPosition(model, data)
-    return data
-
-
-def _dry_inertia(model: mujoco.MjModel, data: mujoco.MjData) -> Array:
-    M = np.zeros((model.nv, model.nv))
-    for i in range(model.nv):
-        unit = np.zeros(model.nv)
-        unit[i] = 1.0
-        mujoco.mj_mulM(model, data, M[i], unit)
-    return M
-
-
 def _damping_ratios(spec: mujoco.MjSpec) -> dict[int, float]:
     """Damping ratio by actuator index, for actuators whose damping the compiler derives from the inertia.
 
@@ -576,43 +513,88 @@ def _damping_ratios(spec: mujoco.MjSpec) -> dict[int, float]:
     }
 
 
-def _set_constants(model: mujoco.MjModel, damping_ratios: dict[int, float]) -> None:
+@dataclass(frozen=True, slots=True, eq=False)
+class _AtRest:
+    """What `check` finds out about a model with degrees of freedom, at qpos0."""
+
+    inertia: WetInertia
+    drag_rate: float  # [1/s] at DRAG_SPEED
+
+
+def _checked(model: mujoco.MjModel, bodies: dict[int, BodyHydrodynamics]) -> _AtRest | None:
+    """Does the work of `check` for a model with the coefficients `bodies`; None without degrees of freedom."""
+    if not is_installed():
+        raise HydrodynamicsError(f"this model carries hydrodynamics but {_moves_dry()}")
+    if refused := _refused(model):
+        raise HydrodynamicsError(f"hydrodynamics cannot be run with {'; '.join(refused)}")
+    for i in bodies:
+        if model.body_simple[i]:
+            raise HydrodynamicsError(f"{model.body(i).name}: compiled as a simple body; attach() sets simple = 0")
+
+    if model.nv == 0:
+        return None
+    data = mujoco.MjData(model)
+    # As MuJoCo does for its own constants: without contacts, of which a heap of bodies has many at qpos0.
+    for stage in (mujoco.mj_kinematics, mujoco.mj_comPos, mujoco.mj_tendon, mujoco.mj_makeM, mujoco.mj_transmission):
+        stage(model, data)
+    sums = TreeSums(model, data, bodies)
+    inertia = WetInertia(sums)
+
+    rate = inertia.drag_rate(lambda body: _body_drag_slope(body, DRAG_SPEED))
+    if not model.opt.timestep * rate <= 1.0:
+        raise HydrodynamicsError(
+            f"timestep {model.opt.timestep:g} s times the rate of the drag at {DRAG_SPEED:g} m/s, {rate:.4g} 1/s, is "
+            f"{model.opt.timestep * rate:.4g}, more than 1; use at most {1.0 / rate:.3g} s"
+        )
+
+    lift = water_density(model) * model.opt.gravity
+
+    def buoyancy(i: int, body: BodyHydrodynamics) -> Array:
+        force = -body.volume * (data.xmat[i].reshape(3, 3).T @ lift)
+        return np.hstack([force, skew(body.center_of_buoyancy) @ force])
+
+    start = float(np.max(np.abs(inertia.accelerations(np.arange(model.nv), sums.force(buoyancy)))))
+    if not start * model.opt.timestep < LARGEST_START:
+        raise HydrodynamicsError(
+            f"buoyancy alone would bring this model to {start * model.opt.timestep:.3g} m/s or rad/s in one step, more "
+            f"than {LARGEST_START:g}: mass and volume cannot belong together"
+        )
+    return _AtRest(inertia, rate)
+
+
+def _set_constants(model: mujoco.MjModel, at_rest: _AtRest | None, damping_ratios: dict[int, float]) -> None:
     """The computation of MuJoCo's engine_setconst.c, with M + A in place of M."""
     water = world_row(model)
-    if model.nv == 0:
+    if at_rest is None:
         return
-    data = _at_qpos0(model)
-    M = _dry_inertia(model, data) + added_inertia(model, data)
-    Minv = np.linalg.inv(M)
-    J = np.zeros((6, model.nv))
-    for i in range(1, model.nbody):
-        if model.body_weldid[i]:
-            mujoco.mj_jacBodyCom(model, data, J[:3], J[3:], i)
-            mobility = np.einsum("ij,jk,ik->i", J, Minv, J)
-            model.body_invweight0[i] = mobility[:3].mean(), mobility[3:].mean()
-    mobility = np.diag(Minv)
-    for i in range(model.njnt):
-        first = model.jnt_dofadr[i]
-        blocks = {int(mujoco.mjtJoint.mjJNT_FREE): [3, 3], int(mujoco.mjtJoint.mjJNT_BALL): [3]}
-        for block in blocks.get(int(model.jnt_type[i]), [1]):
+    inertia, data = at_rest.inertia, at_rest.inertia.sums.data
+
+    # Contact weights: mean mobility of each body, and of each degree of freedom.
+    for i in np.flatnonzero(model.body_weldid).tolist():
+        mobility = inertia.of_body(i)
+        model.body_invweight0[i] = mobility[:3].mean(), mobility[3:].mean()
+    mobility = inertia.of_dofs()
+    blocks = {int(mujoco.mjtJoint.mjJNT_FREE): [3, 3], int(mujoco.mjtJoint.mjJNT_BALL): [3]}
+    for first, kind in zip(model.jnt_dofadr.tolist(), model.jnt_type.tolist(), strict=True):
+        for block in blocks.get(kind, [1]):
             model.dof_invweight0[first : first + block] = mobility[first : first + block].mean()
             first += block
-    model.dof_M0 = np.diag(M)
+    model.dof_M0 = inertia.diagonal
+    model.stat.meaninertia = inertia.diagonal.mean()
+
+    # The world's row: stamp of these weights, drag over inertia, and no warnings given.
     water[LAYOUT.compiled] = model.dof_invweight0.sum()
-    factor = np.linalg.inv(np.linalg.cholesky(M))
-    still, moving = (_drag_rate(model, data, factor, speed) for speed in (0.0, DRAG_SPEED))
-    water[LAYOUT.drag_rate :][:2] = still, (moving - still) / DRAG_SPEED
+    still = inertia.drag_rate(lambda body: _body_drag_slope(body, 0.0))
+    water[LAYOUT.drag_rate :][:2] = still, (at_rest.drag_rate - still) / DRAG_SPEED
     water[LAYOUT.seen] = water[LAYOUT.told] = 0.0
-    model.stat.meaninertia = np.diag(M).mean()
+
     for i in range(model.ntendon):
-        row = np.zeros(model.nv)
         entries = slice(model.ten_J_rowadr[i], model.ten_J_rowadr[i] + model.ten_J_rownnz[i])
-        row[model.ten_J_colind[entries]] = data.ten_J[entries]
-        model.tendon_invweight0[i] = row @ Minv @ row
+        model.tendon_invweight0[i] = inertia.along(model.ten_J_colind[entries], data.ten_J[entries])
     for i in range(len(model.actuator_acc0)):
         entries = slice(data.moment_rowadr[i], data.moment_rowadr[i] + data.moment_rownnz[i])
         columns, moment = data.moment_colind[entries], data.actuator_moment[entries]
-        model.actuator_acc0[i] = np.linalg.norm(Minv[:, columns] @ moment)
+        model.actuator_acc0[i] = np.linalg.norm(inertia.accelerations(columns, moment))
         if i in damping_ratios:
-            reflected = 1.0 / float(moment @ Minv[np.ix_(columns, columns)] @ moment)
+            reflected = 1.0 / inertia.along(columns, moment)
             model.actuator_biasprm[i, 2] = -damping_ratios[i] * 2.0 * np.sqrt(model.actuator_gainprm[i, 0] * reflected)

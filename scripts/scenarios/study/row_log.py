@@ -76,6 +76,7 @@ class RowLog:
             self._write_about()
         self._table = RowTable(folder)
         self.rows: dict[str, Row] = {row[KEY]: row for row in self._table.rows}
+        self._numbers = {row[KEY]: number for number, row in enumerate(self._table.rows)}  # in the table
 
     @classmethod
     @contextmanager
@@ -135,9 +136,11 @@ class RowLog:
             ConfigurationError: A file cannot be written.
         """
         rows = {key: {**row, KEY: key, TIMING: dict(timing)} for key, row, timing in done}
-        for key in rows.keys() & self.rows.keys():
-            self._table.replace(list(self.rows).index(key), rows[key])
-        self._table.extend([row for key, row in rows.items() if key not in self.rows])
+        self._table.replace({self._numbers[key]: row for key, row in rows.items() if key in self._numbers})
+        new = [key for key in rows if key not in self._numbers]
+        start = len(self._table.rows)
+        self._table.extend([rows[key] for key in new])
+        self._numbers |= {key: start + k for k, key in enumerate(new)}
         self.rows |= rows
 
     def _write_about(self) -> None:

@@ -67,17 +67,24 @@ class RowTable:
         for start in range(0, len(rows), CHUNK):
             self._append(rows[start : start + CHUNK])
 
-    def replace(self, at: int, row: Row) -> None:
-        """Puts a row in the place of row number `at`; it is on the disk when this returns. Raises as `extend`."""
-        self._widen([row])
-        first = at - at % CHUNK
-        rows = self.rows[first : first + CHUNK]
-        rows[at - first] = row
-        table = self._table(rows)
-        self._write(at // CHUNK, table)
-        self.rows[at] = row
-        if table.num_rows < CHUNK:
-            self._last = table
+    def replace(self, rows: Mapping[int, Row]) -> None:
+        """Puts rows in the places of those with the numbers that are their keys; each file is written once.
+
+        They are on the disk when this returns. Raises as `extend`.
+        """
+        self._widen([*rows.values()])
+        files: dict[int, dict[int, Row]] = {}
+        for at, row in rows.items():
+            files.setdefault(at // CHUNK, {})[at] = row
+
+        for number, changed in sorted(files.items()):
+            numbers = range(number * CHUNK, min((number + 1) * CHUNK, len(self.rows)))
+            table = self._table([changed.get(at, self.rows[at]) for at in numbers])
+            self._write(number, table)
+            for at, row in changed.items():
+                self.rows[at] = row
+            if table.num_rows < CHUNK:
+                self._last = table
 
     def _widen(self, rows: Sequence[Row]) -> None:
         """Makes the columns wide enough for new rows, in all files if there are some."""

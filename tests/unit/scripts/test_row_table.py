@@ -54,19 +54,20 @@ def test_rows_come_back_as_they_were(tmp_path_factory, rows):
 @settings(max_examples=20, deadline=None)
 @given(
     rows=st.lists(st.dictionaries(st.sampled_from("abcd"), VALUES, max_size=4), min_size=1, max_size=5),
-    other=st.dictionaries(st.sampled_from("abcde"), VALUES, max_size=4),
-    at=st.integers(0, 4),
+    others=st.dictionaries(
+        st.integers(0, 4), st.dictionaries(st.sampled_from("abcde"), VALUES, max_size=4), min_size=1, max_size=3
+    ),
 )
-def test_a_row_takes_the_place_of_another(tmp_path_factory, rows, other, at):
-    """In a file that is full, and in the last one."""
-    at %= len(rows)
+def test_rows_take_the_places_of_others(tmp_path_factory, rows, others):
+    """In files that are full, and in the last one."""
+    others = {at % len(rows): other for at, other in others.items()}
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(row_table, "CHUNK", 2)
         folder = tmp_path_factory.mktemp("rows")
         table = filled(folder, rows)
-        table.replace(at, other)
+        table.replace(others)
         table.extend([{"a": 1}])
-        expected = [*rows[:at], other, *rows[at + 1 :], {"a": 1}]
+        expected = [*(others.get(at, row) for at, row in enumerate(rows)), {"a": 1}]
         assert same(read_rows(folder), expected)
         assert same(RowTable(folder).rows, expected)
 

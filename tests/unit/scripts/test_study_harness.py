@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 
 from pool_tasks import DEADLY, deadly, dying, hungry, ignores, refusing, sleeping, squared, told_dead
-from scenarios.study import Row, Study, StudyOptions, Summary, Table, harness, local_processes, read_rows
+from scenarios.study import Row, Study, StudyOptions, Summary, Table, harness, local_processes, read_rows, row_table
 from scenarios.study.loaded_code import digests, loaded_files
 from scenarios.study.row_log import RowLog
 from scenarios.study.worker import Limits
@@ -252,6 +252,39 @@ def test_log_goes_on_where_it_was_cut(tmp_path):
     log.add([("2", {"run": 2}, TIMED)])
     assert [row["run"] for row in RowLog(tmp_path).rows.values()] == [0, 1, 2]
     assert {path.name for path in tmp_path.iterdir()} == {"rows", "study.json"}
+
+
+class Counted(str):
+    """Key of a case that counts how often it is compared."""
+
+    __slots__ = ()
+    comparisons = 0
+
+    def __eq__(self, other: object) -> bool:
+        Counted.comparisons += 1
+        return super().__eq__(other)
+
+    __hash__ = str.__hash__
+
+
+def test_a_row_is_found_without_a_search_and_each_file_written_once(tmp_path, monkeypatch):
+    log, count = RowLog(tmp_path), 2 * row_table.CHUNK + 5
+    log.add([(Counted(run), {"run": run}, TIMED) for run in range(count)])
+
+    written: list[int] = []
+    write = row_table.RowTable._write
+    monkeypatch.setattr(
+        row_table.RowTable, "_write", lambda self, number, table: (written.append(number), write(self, number, table))
+    )
+    Counted.comparisons = 0
+    again = [3, 4, count - 1]
+    log.add([(Counted(run), {"run": -run}, TIMED) for run in [*again, count]])
+
+    assert written == [0, 2, 2]  # two files with old rows, then the last one with the new row
+    assert Counted.comparisons < 10 * len(again)  # measured 12; a search compares with hundreds
+    expected = [-run if run in again else run for run in range(count)] + [-count]
+    assert [row["run"] for row in RowLog(tmp_path).rows.values()] == expected
+    assert [row["run"] for row in log.rows.values()] == expected
 
 
 def test_settings_are_kept_beside_the_rows(tmp_path):

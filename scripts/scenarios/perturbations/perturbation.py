@@ -41,6 +41,7 @@ class Perturbation:
     """One deviation; each hook does nothing unless it is overridden."""
 
     stream: ClassVar[int | None] = None  # of the random draws; None: by the class's name
+    joins: ClassVar[bool] = False  # it may be added to a saved run: until its onset the run is as without it
 
     def on_vehicle(self, spec: mujoco.MjSpec, rng: np.random.Generator) -> Mapping[str, float]:
         """Changes the true vehicle's spec in place, and returns means of the drawn factors by name."""

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from scenarios.options import barrel
     from scenarios.perturbations.perturbation import Loop, Perturbation
     from scenarios.runner import Run, run, saved
-    from scenarios.saved_run import SavedRun
+    from scenarios.saving.saved_run import SavedRun
     from scenarios.scenario import Scenario
     from scenarios.scenario_file import read_scenario, write_scenario
     from sim.reporting.series_tables import PastRun
@@ -36,7 +36,7 @@ _HOME = {
     "PastRun": "sim.reporting.series_tables",
     "Perturbation": "scenarios.perturbations.perturbation",
     "Run": "scenarios.runner",
-    "SavedRun": "scenarios.saved_run",
+    "SavedRun": "scenarios.saving.saved_run",
     "Scenario": "scenarios.scenario",
     "assemble": "scenarios.assembly",
     "barrel": "scenarios.options",

@@ -9,7 +9,7 @@ import numpy as np
 
 from scenarios import first_start
 from scenarios.assembly import Assembly, assemble
-from scenarios.saved_run import SavedRun, check_observers, checked_phase, snapshot_of
+from scenarios.saving.saved_run import SavedRun, check_observers, checked_phase, snapshot_of
 from scenarios.scenario import Scenario
 from scenarios.tasks.task import RunResult
 from scenarios.ticks.compiled_ticks import reason

@@ -79,6 +79,11 @@ class TaskPlanner:
                 if after not in self._rows:
                     raise ConfigurationError(f"task row {name!r}: there is no row {after!r} to follow it")
 
+    @property
+    def works(self) -> tuple[WorkState, ...]:
+        """Phases, as reported, in the order of the table."""
+        return tuple(dict.fromkeys(row.work for row in self._rows.values()))
+
     def init(self, estimate: StateEstimate) -> TaskState:
         """State at the start: the first row."""
         held = Held(X_WB=self._X_WB, X_WB_scan=self._X_WB, q=self._q)

@@ -24,7 +24,8 @@ if TYPE_CHECKING:
     from scenarios.command import show
     from scenarios.options import barrel
     from scenarios.perturbations.perturbation import Loop, Perturbation
-    from scenarios.runner import Run, run
+    from scenarios.runner import Run, run, saved
+    from scenarios.saving.saved_run import SavedRun
     from scenarios.scenario import Scenario
     from scenarios.scenario_file import read_scenario, write_scenario
     from sim.reporting.series_tables import PastRun
@@ -35,11 +36,13 @@ _HOME = {
     "PastRun": "sim.reporting.series_tables",
     "Perturbation": "scenarios.perturbations.perturbation",
     "Run": "scenarios.runner",
+    "SavedRun": "scenarios.saving.saved_run",
     "Scenario": "scenarios.scenario",
     "assemble": "scenarios.assembly",
     "barrel": "scenarios.options",
     "read_scenario": "scenarios.scenario_file",
     "run": "scenarios.runner",
+    "saved": "scenarios.runner",
     "show": "scenarios.command",
     "write_scenario": "scenarios.scenario_file",
 }
@@ -49,11 +52,13 @@ __all__ = [
     "PastRun",
     "Perturbation",
     "Run",
+    "SavedRun",
     "Scenario",
     "assemble",
     "barrel",
     "read_scenario",
     "run",
+    "saved",
     "show",
     "write_scenario",
 ]

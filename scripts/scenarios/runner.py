@@ -1,7 +1,7 @@
 """Runner: an assembled scenario to its end without any output, and its assessment."""
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,13 +10,15 @@ import numpy as np
 from scenarios import first_start
 from scenarios.assembly import Assembly, assemble
 from scenarios.inputs import check_inputs
+from scenarios.saving.saved_run import SavedRun, check_observers, checked_phase, snapshot_of
 from scenarios.scenario import Scenario
 from scenarios.tasks.task import RunResult
 from scenarios.ticks.compiled_ticks import reason
 from scenarios.ticks.ticks_around import ticks_for
 from sim.evaluation.metrics import Assessment
+from sim.interfaces.errors import ConfigurationError
 from sim.loop.recording import Recorder, Recording
-from sim.loop.rollout import Moment, Observer, rollout
+from sim.loop.rollout import Moment, Observer, Rollout, Stage, Ticks, rollout, run_on
 from sim.runs.command_line import Interrupted
 from sim.water.current import Current
 
@@ -49,7 +51,7 @@ class Run:
 
 
 def run(
-    scenario: Scenario | Assembly,
+    scenario: Scenario | SavedRun | Assembly,
     *,
     recorder: Recorder | None = None,
     observers: Sequence[Observer] = (),
@@ -58,10 +60,11 @@ def run(
     """Runs a scenario to its end without any output.
 
     Args:
-        scenario: A description, recorded with all that a report needs; or what `assemble` made of one.
-        recorder: Recorder of the run; None: a new one.
+        scenario: A description, recorded with all that a report needs; a saved run, which goes on; or what `assemble`
+            made of a description.
+        recorder: Recorder of the run; None: a new one. A saved run has its own.
         observers: Further observers of the loop.
-        longest: [s] limit of the simulated time; None: that of the task.
+        longest: [s] limit of the simulated time, from the start of the run; None: that of the task.
 
     Returns:
         Recording and assessment.
@@ -72,9 +75,67 @@ def run(
     if isinstance(scenario, Scenario):
         check_inputs(scenario)
     first_start.build()
-    assembly = assemble(scenario, full=True) if isinstance(scenario, Scenario) else scenario
-    result = run_through(assembly, recorder, observers, longest)
+    start = scenario if isinstance(scenario, SavedRun) else None
+    if start is not None and recorder is not None:
+        raise ConfigurationError("run: a saved run goes on with its own recorder; leave `recorder` out")
+    assembly = scenario if isinstance(scenario, Assembly) else _assembled(scenario, full=True)
+    result = run_through(assembly, recorder, observers, longest, start=start)
     return Run(assembly=assembly, result=result, assessment=assessed(assembly, result))
+
+
+def saved(scenario: Scenario | SavedRun, phase: str = "approach", *, full: bool = True) -> SavedRun:
+    """Runs a scenario up to the first step of a phase; `run` goes on there, as often as one likes.
+
+    Args:
+        scenario: A description, or a run that was saved in an earlier phase.
+        phase: Of the task, such as "approach", "press" or "work".
+        full: Record what the report needs; a saved run goes on as it began.
+
+    Returns:
+        The run up to there.
+
+    Raises:
+        UuvError: There is no such phase, the run ended before it, or as `run` does.
+    """
+    checked_phase(phase)
+    if isinstance(scenario, Scenario):
+        check_inputs(scenario)
+    first_start.build()
+    start = scenario if isinstance(scenario, SavedRun) else None
+    assembly = _assembled(scenario, full=full)
+    wanted = checked_phase(phase, assembly.parts.planner)
+    check_observers(assembly.loop.observers)
+    if start is not None:
+        start.check_before(wanted)
+
+    begun = _begin(assembly, start=start)
+    last = run_on(
+        begun.rollout,
+        assembly.placed.longest,
+        pause=lambda moment: moment.reference.state is wanted,
+        compiled=begun.compiled,
+    )
+    if begun.rollout.stage is not Stage.COMMANDED:
+        reference, time = last.reference, float(last.truth.time)
+        note = f": {reference.note}" if reference.note else ""
+        raise ConfigurationError(
+            f"phase: {phase} was not reached; the run ended at {time:.1f} s in {reference.state}{note}"
+        )
+    return SavedRun(
+        scenario=assembly.scenario,
+        phase=wanted,
+        time=float(last.truth.time),
+        full=assembly.full,
+        snapshot=snapshot_of(begun.rollout, begun.recorder, assembly.loop.observers),
+        past=tuple(begun.recorder.references()),
+    )
+
+
+def _assembled(scenario: Scenario | SavedRun, *, full: bool) -> Assembly:
+    """A description assembled; that of a saved run is recorded as that began."""
+    if isinstance(scenario, SavedRun):
+        return assemble(scenario.scenario, full=scenario.full)
+    return assemble(scenario, full=full)
 
 
 def assessed(assembly: Assembly, result: RunResult) -> Assessment:
@@ -103,8 +164,9 @@ def run_through(
     stop: "SignalStop | None" = None,
     *,
     part_by_part: bool = False,
+    start: SavedRun | None = None,
 ) -> RunResult:
-    """Runs from the start without any output.
+    """Runs without any output.
 
     Args:
         assembly: The assembled scenario.
@@ -113,6 +175,7 @@ def run_through(
         longest: [s] limit of the simulated time; None: that of the task.
         stop: Observer that ends the run on a signal; None: one that no signal reaches.
         part_by_part: Take every tick part by part, also where ticks can be compiled; slower, and the same to the bit.
+        start: Saved run of the scenario, to go on from; None: from the start.
 
     Returns:
         Recording, last moment and wall time.
@@ -121,33 +184,58 @@ def run_through(
         UuvError: The motion diverges, or the parts are incompatible.
         Interrupted: A second signal ended the run within a step.
     """
-    plant, loop = assembly.plant, assembly.loop
-    recorder = recorder or Recorder(plant.model, timestep=plant.timestep, full=assembly.full)
-    assembly.restart()
+    longest = assembly.placed.longest if longest is None else longest
+    if start is not None and longest <= start.time:
+        raise ConfigurationError(f"longest [s]: the saved run is at {start.time:.3f} s already, got {longest:g}")
     stop = stop or SignalStop()
-    seen = [*loop.observers, *observers, stop]
-    why = "asked for" if part_by_part else reason(loop.plant, loop.parts, seen)
     began = time.perf_counter()
+    begun = _begin(assembly, recorder, [*observers, stop], part_by_part=part_by_part, start=start)
     try:
-        last = rollout(
-            loop.plant,
-            loop.parts,
-            duration=assembly.placed.longest if longest is None else longest,
-            rng=assembly.noise,
-            observers=[recorder, *seen],
-            compiled=None if why else ticks_for(plant, loop.parts, recorder).bind,
-        )
+        last = run_on(begun.rollout, longest, compiled=begun.compiled)
     except Interrupted:
         if stop.last is None:
             raise
         last = stop.last
     by = stop.asked if stop.last is not None else None
     return RunResult(
-        recording=recorder.recording(interrupted=by.signal.name if by else ""),
+        recording=begun.recorder.recording(interrupted=by.signal.name if by else ""),
         last=last,
         wall_s=time.perf_counter() - began,
-        part_by_part=why,
+        part_by_part=begun.part_by_part,
     )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Begun:
+    """A run that is ready to go, or to go on."""
+
+    rollout: Rollout
+    recorder: Recorder
+    compiled: Callable[[Rollout], Ticks] | None  # makes its compiled ticks
+    part_by_part: str  # why it has none
+
+
+def _begin(
+    assembly: Assembly,
+    recorder: Recorder | None = None,
+    observers: Sequence[Observer] = (),
+    *,
+    part_by_part: bool = False,
+    start: SavedRun | None = None,
+) -> _Begun:
+    """A run at its start, or where `start` stands; the arguments are those of `run_through`."""
+    plant, loop = assembly.plant, assembly.loop
+    recorder = recorder or Recorder(plant.model, timestep=plant.timestep, full=assembly.full)
+    seen = [*loop.observers, *observers]
+    why = "asked for" if part_by_part else reason(loop.plant, loop.parts, seen)
+
+    assembly.restart()
+    rollout = Rollout(loop.plant, loop.parts, assembly.noise, [recorder, *seen])
+    if start is not None:
+        start.resume(rollout, recorder, loop.observers)
+
+    compiled = None if why else ticks_for(plant, loop.parts, recorder).bind
+    return _Begun(rollout=rollout, recorder=recorder, compiled=compiled, part_by_part=why)
 
 
 class SignalStop:

@@ -5,7 +5,7 @@ in s from the start of the run. All other quantities are in SI units and W unles
 """
 
 import hashlib
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any, NamedTuple
@@ -220,6 +220,8 @@ class Recorder:
     object that can move it keeps the true pose at the loop's rate.
     """
 
+    _OF_THE_RUN = frozenset({"_vehicle", "_truth", "_record"})  # not saved: bound to one plant
+
     def __init__(
         self,
         model: mujoco.MjModel,
@@ -279,6 +281,21 @@ class Recorder:
         self._goes_by: Target | None = None
         self._promise: Promise | None = None
         self._motions: list[ObjectMotion] = []
+
+    def save(self) -> dict[str, Any]:
+        """All that was recorded, as it is: to be copied before the next step."""
+        return {name: value for name, value in vars(self).items() if name not in self._OF_THE_RUN}
+
+    def resume(self, saved: dict[str, Any]) -> None:
+        """Go on from what `save` of a recorder of an equal plant returned, which is this one's from now on."""
+        vars(self).update(saved)
+
+    def references(self) -> Iterator[tuple[float, WorkState, float]]:
+        """Time [s], state and set force [N] at the first step under each reference so far."""
+        rows, references = self._rows[: self._written[0]], self._references.table()
+        for first in np.flatnonzero(np.diff(rows[:, 1], prepend=-1.0)):
+            _, state, force = references[int(rows[first, 1]), :3]
+            yield float(rows[first, 0]), STATES[int(state)], float(force)
 
     def add_cloud(self, name: str, points_W: ArrayLike) -> None:
         """Keep points (N, 3) [m] in W under `name`.

@@ -29,7 +29,11 @@ LOOK_PERIOD = 0.1  # [s] between depth frames or sonar scans, while they are req
 
 
 class SteppedPlant(Protocol):
-    """Plant interface that the loop requires."""
+    """Plant interface that the loop requires.
+
+    A run that is to be saved asks it for `save` and `resume` as well (`sim.plant.plant.Plant`). A
+    wrapper without a state of its own needs neither, if its attribute `plant` is what it wraps.
+    """
 
     timestep: float  # [s]
 
@@ -118,6 +122,15 @@ def never(moment: Moment) -> bool:
     return False
 
 
+def _keeper(plant: Any) -> Any:
+    """The plant, or what it wraps: the outermost that can be saved."""
+    while not hasattr(plant, "save"):
+        if not hasattr(plant, "plant"):
+            raise ConfigurationError(f"saved run: plant {type(plant).__name__} has neither save() nor `plant`")
+        plant = plant.plant
+    return plant
+
+
 class Ticks(Protocol):
     """Compiled ticks of the loop, for the time between those at which something slow is due."""
 
@@ -125,12 +138,12 @@ class Ticks(Protocol):
         """Run ticks from `tick` up to `end` as far as possible.
 
         Args:
-            run: its states and messages change as if `Rollout.step` had run these ticks.
+            run: its states and messages change as if `Rollout.decide` and `act` had run these ticks.
             tick: first one.
             end: one after the last one.
 
         Returns:
-            The next tick for `Rollout.step`; `Rollout.stage` says how far it has come.
+            The next tick for `Rollout.decide`; `Rollout.stage` says how far it has come.
         """
         ...
 
@@ -145,7 +158,12 @@ class Stage(IntEnum):
 
 
 class Rollout:
-    """One run of the loop: states of the parts, present messages, and the step of a tick."""
+    """One run of the loop: states of the parts, present messages, and the step of a tick.
+
+    `save` hands out all that changes, and `resume` takes it over in another run of the same scenario.
+    """
+
+    _OF_THE_RUN = frozenset({"plant", "parts", "observers", "truth"})  # not saved: each run has its own
 
     def __init__(
         self, plant: SteppedPlant, parts: Parts, rng: np.random.Generator, observers: Sequence[Observer] = ()
@@ -189,7 +207,10 @@ class Rollout:
         self.estimator_state, self.estimate = parts.estimator.step(state, first)
         self._planner_state = parts.planner.init(self.estimate)
         self.controller_state = parts.controller.init(self.estimate)
+        self.tick = 0  # the next one to be taken, or the one that has begun
         self.stage = Stage.NEW
+        self.measured: list[Measurement | None] = [None for _ in sensors]  # last message of each that has a period
+        self.commanded: Command | None = None  # command of the tick before this one
         self.target: Target | None = None
         self.reference: Reference | None = None
         self.command: Command | None = None
@@ -208,18 +229,19 @@ class Rollout:
         self._estimate(tick)
         self.stage = Stage.ESTIMATED
 
-    def step(self, tick: int) -> Moment:
-        """Run the rest of a tick, from the stage that it has reached; returns its snapshot."""
+    def decide(self) -> Moment:
+        """Run the present tick up to its command, from the stage that it has reached; returns its snapshot."""
+        tick = self.tick
         if self.stage < Stage.ESTIMATED:
+            self.commanded = self.command
             self.begin(tick)
-        stage = self.stage
-        if stage < Stage.PLANNED and tick % self.planner_ticks == 0:
+        if self.stage < Stage.PLANNED and tick % self.planner_ticks == 0:
             self.plan()
-        command = self.control(tick) if stage < Stage.COMMANDED else self.command
-        self.stage = Stage.NEW
+        command = self.control(tick) if self.stage < Stage.COMMANDED else self.command
+        self.stage = Stage.COMMANDED
         assert self.reference is not None
         assert command is not None
-        moment = Moment(
+        return Moment(
             tick,
             self.truth,
             self.estimate,
@@ -230,11 +252,36 @@ class Rollout:
             self._finder_state,
             self.motion,
         )
-        self.frame = None
+
+    def act(self, moment: Moment) -> None:
+        """Show what `decide` has returned to the observers, step the plant, and go on to the next tick."""
+        self.stage, self.frame = Stage.NEW, None
         for observer in self.observers:
             observer.observe(moment)
-        self.plant.step(command)
-        return moment
+        self.plant.step(moment.command)
+        self.tick += 1
+
+    def save(self) -> dict[str, Any]:
+        """All that changes during the run but the observers, as it is: to be copied before the next step.
+
+        Raises:
+            ConfigurationError: A wrapper of the plant has no attribute `plant` (`SteppedPlant`).
+        """
+        changing = {name: value for name, value in vars(self).items() if name not in self._OF_THE_RUN}
+        return {"plant": _keeper(self.plant).save(), "loop": changing}
+
+    def resume(self, saved: dict[str, Any]) -> None:
+        """Go on from what `save` of a run of the same scenario returned, which is this run's from now on.
+
+        A sensor may be wrapped in a fault that has not begun (`sim.plant.faults.FaultySensor.resume`).
+        """
+        fresh = self.sensor_states
+        vars(self).update(saved["loop"])
+        _keeper(self.plant).resume(saved["plant"], self.commanded)
+        for i, sensor in enumerate(self.parts.sensors):
+            resume = getattr(sensor, "resume", None)
+            if resume is not None:
+                self.sensor_states[i] = resume(fresh[i], self.sensor_states[i], self.measured[i])
 
     def plan(self) -> Reference:
         """Step the planner; returns its set points."""
@@ -300,6 +347,8 @@ class Rollout:
             states[i], measurement = sensors[i].step(states[i], truth)
             if measurement is None:
                 continue
+            if every:
+                self.measured[i] = measurement
             if self._delay[i]:
                 self._on_the_way.setdefault(tick + self._delay[i], []).append(measurement)
                 if not every:
@@ -332,6 +381,52 @@ class Rollout:
             self.motion = motion or self.motion
 
 
+def run_on(
+    run: Rollout,
+    duration: float,
+    *,
+    until: Callable[[Moment], bool] = at_rest_after_work,
+    pause: Callable[[Moment], bool] | None = None,
+    compiled: Callable[[Rollout], Ticks] | None = None,
+) -> Moment:
+    """Run on from wherever a run is, until `until` is true, or until `duration` is over.
+
+    Args:
+        run: The run.
+        duration: Longest simulated time [s], from its start.
+        until: Called at the end of every step; the run ends where it is true. With `compiled`, as the observers.
+        pause: Called at every step that runs part by part, each one of the planner among them, before observers and
+            plant take part. Where it is true, the run stands still with its stage COMMANDED; it can be saved then, and
+            the next call goes on.
+        compiled: Makes the compiled ticks that run where nothing slow is due; None: every tick runs part by part.
+
+    Returns:
+        The last moment, or the one at which the run stands still.
+
+    Raises:
+        ConfigurationError: The duration is no whole multiple of the physics step.
+    """
+    steps = ticks_per_period(duration, run.plant.timestep, "duration")
+    paused = run.stage == Stage.COMMANDED
+    moment = run.decide()
+    if pause is not None and not paused and pause(moment):
+        return moment
+    run.act(moment)
+
+    ticks = compiled(run) if compiled is not None else None
+    while run.tick < steps and not until(moment):
+        if ticks is not None:
+            end = steps - 1
+            if pause is not None:  # the planner's tick is taken part by part, with the messages of all sensors
+                end = min(end, run.tick + -run.tick % run.planner_ticks)
+            run.tick = ticks.advance(run, run.tick, end)
+        moment = run.decide()
+        if pause is not None and pause(moment):
+            return moment
+        run.act(moment)
+    return moment
+
+
 def rollout(
     plant: SteppedPlant,
     parts: Parts,
@@ -361,13 +456,4 @@ def rollout(
     Raises:
         ConfigurationError: A rate or delay is no whole multiple of the physics step.
     """
-    steps = ticks_per_period(duration, plant.timestep, "duration")
-    run = Rollout(plant, parts, rng, observers)
-    moment, tick = run.step(0), 1
-    ticks = compiled(run) if compiled is not None else None
-    while tick < steps and not until(moment):
-        if ticks is not None:
-            tick = ticks.advance(run, tick, steps - 1)
-        moment = run.step(tick)
-        tick += 1
-    return moment
+    return run_on(Rollout(plant, parts, rng, observers), duration, until=until, compiled=compiled)

@@ -23,7 +23,7 @@ from sim.interfaces.messages import Command, Measurement, Target
 from sim.interfaces.protocols import Sensor, TargetFinder
 from sim.interfaces.spatial import Array, checked
 from sim.plant.onset import Onset
-from sim.plant.plant import Plant, Truth
+from sim.plant.plant import Plant, PlantState, Truth
 
 # -- sensors -----------------------------------------------------------------------------------------------------------
 
@@ -162,6 +162,21 @@ class FaultySensor:
         inner = self._sensor.init(rng)
         return FaultySensorState(inner, rng.spawn(1)[0])  # spawned last, so that the sensor's streams do not change
 
+    def resume(self, fresh: FaultySensorState, saved: Any, last: Measurement | None) -> FaultySensorState:
+        """State that goes on from `saved`, a state of this sensor, or of the wrapped one while nothing was faulty.
+
+        Args:
+            fresh: state of `init`.
+            saved: state to go on from.
+            last: last message of the sensor that `saved` belongs to.
+        """
+        if _layers(saved) == _layers(fresh):
+            return saved
+        inner = self._sensor
+        fresh.sensor = inner.resume(fresh.sensor, saved, last) if isinstance(inner, FaultySensor) else saved
+        fresh.sound = last
+        return fresh
+
     def step(self, state: FaultySensorState, truth: Truth) -> tuple[FaultySensorState, Measurement | None]:
         """Measurement of the wrapped sensor, changed by the fault while it is active."""
         state.sensor, measurement = self._sensor.step(state.sensor, truth)
@@ -175,6 +190,11 @@ class FaultySensor:
         if state.sound is None:
             state.sound = measurement
         return state, self._fault(Reading(measurement, state.sound, elapsed, state.rng))
+
+
+def _layers(state: Any) -> int:
+    """Number of faults around the state of a sensor."""
+    return 1 + _layers(state.sensor) if isinstance(state, FaultySensorState) else 0
 
 
 # -- plant -------------------------------------------------------------------------------------------------------------
@@ -237,6 +257,32 @@ class FaultyPlant:
                 thrusters[i] = command_for(self._curves[i], fault.share * thrust_at(self._curves[i], wanted))
         self._last = thrusters
         self.plant.step(replace(command, thrusters=thrusters))
+
+    def save(self) -> "FaultyPlantState":
+        """All that changes, as `Plant.save`."""
+        return FaultyPlantState(self.plant.save(), self._last)
+
+    def resume(self, saved: "FaultyPlantState | PlantState", command: Command | None) -> None:
+        """Go on from what `save` returned, of an equal plant or of the wrapped one while nothing was faulty.
+
+        Args:
+            saved: state to go on from.
+            command: of the tick before the one that `saved` is from; None: that was the first one.
+        """
+        if isinstance(saved, FaultyPlantState):
+            self.plant.resume(saved.plant)
+            self._last = saved.last
+        else:
+            self.plant.resume(saved)
+            self._last = np.zeros_like(self._last) if command is None else np.array(command.thrusters)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FaultyPlantState:
+    """State of the wrapped plant, and the thruster commands of the last step."""
+
+    plant: PlantState
+    last: Array
 
 
 def changing(onset: Onset, factor: float, ramp: float) -> Callable[[float], tuple[float, float]]:

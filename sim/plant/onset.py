@@ -40,9 +40,26 @@ class Onset:
 
     def observe(self, moment: Moment) -> None:
         """Wait for the event; an observer of `sim.loop.rollout`."""
-        reference = moment.reference
-        if not np.isfinite(self.began) and reference.state is self.state and reference.force >= self.force:
-            self.begin(float(moment.truth.time))
+        self.notice(float(moment.truth.time), moment.reference.state, moment.reference.force)
+
+    def notice(self, time: float, state: WorkState, force: float) -> None:
+        """Start the fault if this is its event, and the first one.
+
+        Args:
+            time: [s]
+            state: of the planner then.
+            force: [N] set force then.
+        """
+        if not np.isfinite(self.began) and state is self.state and force >= self.force:
+            self.begin(time)
+
+    def save(self) -> float:
+        """Time [s] at which the fault began, or will; infinite if that is open."""
+        return self.began
+
+    def resume(self, saved: float) -> None:
+        """Go on from what `save` of an equal onset returned."""
+        self.began = saved
 
     def elapsed(self, time: float) -> float:
         """Time [s] since the start; negative before it."""

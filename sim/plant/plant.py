@@ -1,6 +1,8 @@
 """The plant: one vehicle in one MjModel, advanced at the loop's rate, and its ground truth."""
 
-from typing import Self
+import copy
+from dataclasses import dataclass
+from typing import Any, Self
 
 import mujoco
 import numpy as np
@@ -138,6 +140,17 @@ class Truth:
         return truth
 
 
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class PlantState:
+    """All that changes in a plant."""
+
+    data: mujoco.MjData  # a copy of its own
+    arrays: tuple[Array, ...]  # as `Plant._changing`
+    tick: int
+    current: dict[str, Any]
+    soil: tuple[Array, np.ndarray] | None
+
+
 class Plant:
     """Vehicle and its world, advanced by commands one `timestep` [s] at a time, in `substeps` steps of the physics."""
 
@@ -240,6 +253,12 @@ class Plant:
             thrusters=vehicle.thruster_actuators,
             saturated=np.zeros(1, dtype=np.bool_),
         )
+        # Beside `data`: in the model, in the truth, and in the records of the kernels.
+        self._changing = (
+            *(self._wind, water, model.dof_frictionloss, self._thrusters.state, self._contacts, self._from_soil),
+            *(truth.tau_friction, truth.current_W, truth.arm_wrench_B, truth.collided),
+            *(self._watch.time, self._watch.observed, self._drive.saturated),
+        )
         if data is None:
             self.reset(current=current, X_WB=X_WB)
         else:
@@ -296,6 +315,27 @@ class Plant:
         gears_and_contacts(self._as_tuples[1], 0, 1)
         truth.tau_friction[:] = self._contacts[:] = 0.0  # none yet, whatever constraints `data` still has
         truth.collided[:] = -1.0
+        self.publish(0)
+
+    def save(self) -> PlantState:
+        """All that changes; `data` is a copy, the rest is as it is: to be copied before the next step."""
+        return PlantState(
+            data=copy.copy(self.data),
+            arrays=self._changing,
+            tick=self._tick,
+            current=self._current.save(),
+            soil=None if self._soil is None else self._soil.save(),
+        )
+
+    def resume(self, saved: PlantState, _command: Command | None = None) -> None:
+        """Go on from what `save` of a plant of an equal model returned."""
+        mujoco.mj_copyData(self.data, self.model, saved.data)
+        for array, value in zip(self._changing, saved.arrays, strict=True):
+            array[...] = value
+        self._tick = saved.tick
+        self._current.resume(saved.current)
+        if self._soil is not None and saved.soil is not None:
+            self._soil.resume(saved.soil)
         self.publish(0)
 
     def observe(self) -> Truth:

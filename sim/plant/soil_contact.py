@@ -56,6 +56,14 @@ class SoilForce:
         """Set the tool to be outside the soil."""
         self._soil.inside[0] = False
 
+    def save(self) -> tuple[Array, np.ndarray]:
+        """Anchor, and whether the tool is in the soil, as they are: to be copied before the next step."""
+        return self._soil.anchor, self._soil.inside
+
+    def resume(self, saved: tuple[Array, np.ndarray]) -> None:
+        """Go on from what `save` of an equal soil returned."""
+        self._soil.anchor[:], self._soil.inside[:] = saved
+
     def step(self, p_W: Array, axis_W: Array) -> Array:
         """Force (3,) [N] in W on the tip at `p_W` (3,) [m]; `axis_W` (3,) is the unit axis out of the tool.
 

@@ -3,6 +3,7 @@
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -149,6 +150,19 @@ class Current:
         self.velocity[:] = self._mean + varying
         self.acceleration[:] = np.diff(varying, axis=0, prepend=self._before[None]) / self._dt
         self._before, self._generated, self.row[0] = varying[-1], self._generated + _BLOCK, 0
+
+    def save(self) -> dict[str, Any]:
+        """All that changes, as it is: to be copied before the next step."""
+        return {name: value for name, value in vars(self).items() if name != "profile"}
+
+    def resume(self, saved: dict[str, Any]) -> None:
+        """Go on from what `save` of an equal current returned; the profile stays this one's."""
+        for name, value in saved.items():
+            array = getattr(self, name)
+            if isinstance(array, np.ndarray) and array.flags.writeable:
+                array[...] = value
+            else:
+                setattr(self, name, value)
 
     def ready(self) -> int:
         """Number of steps that may now be taken from the rows; generates new ones after the last."""

@@ -16,7 +16,7 @@ def scripts(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.usefixtures("scripts")
 def test_a_frozen_torque_sensor_is_ridden_through_and_a_lost_thruster_ends_in_a_retreat():
 
-    from scenarios import assemble, barrel
+    from scenarios import barrel
     from scenarios.campaigns.fault_cases import Trace, run_branched
 
     scenario = barrel(seed=0, forces=(90.0,), quick=True)
@@ -26,7 +26,7 @@ def test_a_frozen_torque_sensor_is_ridden_through_and_a_lost_thruster_ends_in_a_
         traces[trace.case] = trace
 
     cases = ("torque sensor 2 frozen", "thruster heave_front dead")
-    run_branched(assemble(scenario), cases, keep)
+    run_branched(scenario, cases, keep)
     frozen, lost = (traces[case] for case in cases)
 
     assert frozen.found[0][1:] == ("torque sensor", "joint2")
@@ -48,12 +48,12 @@ def test_a_frozen_torque_sensor_is_ridden_through_and_a_lost_thruster_ends_in_a_
 @pytest.mark.usefixtures("scripts")
 def test_without_an_estimate_the_hull_leaves_and_does_not_come_back():
     """With the thrusters merely stopped the current holds the tool on the object, here for 2.4 s."""
-    from scenarios import assemble, barrel
+    from scenarios import barrel
     from scenarios.campaigns.fault_cases import Trace, run_branched
 
     traces: list[Trace] = []
     scenario = barrel(path="transverse", seed=0, forces=(90.0,), quick=True)
-    run_branched(assemble(scenario), ("IMU silent",), traces.append)
+    run_branched(scenario, ("IMU silent",), traces.append)
     (trace,) = traces
     left = next(time for time, state, _ in trace.states if state is WorkState.RETREAT)
     assert trace.rows[-1, 0] > left + SAFETY.leave_time + SAFETY.rise_time  # the thrusters have stopped

@@ -1,25 +1,23 @@
-"""Fault cases of a contact job, branched by fork from one run where the faults begin.
+"""Fault cases of a contact job, each of which goes on from one run where the faults begin.
 
-The run is not repeated: the process forks at the onsets, and each child continues with one fault. At work the faults
-begin at full push, in other phases shortly after their begin.
+The run is not repeated: it is saved at the onsets, and goes on from there with one fault after the other. At work the
+faults begin at full push, in other phases shortly after their begin.
 """
 
-import os
-import pickle
-import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from scenarios.assembly import Assembly
-from scenarios.study.worker import end_with
+from scenarios.assembly import Assembly, assemble
+from scenarios.scenario import Scenario
 from scenarios.tasks.surface_work import first_force
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import Reference, WorkState
 from sim.interfaces.spatial import Array
-from sim.loop.rollout import Moment, never, rollout
+from sim.loop.rollout import Moment, Observer, Parts, Rollout, Stage, never, run_on
+from sim.loop.snapshot import Snapshot
 from sim.plant import faults
 from sim.plant.faults import FaultyPlant, FaultySensor, Fixed, Frozen, Lost, MisplacedFinder, Offset, Onset, Spikes
 from sim.sensors.proprioception import Dvl, Encoders, Imu, JointTorqueSensors, VisionDrift
@@ -32,6 +30,7 @@ _BEGUN = 0.2  # [s] of another phase before they do
 LINGER = 6.0  # [s] that a run continues after its work, to see where the vehicle ends up
 LONGEST = 20.0  # [s] after the fault, limit of a case at work
 _LONGER = 120.0  # [s] after a fault before the contact: the job is to come there
+_WHOLE = 200.0  # [s] of the run, limit of all cases
 
 # Sensor faults: kind of sensor, fault, duration [s].
 SENSORS: Mapping[str, tuple[type, Any, float]] = {
@@ -98,6 +97,7 @@ class TraceRecorder:
 
     def __init__(self, case: str, first: Moment, phase: str) -> None:
         self._case, self._began, self._phase = case, float(first.truth.time), phase
+        self._first = first.tick
         at_work = phase in (AT_WORK, UNLOAD, RETREATING, ASCENT)
         self._longest = LONGEST if at_work and case not in AT_START else _LONGER
         self._set = first.reference.force
@@ -110,11 +110,13 @@ class TraceRecorder:
         self._over = np.inf
 
     def observe(self, moment: Moment) -> None:
-        """Records one step.
+        """Records one step after the onset.
 
         Raises:
             CaseDoneError: The case is decided.
         """
+        if moment.tick == self._first:
+            return
         truth, reference = moment.truth, moment.reference
         time = truth.time - self._began
         if not self.states or reference.state is not self.states[-1][1]:
@@ -157,89 +159,53 @@ class TraceRecorder:
         )
 
 
-class ForkingObserver:
-    """Observer that forks the run into its cases, each at its onset, and collects their traces.
+class Branching:
+    """Finds the steps of a run at which cases begin: the first one, and one in each phase.
 
     Args:
         onsets: Onset of each case.
         phases: In which all cases begin, but those that begin before the scan.
         force: [N] set force of the job.
         timestep: [s] of the loop.
-        said: Called with the trace of each case.
     """
 
-    def __init__(
-        self,
-        onsets: Mapping[str, Onset],
-        phases: tuple[str, ...],
-        force: float,
-        timestep: float,
-        said: Callable[[Trace], None],
-    ) -> None:
-        self._onsets, self._said, self._left = onsets, said, set(phases)
+    def __init__(self, onsets: Mapping[str, Onset], phases: tuple[str, ...], force: float, timestep: float) -> None:
+        self._at_start = [case for case in onsets if case in AT_START]
+        self._later = [case for case in onsets if case not in AT_START]
+        self._left = set(phases)
         self._ascending = ASCENT in phases
         self._full, self._timestep = _FULL * force, timestep
-        self._child: TraceRecorder | None = None
-        self._pipe = -1
         self._ready, self._now = 0.0, str(WorkState.SETTLE)
+        self.phase = str(WorkState.SETTLE)  # in which `cases` begin
+        self.cases: list[str] = []  # that begin at the step that was found
 
-    def observe(self, moment: Moment) -> None:
-        """Forks at the onsets; in a child, records.
+    @property
+    def over(self) -> bool:
+        """True once no more cases can begin."""
+        return not self._left
 
-        Raises:
-            CaseDoneError: The case is decided, or all cases are done.
-        """
-        if self._child is not None:
-            self._child.observe(moment)
-            return
-        if moment.tick == 0:
-            self._fork(moment, [case for case in self._onsets if case in AT_START], str(WorkState.SETTLE))
-            if self._child is not None:
-                return
+    def begins(self, moment: Moment) -> bool:
+        """True if cases begin at this step: then `cases` and `phase` are set."""
+        if moment.tick == 0 and self._at_start:
+            self.cases, self.phase = self._at_start, str(WorkState.SETTLE)
+            return True
         reference = moment.reference
         phase = self._named(reference)
         at_work = phase == AT_WORK
         begun = phase in self._left and (not at_work or reference.force >= self._full)
         self._ready = self._ready + 1.0 if begun and phase == self._now else 0.0
         self._now = phase
-        if self._ready * self._timestep > (_HELD if at_work else _BEGUN) and self._child is None:
-            self._left.remove(phase)
-            self._fork(moment, [case for case in self._onsets if case not in AT_START], phase)
-            if self._child is None and not self._left:
-                raise CaseDoneError
+        if self._ready * self._timestep <= (_HELD if at_work else _BEGUN):
+            return False
+        self._left.remove(phase)
+        self.cases, self.phase = self._later, phase
+        return True
 
     def _named(self, reference: Reference) -> str:
         """Phase of PHASES, or the state of the work where it is none of them."""
         if reference.state is not WorkState.RETREAT:
             return str(reference.state)
         return ASCENT if self._ascending else UNLOAD if reference.force > 0.0 else RETREATING
-
-    def _fork(self, moment: Moment, cases: list[str], phase: str) -> None:
-        for case in cases:
-            (reading, writing), parent = os.pipe(), os.getpid()
-            with warnings.catch_warnings():  # about threads; they are idle, and remain so in the child
-                warnings.simplefilter("ignore", DeprecationWarning)
-                child = os.fork()
-            if child == 0:
-                os.close(reading)
-                end_with(parent)
-                self._onsets[case].begin(float(moment.truth.time))
-                self._child, self._pipe = TraceRecorder(case, moment, phase), writing
-                return
-            os.close(writing)
-            with os.fdopen(reading, "rb") as pipe:
-                said = pipe.read()
-            status = os.waitpid(child, 0)[1]
-            if not said:
-                raise ConfigurationError(f"case {case!r}: its run ended with status {status} and left no trace")
-            self._said(pickle.loads(said))
-
-    def finish(self, blew_up: str) -> None:
-        """Ends a child: sends the trace to the parent and exits without the parent's exit handlers."""
-        if self._child is not None:
-            with os.fdopen(self._pipe, "wb") as pipe:
-                pickle.dump(self._child.trace(blew_up), pipe)
-            os._exit(0)
 
 
 def thruster_cases(names: tuple[str, ...]) -> dict[str, dict[str, Any]]:
@@ -257,10 +223,8 @@ def chosen_cases(thruster_names: tuple[str, ...], only: tuple[str, ...]) -> list
     """Names of the cases that contain one of the words `only`; all if it is empty.
 
     Raises:
-        ConfigurationError: No case matches, or the system cannot fork.
+        ConfigurationError: No case matches.
     """
-    if not hasattr(os, "fork"):
-        raise ConfigurationError("this study forks its runs, which this operating system cannot")
     names = [NOTHING, *thruster_cases(thruster_names), DOUBLED, *SENSORS, *AT_START]
     chosen = [name for name in names if not only or any(part in name for part in only)]
     if not chosen:
@@ -268,52 +232,116 @@ def chosen_cases(thruster_names: tuple[str, ...], only: tuple[str, ...]) -> list
     return chosen
 
 
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Job:
+    """A job that has every fault in it, none of them begun."""
+
+    plant: FaultyPlant
+    parts: Parts
+    onsets: Mapping[str, Onset]  # of each case
+    earlier: Onset  # of the loss that begins the ascent
+    force: float  # [N] first set force
+    built: Assembly
+
+    @classmethod
+    def of(cls, scenario: Scenario, only: tuple[str, ...], *, ascending: bool) -> "_Job":
+        """The job of a scenario.
+
+        Args:
+            scenario: Surface work.
+            only: Parts of names of the cases; empty: all.
+            ascending: A heave thruster is lost at work.
+
+        Raises:
+            ConfigurationError: No case matches.
+        """
+        built = assemble(scenario)
+        names = built.plant.vehicle.thruster_names
+        chosen, force = chosen_cases(names, only), first_force(scenario)
+        onsets = {name: Onset(duration=SENSORS[name][2] if name in SENSORS else np.inf) for name in chosen}
+        earlier = Onset(state=WorkState.WORK, force=_FULL * force, after=_HELD)
+
+        how = thruster_cases(names)
+        lost = [faults.ThrusterFault(onset=onsets[name], **how[name]) for name in how if name in onsets]
+        if ascending:
+            lost.append(faults.ThrusterFault(thruster=_EARLIER, onset=earlier))
+        return cls(
+            plant=FaultyPlant(built.plant, lost),
+            parts=_with_faults(built.parts, onsets),
+            onsets=onsets,
+            earlier=earlier,
+            force=force,
+            built=built,
+        )
+
+    def begin(self, *observers: Observer) -> Rollout:
+        """A new run from the start."""
+        doubled = self.onsets.get(DOUBLED)
+        profile = None if doubled is None else faults.changing(doubled, 2.0, 1.0)
+        self.built.plant.reset(current=self.built.current(profile), X_WB=self.built.X_WB)
+        return Rollout(self.plant, self.parts, self.built.noise, [self.earlier, *observers])
+
+    def trace(self, saved: Any, tracer: TraceRecorder, onset: Onset) -> Trace:
+        """Goes on from a saved run with one fault.
+
+        Args:
+            saved: Copy of what `save` returned, which is used up.
+            tracer: Records the case.
+            onset: Of its fault, which begins now.
+        """
+        run = self.begin(tracer)
+        run.resume(saved["run"])
+        self.earlier.resume(saved["earlier"])
+        onset.begin(float(self.plant.plant.truth.time))
+        blew_up = ""
+        try:
+            run_on(run, _WHOLE, until=never)
+        except CaseDoneError:
+            pass
+        except Exception as error:
+            blew_up = f"{type(error).__name__}: {error}"
+        onset.resume(np.inf)
+        return tracer.trace(blew_up)
+
+
+def _with_faults(parts: Parts, onsets: Mapping[str, Onset]) -> Parts:
+    """Parts whose sensors and finder have the faults of the cases."""
+    sensors = []
+    for sensor in parts.sensors:
+        for name, (kind, fault, _) in SENSORS.items():
+            if name in onsets and type(getattr(sensor, "sound", sensor)) is kind:
+                sensor = FaultySensor(sensor, fault, onsets[name])
+        sensors.append(sensor)
+    finder = parts.finder
+    assert finder is not None
+    for name, depth in ((FARTHER, -0.08), (NEARER, 0.05)):
+        if name in onsets:
+            finder = MisplacedFinder(finder, (0.0, 0.0, depth), onsets[name])
+    return replace(parts, sensors=sensors, finder=finder)
+
+
 def run_branched(
-    built: Assembly, only: tuple[str, ...], said: Callable[[Trace], None], phases: tuple[str, ...] = (AT_WORK,)
+    scenario: Scenario, only: tuple[str, ...], said: Callable[[Trace], None], phases: tuple[str, ...] = (AT_WORK,)
 ) -> None:
     """Runs the job up to the onsets, and from there once for each case.
 
     Args:
-        built: The assembled job.
+        scenario: Surface work.
         only: Parts of names of the cases to run; empty: all.
         said: Called with the trace of each case.
         phases: In which the faults begin; ASCENT only alone, for its run has an earlier fault.
 
     Raises:
-        ConfigurationError: No case matches, the system cannot fork, or a case left no trace.
+        ConfigurationError: No case matches.
     """
-    thrusters = thruster_cases(built.plant.vehicle.thruster_names)
-    chosen = chosen_cases(built.plant.vehicle.thruster_names, only)
-    onsets = {name: Onset(duration=SENSORS[name][2] if name in SENSORS else np.inf) for name in chosen}
-    sensors = []
-    for sensor in built.parts.sensors:
-        for name, (kind, fault, _) in SENSORS.items():
-            if name in onsets and type(getattr(sensor, "sound", sensor)) is kind:
-                sensor = FaultySensor(sensor, fault, onsets[name])
-        sensors.append(sensor)
-    finder = built.parts.finder
-    assert finder is not None
-    for name, depth in ((FARTHER, -0.08), (NEARER, 0.05)):
-        if name in onsets:
-            finder = MisplacedFinder(finder, (0.0, 0.0, depth), onsets[name])
-    parts = replace(built.parts, sensors=sensors, finder=finder)
-    profile = faults.changing(onsets[DOUBLED], 2.0, 1.0) if DOUBLED in onsets else None
-    built.plant.reset(current=built.current(profile), X_WB=built.X_WB)
-    plant = FaultyPlant(
-        built.plant,
-        [faults.ThrusterFault(onset=onsets[name], **how) for name, how in thrusters.items() if name in onsets],
-    )
-    force, blew_up = first_force(built.scenario), ""
-    earlier = Onset(state=WorkState.WORK, force=_FULL * force, after=_HELD)
-    if ASCENT in phases:
-        plant = FaultyPlant(built.plant, [*plant.faults, faults.ThrusterFault(thruster=_EARLIER, onset=earlier)])
-    branch = ForkingObserver(onsets, phases, force, built.plant.timestep, said)
-    try:
-        rollout(plant, parts, duration=200.0, rng=built.noise, observers=[earlier, branch], until=never)
-    except CaseDoneError:
-        pass
-    except Exception as error:
-        blew_up = f"{type(error).__name__}: {error}"
-        branch.finish(blew_up)
-        raise
-    branch.finish(blew_up)
+    job, branch = (_Job.of(scenario, only, ascending=ASCENT in phases) for _ in range(2))
+    branching = Branching(job.onsets, phases, job.force, job.plant.timestep)
+    run = job.begin()
+    while not branching.over:
+        moment = run_on(run, _WHOLE, until=never, pause=branching.begins)
+        if run.stage is not Stage.COMMANDED:
+            return
+        saved = Snapshot({"run": run.save(), "earlier": job.earlier.save()}, "fault study: the state of the run")
+        for case in branching.cases:
+            tracer = TraceRecorder(case, moment, branching.phase)
+            said(branch.trace(saved.copy(), tracer, branch.onsets[case]))

@@ -6,7 +6,7 @@ from typing import Literal
 
 import numpy as np
 
-from scenarios import assemble, barrel
+from scenarios import barrel
 from scenarios.campaigns.contact_study import DAMAGE
 from scenarios.campaigns.fault_cases import ASCENT, PUSH, Trace, run_branched
 from scenarios.campaigns.fault_picture import draw
@@ -111,7 +111,7 @@ def run(case: BranchedCase, folder: Path, picture: str) -> Row:
     on_the_way = tuple(phase for phase in case.phases if phase != ASCENT)
     for phases in (on_the_way, (ASCENT,) if ASCENT in case.phases else ()):
         if phases:
-            run_branched(assemble(asked), case.only, keep, phases)
+            run_branched(asked, case.only, keep, phases)
     return {"path": case.path, "seed": case.seed, "cases": [asdict(one) for one in found]}
 
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import mujoco
 import numpy as np
@@ -118,6 +118,7 @@ class ThrusterFailure(Failure):
     The command is changed, ahead of the thruster's lag, slew and saturation.
     """
 
+    joins: ClassVar[bool] = True
     thruster: str  # of `Vehicle.thruster_names`: its actuator's name without "thruster_", such as "heave_front"
     share: float = 0.0  # from 0 to 1
     stuck: bool = False
@@ -157,6 +158,7 @@ class ThrusterFailure(Failure):
 class SensorFailure(Failure):
     """A sensor falls silent, or a field of its messages freezes, takes a value, or is off by it."""
 
+    joins: ClassVar[bool] = True
     sensor: Literal["encoders", "torque", "imu", "dvl", "vision"]
     effect: Literal["lost", "frozen", "fixed", "offset"] = "lost"
     field: str = ""  # of the sensor's message, such as "tau"; unused if lost

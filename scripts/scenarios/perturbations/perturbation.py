@@ -41,6 +41,7 @@ class Perturbation:
     """One deviation; each hook does nothing unless it is overridden."""
 
     stream: ClassVar[int | None] = None  # of the random draws; None: by the class's name
+    joins: ClassVar[bool] = False  # it may be added to a saved run: until its onset the run is as without it
 
     def check_inputs(self, spec: mujoco.MjSpec) -> None:
         """Refuses names that the vehicle `spec` has not, before anything is compiled; by default it names none."""

@@ -11,6 +11,7 @@ from models.meshes.ply_files import write_ply
 from models.meshes.ray_casting import RayScene
 from models.objects.targets import TargetModel
 from perception.clouds.surface_fusion import SurfaceFusion, SurfaceMesh
+from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import WorkState
 from sim.interfaces.spatial import Array, inverse, transform_points
 from sim.loop.rollout import Moment, Observer
@@ -71,6 +72,7 @@ class SurfaceSurvey:
         self._fusion = SurfaceFusion([vertices.min(axis=0) - REACH, vertices.max(axis=0) + REACH])
         self._floor, self._rng = floor_W + _GROUND, np.random.default_rng([seed, EVERY])
         self._camera: DepthCamera | None = None
+        self._state: Any = None  # of the camera
         self._mesh: SurfaceMesh | None = None
         self.X_WT: Array | None = None  # (4, 4) pose that was found
 
@@ -87,6 +89,22 @@ class SurfaceSurvey:
         self._state, image = self._camera.step(self._state, moment.truth)
         self._fusion.add(image, inverse(self.X_WT) @ moment.estimate.X_WB @ image.X_BC)
         self._mesh = None
+
+    def save(self) -> tuple[Array | None, Any]:
+        """Pose that was found, and state of the camera.
+
+        Raises:
+            ConfigurationError: There are frames already; Open3D's field cannot be copied.
+        """
+        if self.frames:
+            raise ConfigurationError(
+                "saved run: a mesh that has begun cannot be copied; save an earlier phase than work"
+            )
+        return self.X_WT, self._state
+
+    def resume(self, saved: tuple[Array | None, Any]) -> None:
+        """Go on from what `save` of an equal survey returned."""
+        self.X_WT, self._state = saved
 
     @property
     def frames(self) -> int:

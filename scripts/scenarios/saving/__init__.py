@@ -1,0 +1,1 @@
+"""Saved runs: what a run needs to go on from a phase."""

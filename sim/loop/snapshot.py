@@ -1,0 +1,110 @@
+"""Snapshot of a value with all that it refers to: copied in once, copied out as often as one likes.
+
+`copy.deepcopy` gives every array memory of its own. The states of sensors, navigation and
+controller hold arrays and views of them: a kernel changes the one, Python reads the other. Here
+arrays that share memory share it in each copy too.
+"""
+
+import io
+import pickle
+from types import BuiltinFunctionType, FunctionType, MappingProxyType, ModuleType
+from typing import Any
+
+import mujoco
+import numpy as np
+from numba.core.dispatcher import Dispatcher
+
+from models.meshes.ray_casting import RayScene
+from sim.interfaces.errors import ConfigurationError, one_line
+
+# Handed on as they are: code, and what is only read. Data of MuJoCo is copied by who owns it.
+_SHARED = (
+    *(type, FunctionType, BuiltinFunctionType, ModuleType, Dispatcher),
+    *(mujoco.MjModel, mujoco.MjData, RayScene),
+)
+
+
+class Snapshot:
+    """Copy of a value, in memory; nothing that happens to the value later changes it."""
+
+    def __init__(self, value: Any, name: str) -> None:
+        """Copy `value`.
+
+        Args:
+            value: Numbers, arrays, random generators, dataclasses, containers, plain objects.
+                Functions, classes, ray casters, models and data of MuJoCo are not copied.
+            name: What it is, to begin the error message.
+
+        Raises:
+            ConfigurationError: It holds what cannot be copied, such as a lock or a connection.
+        """
+        file = io.BytesIO()
+        self._shared: list[Any] = []
+        try:
+            _Pickler(file, self._shared).dump(value)
+        except (pickle.PicklingError, TypeError, AttributeError) as error:
+            raise ConfigurationError(f"{name} cannot be copied: {one_line(str(error))}") from error
+        self._bytes = file.getvalue()
+
+    def copy(self) -> Any:
+        """A new copy, which is the caller's."""
+        return _Unpickler(io.BytesIO(self._bytes), self._shared).load()
+
+
+class _Pickler(pickle.Pickler):
+    def __init__(self, file: io.BytesIO, shared: list[Any]) -> None:
+        super().__init__(file, protocol=pickle.HIGHEST_PROTOCOL)
+        self._shared = shared
+        self._place: dict[int, int] = {}  # in `shared`, by identity
+
+    def persistent_id(self, obj: Any) -> int | None:
+        if not isinstance(obj, _SHARED):
+            return None
+        if id(obj) not in self._place:
+            self._place[id(obj)] = len(self._shared)
+            self._shared.append(obj)
+        return self._place[id(obj)]
+
+    def reducer_override(self, obj: Any) -> Any:
+        if type(obj) is MappingProxyType:
+            return MappingProxyType, (dict(obj),)
+        if isinstance(obj, np.void) and isinstance(obj.base, np.ndarray):
+            raise TypeError("a record that is part of an array; keep the array instead")
+        if type(obj) is not np.ndarray or obj.dtype.hasobject:
+            return NotImplemented
+
+        owner = _owner(obj)
+        if owner is obj:
+            return NotImplemented
+        offset = _address(obj) - _address(owner)
+        return _view, (owner, offset, obj.shape, obj.strides, obj.dtype, obj.flags.writeable)
+
+
+class _Unpickler(pickle.Unpickler):
+    def __init__(self, file: io.BytesIO, shared: list[Any]) -> None:
+        super().__init__(file)
+        self._shared = shared
+
+    def persistent_load(self, pid: int) -> Any:
+        return self._shared[pid]
+
+
+def _owner(array: np.ndarray) -> np.ndarray:
+    """The array that `array` is a view of; itself if it has its own memory, or that of no array."""
+    while isinstance(array.base, np.ndarray):
+        array = array.base
+    return array
+
+
+def _address(array: np.ndarray) -> int:
+    return array.__array_interface__["data"][0]
+
+
+def _view(
+    owner: np.ndarray, offset: int, shape: tuple[int, ...], strides: tuple[int, ...], dtype: np.dtype, writeable: bool
+) -> np.ndarray:
+    """View of `owner` that begins `offset` bytes after it."""
+    memory_order = np.argsort([-stride for stride in owner.strides], kind="stable")
+    view = np.ndarray(shape, dtype, owner.transpose(memory_order), offset, strides)
+    view.flags.writeable = writeable
+    return view

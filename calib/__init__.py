@@ -6,8 +6,6 @@ Names are imported on first use, so that `import calib` loads neither numba nor 
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-import sim.interfaces  # noqa: F401  sets where numba keeps its compiled kernels
-
 if TYPE_CHECKING:
     from calib.identification import Calibration, MapFit, identify
     from calib.loads import Loads

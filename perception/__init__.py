@@ -6,8 +6,6 @@ Names are imported on first use, so that `import perception` needs neither Embre
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-import sim.interfaces  # noqa: F401  decides where compiled loops are kept
-
 if TYPE_CHECKING:
     from perception.clouds.scan import Scan, SensorModel
     from perception.registration.identification import Identification, identify

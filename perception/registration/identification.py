@@ -18,7 +18,6 @@ from perception.clouds.scan import MIN_POINTS, Scan, SensorModel, background, ne
 from perception.registration.evidence import Evidence, score, seen_noise, surface_noise
 from perception.registration.initialiser import Expected, initial_poses
 from perception.registration.likelihood import log_likelihood
-from perception.registration.method import Method
 from perception.registration.model_surface import ModelSurface
 from perception.registration.pose_check import MAX_SIZE, MIN_MARGIN, Decision, PoseCheck, check
 from perception.registration.pose_covariance import PoseCovariance, pose_covariance
@@ -29,6 +28,7 @@ from perception.registration.published.paper_icp import laid_on, paper_fit, requ
 from perception.registration.rival_shapes import MIN_HAND, mirrored_log_likelihood, resized_log_likelihood
 from perception.registration.slipping import with_slip
 from perception.registration.symmetry import resolve_symmetry
+from perception.registration_method import Method
 from sim.interfaces.errors import ConfigurationError, PerceptionError
 from sim.interfaces.spatial import (
     Array,

@@ -28,7 +28,7 @@ from controllers.mkps import Chain, Method, Track, track
 from models.arms import published_arms
 from models.arms.published_arms import PublishedArm
 from models.arms.serial_arm import SerialArm
-from scenarios.arm_log import ArmLog
+from scenarios.arm_identification.arm_log import ArmLog
 from scenarios.start import new_folder, parse, run_scenario
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array, pose, rotation_angle

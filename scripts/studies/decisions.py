@@ -14,8 +14,8 @@ from scenarios.start import parse, run_scenario  # isort: skip
 from dataclasses import dataclass
 from itertools import cycle, islice
 
-from scenarios.decision_scenes import KINDS, NAMES
 from scenarios.object_scenes import CAMERAS
+from scenarios.perception_studies.decision_scenes import KINDS, NAMES
 from scenarios.perception_studies.decisions import DecisionCase, run, summarise
 from scenarios.study import Study, StudyOptions
 

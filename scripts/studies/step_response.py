@@ -47,8 +47,8 @@ class Options(StudyOptions):
 def main() -> int:
     """Runs or resumes the study and returns the exit code."""
     options = parse(Options)
+    from scenarios.control_studies.force_steps import StepTask, failed, responses
     from scenarios.control_studies.step_response import line, summarise
-    from scenarios.force_steps import StepTask, failed, responses
     from scenarios.study import Study
     from sim import hydrodynamics
 

@@ -9,8 +9,8 @@ from scenarios.start import parse, run_scenario  # isort: skip
 from dataclasses import dataclass
 from itertools import cycle, islice
 
-from scenarios.decision_scenes import NAMES
 from scenarios.object_scenes import CAMERAS
+from scenarios.perception_studies.decision_scenes import NAMES
 from scenarios.perception_studies.views import KINDS, ViewCase, run, summarise
 from scenarios.study import Study, StudyOptions
 

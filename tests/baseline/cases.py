@@ -20,9 +20,9 @@ from models.arms import published_arms
 from perception import identify
 from scenarios.arm_identification.calibration_input import nominal, simulated
 from scenarios.assembly import assemble
+from scenarios.control_studies.force_steps import figures as figures_of_step
+from scenarios.control_studies.force_steps import steps_up
 from scenarios.control_studies.hover import POSTURES, flow
-from scenarios.force_steps import figures as figures_of_step
-from scenarios.force_steps import steps_up
 from scenarios.object_scenes import object_scene
 from scenarios.options import InsertionOptions, InspectionOptions, ObjectOptions, PileOptions, SeabedOptions, barrel
 from scenarios.pushing import PushCase as Push

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from perception.registration.method import Method
+from perception.registration_method import Method
 from sim.interfaces.errors import ConfigurationError
 
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from scenarios.force_steps import figures, times
+from scenarios.control_studies.force_steps import figures, times
 from scenarios.study import Row, Summary, Table
 from sim.interfaces.spatial import Array
 

@@ -11,7 +11,7 @@ from perception.registration.identification import identify
 from perception.registration.model_surface import ModelSurface
 from perception.registration.pose_check import Decision, check
 from perception.registration.published.paper_check import published_criterion
-from scenarios.decision_scenes import KINDS, draw, object_of, wrong_poses
+from scenarios.perception_studies.decision_scenes import KINDS, draw, object_of, wrong_poses
 from scenarios.study import Row, Summary, Table
 
 if TYPE_CHECKING:

@@ -11,8 +11,8 @@ import numpy as np
 
 from perception.next_view import ranked_views, views_around
 from perception.registration.identification import Identification, identify
-from scenarios.decision_scenes import draw
 from scenarios.object_scenes import ObjectScene
+from scenarios.perception_studies.decision_scenes import draw
 from scenarios.perception_studies.decisions import surface_of
 from scenarios.study import Row, Summary, Table
 from sim.interfaces.spatial import inverse

@@ -341,7 +341,7 @@ def test_no_runs_that_worked_give_a_page_without_pictures(study, tmp_path):
 
 def test_step_figures_of_a_second_order_answer(within):
     """Overshoot exp(-pi z / sqrt(1 - z^2)); a first-order answer rises in T ln 9 and settles in T ln 20."""
-    steps = import_module("scenarios.force_steps")
+    steps = import_module("scenarios.control_studies.force_steps")
     t = np.maximum(steps.times(), 0.0)
     z, w = 0.5, 12.0
     damped = w * np.sqrt(1.0 - z * z)
@@ -355,7 +355,7 @@ def test_step_figures_of_a_second_order_answer(within):
 
 
 def test_steps_up_are_cut_out_of_a_run():
-    steps = import_module("scenarios.force_steps")
+    steps = import_module("scenarios.control_studies.force_steps")
     each = round(1.0 / DT)
     level = np.repeat([60.0, 60.0, 90.0, 90.0, 90.0, 60.0, 60.0, 60.0, 90.0, 90.0], each)
     ramp = np.clip(np.interp(np.arange(len(level)), np.arange(len(level)), level), 60.0, 90.0)

@@ -3,7 +3,6 @@
 import json
 import subprocess
 import sys
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +14,6 @@ from sim import hydrodynamics
 from sim.evaluation.metrics import Bounds, schema
 
 BOUNDS = Bounds()
-RUNS = ("once", "again")
 
 
 def clean_barrel(root: Path, out: Path, *options: str) -> subprocess.CompletedProcess[str]:
@@ -30,24 +28,17 @@ def _compiled() -> None:
 
 
 @pytest.fixture(scope="module")
-def runs(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> dict[str, dict[str, Any]]:
-    """metrics.json of one run and the same again, both at a time."""
-    folders = {name: tmp_path_factory.mktemp(name) for name in RUNS}  # not in the threads: pytest's is not for two
-
-    def run(name: str) -> dict[str, Any]:
-        out = folders[name]
-        done = clean_barrel(request.config.rootpath, out)
-        assert done.returncode == 0, done.stdout + done.stderr
-        assert "accepted" in done.stdout
-        assert done.stderr == ""
-        return json.loads((out / "metrics.json").read_text(encoding="utf-8"))
-
-    with ThreadPoolExecutor(2) as pool:
-        return dict(zip(RUNS, pool.map(run, RUNS), strict=True))
+def metrics(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
+    """metrics.json of one run by the command."""
+    out = tmp_path_factory.mktemp("run")
+    done = clean_barrel(request.config.rootpath, out)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "accepted" in done.stdout
+    assert done.stderr == ""
+    return json.loads((out / "metrics.json").read_text(encoding="utf-8"))
 
 
-def test_figures_keep_their_bounds(runs):
-    metrics = runs["once"]
+def test_figures_keep_their_bounds(metrics):
     jsonschema.validate(metrics, schema())
     assert metrics["accepted"] is True
     assert metrics["run"]["state"] == "done"
@@ -67,10 +58,10 @@ def test_figures_keep_their_bounds(runs):
     assert metrics["hull"]["excursion_max_m"] > 0.001
 
 
-def test_same_seed_same_figures(runs):
-    first, again = ({**runs[name], "timings": None, "start": None} for name in RUNS)
-    assert first == again
-    assert first["provenance"]["options"]["task"]["path"] == "longitudinal"
+def test_it_says_what_was_asked_for_and_what_the_start_took(metrics):
+    """That it goes the same way again is tested where a run is replayed."""
+    assert metrics["provenance"]["options"]["task"]["path"] == "longitudinal"
+    assert metrics["start"]["kernels_loaded"] + metrics["start"]["kernels_compiled"] > 20
 
 
 def short_armed() -> str:
@@ -81,6 +72,7 @@ def short_armed() -> str:
     return spec.to_xml()
 
 
+KNOWN = ("--target-pose", "known")  # nothing is scanned before the refusal
 NAMELESS = """
 <mujoco>
   <worldbody>
@@ -95,10 +87,12 @@ NAMELESS = """
     [
         pytest.param(["--path", "spiral"], None, "'spiral'", id="unknown path"),
         pytest.param(["--forces", "-60"], None, "--forces [N]: must be positive", id="negative force"),
-        pytest.param(["--least-chance", "1"], None, "at least 100.0% is asked for", id="place not certain enough"),
+        pytest.param(
+            [*KNOWN, "--least-chance", "1"], None, "at least 100.0% is asked for", id="place not certain enough"
+        ),
         pytest.param(["--least-chance", "1.5"], None, "least, a chance", id="no chance"),
         pytest.param(["--range", "12"], None, "not identified", id="camera sees nothing"),
-        pytest.param([], short_armed, "out of reach", id="out of reach"),
+        pytest.param(KNOWN, short_armed, "out of reach", id="out of reach"),
         pytest.param([], lambda: NAMELESS, "thrusters, body 'arm_base' (carries the arm)", id="no names"),
         pytest.param([], lambda: "<mujoco", "not an MJCF", id="not an MJCF"),
         pytest.param(["--vehicle", "nautilus"], None, "uuv_puma", id="unknown vehicle"),
@@ -118,22 +112,28 @@ def test_bad_input_is_one_line_and_code_2(script, tmp_path, options, vehicle, sa
 
 
 def test_with_a_camera_on_the_arm_the_tool_keeps_its_place(request: pytest.FixtureRequest, tmp_path: Path):
-    """In gusts, measured: path 1.2 mm and force 0.19 N RMS; without the camera 1.9 mm and 0.42 N."""
-    done = clean_barrel(request.config.rootpath, tmp_path, "--arm-camera", "--gust", "0.04", "--seed", "5")
+    """In gusts and with a small force; measured: path 1.2 mm and force 0.19 N RMS. Without the
+    camera the path is 1.9 mm off."""
+    options = ("--arm-camera", "--gust", "0.04", "--seed", "5", "--forces", "20")
+    done = clean_barrel(request.config.rootpath, tmp_path, *options)
     assert done.returncode == 0, done.stdout + done.stderr
     metrics = json.loads((tmp_path / "metrics.json").read_text(encoding="utf-8"))
     assert metrics["accepted"] is True
     assert metrics["provenance"]["options"]["sensing"]["arm_camera"]["texture"] == 0.2
     assert metrics["tool"]["path_deviation_max_m"] <= 0.0016
     assert metrics["contact"]["force_error_rms_n"] <= 0.3
+    assert metrics["contact"]["lost_s"] == 0.0
 
 
+@pytest.mark.long(
+    guarded_by="tests/integration/test_clean_barrel.py::test_with_a_camera_on_the_arm_the_tool_keeps_its_place"
+)
 @pytest.mark.parametrize(
     "options",
     [
         pytest.param(("--forces", "20"), id="small force"),
-        pytest.param(("--speed", "0.05"), id="fast", marks=pytest.mark.long),
-        pytest.param(("--wave", "0", "0.1", "0", "--wave-frequency", "0.15"), id="wave across", marks=pytest.mark.long),
+        pytest.param(("--speed", "0.05"), id="fast"),
+        pytest.param(("--wave", "0", "0.1", "0", "--wave-frequency", "0.15"), id="wave across"),
     ],
 )
 def test_the_tool_stays_in_contact(request: pytest.FixtureRequest, tmp_path: Path, options: tuple[str, ...], within):

@@ -14,7 +14,7 @@ import pytest
 from sim.evaluation.metrics import Bounds, schema
 
 BOUNDS = Bounds()
-RUNS = {"ring": ("--path", "ring"), "contactless": ("--contactless", "0.03")}
+RUNS = {"ring": ("--path", "ring"), "contactless": ("--contactless", "0.03", "--target-pose", "known")}
 
 
 def clean_pile(root: Path, out: Path, *options: str) -> subprocess.CompletedProcess[str]:

@@ -13,7 +13,7 @@ from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import AbortCode, WorkState
 
 SCANS = 5.0  # [s] at which the hull of seed 1 is at rest and scans
-AT, RAMP, UNTIL = 7.0, 0.5, 9.5  # [s] of the push, and of the end
+AT, RAMP, UNTIL = 6.6, 0.5, 8.2  # [s] of the push, and of the end
 
 
 @pytest.mark.parametrize(

@@ -1,5 +1,6 @@
 """Set up for every test: our rooms and no others, tolerances that scale together, scripts as a user runs them."""
 
+import gc
 import os
 import re
 import sys
@@ -74,6 +75,11 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
         metafunc.parametrize("rng", asked or FIXED_SEEDS, indirect=True)
     for mark in metafunc.definition.iter_markers("seeds"):
         metafunc.parametrize("seed", asked or mark.args)
+
+
+def pytest_collection_finish() -> None:
+    """What is imported and collected by now stays to the end: the garbage collector need not walk it each time."""
+    gc.freeze()
 
 
 @pytest.hookimpl(optionalhook=True)

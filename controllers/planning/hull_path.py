@@ -111,9 +111,13 @@ def hull_gap(X_WB: Array, hull_box: Array, obstacle: Array) -> float:
         The distance [m].
     """
     p_B = (obstacle - X_WB[:3, 3]) @ X_WB[:3, :3]
-    outside = np.maximum(hull_box[0] - p_B, p_B - hull_box[1])
-    inside = float(outside.max(axis=1).min())
-    return inside if inside < 0.0 else float(np.sqrt((np.maximum(outside, 0.0) ** 2).sum(axis=1).min()))
+    # By coordinates: NumPy reduces rows of three several times slower.
+    x, y, z = np.maximum(hull_box[0] - p_B, p_B - hull_box[1]).T
+    inside = float(np.maximum(np.maximum(x, y), z).min())
+    if inside < 0.0:
+        return inside
+    x, y, z = np.maximum(x, 0.0), np.maximum(y, 0.0), np.maximum(z, 0.0)
+    return float(np.sqrt((x**2 + y**2 + z**2).min()))
 
 
 @kernel

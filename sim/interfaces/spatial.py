@@ -20,6 +20,7 @@ _FLOAT64 = np.dtype(np.float64)
 
 GRAVITY = 9.81  # [m/s^2], along -z of W
 FARTHEST = 1e9  # [m] largest coordinate accepted; up to there float64 resolves a micrometre
+_EYE, _LAST_ROW = np.eye(3), np.array([0.0, 0.0, 0.0, 1.0])
 
 
 def readonly(values: ArrayLike) -> Array:
@@ -160,8 +161,9 @@ def checked_pose(values: ArrayLike, name: str) -> Array:
     """
     X = checked(values, (4, 4), name)
     R = X[:3, :3]
-    rigid = np.abs(R).max() < 2.0 and np.allclose(R.T @ R, np.eye(3), rtol=0.0, atol=1e-6) and np.linalg.det(R) > 0.0
-    if not (rigid and np.allclose(X[3], [0.0, 0.0, 0.0, 1.0], rtol=0.0, atol=1e-9)):
+    # Plain differences of finite numbers: np.allclose takes ten times as long.
+    rigid = np.abs(R).max() < 2.0 and np.abs(R.T @ R - _EYE).max() <= 1e-6 and np.linalg.det(R) > 0.0
+    if not (rigid and np.abs(X[3] - _LAST_ROW).max() <= 1e-9):
         raise not_a_pose(name, X)
     if np.abs(X[:3, 3]).max() > FARTHEST:
         raise ConfigurationError(f"{name}: its position must lie within {FARTHEST:g} m, got {shown(X[:3, 3])}")

@@ -4,6 +4,7 @@ import ast
 import re
 import subprocess
 from collections import Counter, defaultdict
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -24,7 +25,12 @@ def tracked(*patterns: str) -> list[Path]:
 
 
 SOURCES = [path for path in tracked("*.py") if path.relative_to(ROOT).parts[0] in ROOMS]
-TREES = {path: ast.parse(path.read_text()) for path in SOURCES}
+
+
+@cache
+def parsed(path: Path) -> ast.Module:
+    """A source's syntax tree; not at import, which every process does that collects the tests."""
+    return ast.parse(path.read_text())
 
 
 def public(tree: ast.Module) -> list[tuple[str, ast.AST]]:
@@ -47,7 +53,7 @@ def sentences(path: Path) -> list[str]:
     """Sentences of the docstrings of a module, or of a page without its code blocks and tables."""
     if path.suffix == ".py":
         kinds = (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
-        texts = [ast.get_docstring(node) or "" for node in ast.walk(TREES[path]) if isinstance(node, kinds)]
+        texts = [ast.get_docstring(node) or "" for node in ast.walk(parsed(path)) if isinstance(node, kinds)]
     else:
         texts = [re.sub(r"```.*?```", " ", path.read_text(), flags=re.DOTALL)]
     texts = [re.sub(r"^\s*\|.*$", "\n", text, flags=re.MULTILINE) for text in texts]
@@ -63,21 +69,21 @@ def test_every_folder_says_what_it_is_for():
     silent = [
         path.parent.relative_to(ROOT).as_posix()
         for path in SOURCES
-        if path.name == "__init__.py" and not ast.get_docstring(TREES[path])
+        if path.name == "__init__.py" and not ast.get_docstring(parsed(path))
     ]
     assert silent == []
 
 
 @pytest.mark.parametrize("path", SOURCES, ids=lambda path: path.relative_to(ROOT).as_posix())
 def test_public_names_are_documented(path: Path):
-    assert ast.get_docstring(TREES[path]), "the module"
-    assert [name for name, node in public(TREES[path]) if not ast.get_docstring(node)] == []  # pyright: ignore[reportArgumentType]
+    assert ast.get_docstring(parsed(path)), "the module"
+    assert [name for name, node in public(parsed(path)) if not ast.get_docstring(node)] == []  # pyright: ignore[reportArgumentType]
 
 
 def test_a_class_name_has_one_meaning():
     places = defaultdict(set)
-    for path, tree in TREES.items():
-        for name, node in public(tree):
+    for path in SOURCES:
+        for name, node in public(parsed(path)):
             if isinstance(node, ast.ClassDef) and name not in ("Options",):  # each command's own
                 places[name].add(path.relative_to(ROOT).as_posix())
     assert {name: sorted(where) for name, where in places.items() if len(where) > 1} == {}

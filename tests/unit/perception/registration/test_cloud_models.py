@@ -24,23 +24,44 @@ def scene():
 
 @pytest.fixture(scope="module")
 def by_mesh(scene):
-    return perception.identify(
-        scene.scan, target_of(NAME), scene.approach, scene.orientation, sensor=scene.sensor.model
-    )
+    return identified(scene, target_of(NAME))
 
 
-@pytest.mark.parametrize("door", ["array", "array with normals", "object", "file", "model"])
-def test_a_cloud_gives_the_pose_of_its_mesh(scene, by_mesh, door: str, tmp_path, within):
-    points, normals = sampled_cloud(target_of(NAME), 5000)
-    write_ply(tmp_path / "star.ply", points)
-    model = {
-        "array": points,
-        "array with normals": np.column_stack([points, normals]),
-        "object": SimpleNamespace(points=list(points), normals=[]),  # as Open3D's: normals are there, but none
-        "file": tmp_path / "star.ply",
-        "model": TargetModel.from_cloud(points, normals, "star"),
-    }[door]
-    found = perception.identify(scene.scan, model, scene.approach, scene.orientation, sensor=scene.sensor.model)
+@pytest.fixture(scope="module")
+def cloud():
+    return sampled_cloud(target_of(NAME), 5000)
+
+
+def identified(scene, model):
+    return perception.identify(scene.scan, model, scene.approach, scene.orientation, sensor=scene.sensor.model)
+
+
+def target_by(model) -> TargetModel:
+    """The mesh that `identify` makes of a model, whatever is seen."""
+    return perception.identify(np.zeros((0, 3)), model).surface.target
+
+
+def test_every_door_makes_the_same_mesh_of_a_cloud(cloud, tmp_path, within):
+    points, normals = cloud
+    file = tmp_path / "star.ply"
+    write_ply(file, points)
+    plain, oriented = target_by(points), target_by(np.column_stack([points, normals]))
+    for model, expected, rounding in (
+        (SimpleNamespace(points=list(points), normals=[]), plain, 0.0),  # as Open3D's: normals are there, but none
+        (SimpleNamespace(points=list(points), normals=list(normals)), oriented, 0.0),
+        (file, plain, 1e-7),  # single precision
+        (TargetModel.from_cloud(points, normals, "star"), oriented, 0.0),
+    ):
+        target = target_by(model)
+        assert np.array_equal(target.triangles, expected.triangles)
+        within("vertices [m]", target.vertices - expected.vertices, rounding)
+    assert not np.array_equal(plain.vertices, oriented.vertices)
+
+
+@pytest.mark.parametrize("with_normals", [False, True])
+def test_a_cloud_gives_the_pose_of_its_mesh(scene, by_mesh, cloud, with_normals: bool, within):
+    points, normals = cloud
+    found = identified(scene, np.column_stack([points, normals]) if with_normals else points)
     assert found.accepted, found.reason
     X = scene.target.symmetry.nearest_pose(found.X_sensor_target, by_mesh.X_sensor_target[:3, :3])
     center = scene.target.center

@@ -31,7 +31,21 @@ def test_an_exact_look_is_explained_best_by_the_true_pose(within):
             assert position > 0.01 or angle > np.deg2rad(5.0)
 
 
-@pytest.mark.parametrize(("name", "seed"), [("starfish", 1), ("manifold", 3), ("valve", 4), ("rock", 2), ("barrel", 2)])
+MORE = pytest.mark.long(
+    guarded_by="tests/unit/perception/registration/test_initialiser.py::test_found_among_stones_with_nothing_known"
+)
+
+
+@pytest.mark.parametrize(
+    ("name", "seed"),
+    [
+        ("starfish", 1),
+        ("manifold", 3),
+        pytest.param("valve", 4, marks=MORE),
+        pytest.param("rock", 2, marks=MORE),
+        ("barrel", 2),
+    ],
+)
 def test_found_among_stones_with_nothing_known(within, name: str, seed: int):
     from scenarios.object_scenes import object_scene
 

@@ -61,7 +61,7 @@ from models.water.bounds import LARGEST
 from sim.interfaces.errors import ConfigurationError, HydrodynamicsError, PhysicsWarning
 from sim.interfaces.spatial import Array, skew
 from sim.water import energy, mujoco_layout, passive_callback
-from sim.water.wet_inertia import TreeSums, WetInertia
+from sim.water.wet_inertia import BlockSums, WetInertia
 
 DRAG_SPEED = 2.0  # [m/s, rad/s] speed at which the drag rate is compared with the time step
 
@@ -352,7 +352,7 @@ def check(model: mujoco.MjModel) -> None:
 
 def added_inertia(model: mujoco.MjModel, data: mujoco.MjData) -> Array:
     """Joint-space added mass sum_b J_b^T A_b J_b (nv, nv) at `data`, whose kinematics and comPos are up to date."""
-    return TreeSums(model, data, _bodies(model)).dense(lambda body: body.added_mass)
+    return BlockSums(model, data, _bodies(model)).dense(lambda body: body.added_mass)
 
 
 def drag_slope(model: mujoco.MjModel, data: mujoco.MjData, speed: float) -> Array:
@@ -366,7 +366,7 @@ def drag_slope(model: mujoco.MjModel, data: mujoco.MjData, speed: float) -> Arra
     Returns:
         Joint-space damping matrix (nv, nv).
     """
-    return TreeSums(model, data, _bodies(model)).dense(lambda body: _body_drag_slope(body, speed))
+    return BlockSums(model, data, _bodies(model)).dense(lambda body: _body_drag_slope(body, speed))
 
 
 class _Notice(event.Listener):
@@ -537,7 +537,7 @@ def _checked(model: mujoco.MjModel, bodies: dict[int, BodyHydrodynamics]) -> _At
     # As MuJoCo does for its own constants: without contacts, of which a heap of bodies has many at qpos0.
     for stage in (mujoco.mj_kinematics, mujoco.mj_comPos, mujoco.mj_tendon, mujoco.mj_makeM, mujoco.mj_transmission):
         stage(model, data)
-    sums = TreeSums(model, data, bodies)
+    sums = BlockSums(model, data, bodies)
     inertia = WetInertia(sums)
 
     rate = inertia.drag_rate(lambda body: _body_drag_slope(body, DRAG_SPEED))

@@ -1,10 +1,11 @@
-"""Joint-space inertia of a wet model, M + A, its inverse, and drag over it: one block for each kinematic tree.
+"""Joint-space inertia of a wet model, M + A, its inverse, and drag over it, block by block.
 
-Bodies of different trees share no degree of freedom, so M + A and the slope of the drag are block diagonal, and the
-cost is linear in the number of trees. How a tree is solved depends on its degrees of freedom:
+Bodies of different kinematic trees share no degree of freedom, so M + A and the slope of the drag are block diagonal,
+and the cost is linear in the number of trees. A model of up to LARGEST_SMALL degrees of freedom is one block all the
+same: the vehicles are such models, and the last digits of their trajectories depend on the rounding of the whole
+inverse. How a block is solved depends on its degrees of freedom:
 
-- Up to LARGEST_SMALL: by LAPACK. The vehicles are such trees, and the last digits of their recorded trajectories depend
-  on its rounding.
+- Up to LARGEST_SMALL: by LAPACK.
 - More: by MuJoCo's sparse factor, whose cost is the square of the tree's depth for each degree of freedom. The largest
   rate of the drag is by Lanczos iteration.
 - Up to LARGEST_INVERSE, contact weights are from LAPACK's inverse all the same. M + A of a long chain is so
@@ -31,12 +32,12 @@ LARGEST_SMALL = 64  # degrees of freedom
 LARGEST_INVERSE = 320  # degrees of freedom
 
 _ROWS = 256  # right-hand sides that are solved for at a time, which bounds the memory
-_RATE_TOLERANCE = 1e-6  # relative, of the drag rate of a large tree
+_RATE_TOLERANCE = 1e-6  # relative, of the drag rate of a large block
 _LANCZOS_VECTORS = 40  # ARPACK's 20 take three times as many iterations where eigenvalues cluster, as in long chains
 
 
-class TreeSums:
-    """Sums over the wet bodies of a model in joint space, at a state, as one block for each kinematic tree."""
+class BlockSums:
+    """Sums over the wet bodies of a model in joint space, at a state, as blocks that do not couple."""
 
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, bodies: Mapping[int, BodyHydrodynamics]) -> None:
         """Takes the Jacobians of the bodies.
@@ -50,48 +51,61 @@ class TreeSums:
         self.data = data
         self.bodies = bodies
 
-        ends = zip(model.tree_dofadr.tolist(), model.tree_dofnum.tolist(), strict=True)
-        self.trees = [slice(start, start + count) for start, count in ends]
-        self.tree_of = model.body_treeid.tolist()
+        # Degrees of freedom of each block, and the block of each movable body and degree of freedom.
+        if model.nv <= LARGEST_SMALL:
+            self.dofs = [slice(0, model.nv)]
+            self.block_of = [0] * model.nbody
+            self.owners = np.zeros(model.nv, dtype=int)
+        else:
+            ends = zip(model.tree_dofadr.tolist(), model.tree_dofnum.tolist(), strict=True)
+            self.dofs = [slice(start, start + count) for start, count in ends]
+            self.block_of = model.body_treeid.tolist()
+            self.owners = np.array(model.dof_treeid)
+
         self.movers = _moving_dofs(model)
-        self.bodies_of: list[list[int]] = [[] for _ in self.trees]
+        self.bodies_of: list[list[int]] = [[] for _ in self.dofs]
         for i in bodies:
-            self.bodies_of[self.tree_of[i]].append(i)
+            self.bodies_of[self.block_of[i]].append(i)
 
         self._rows = np.zeros((6, model.nv))  # of one Jacobian; MuJoCo clears them itself
         self._jacobians = {i: self._at_origin(i) for i in bodies}
 
     def at_center_of_mass(self, body: int) -> Array:
-        """Jacobian (6, n) of the centre of mass of `body`, in world axes, for its tree; valid until the next call."""
+        """Jacobian (6, n) of the centre of mass of `body`, in world axes, for its block; valid until the next call."""
         mujoco.mj_jacBodyCom(self.model, self.data, self._rows[:3], self._rows[3:], body)
-        return self._rows[:, self.trees[self.tree_of[body]]]
+        return self._rows[:, self.dofs[self.block_of[body]]]
 
-    def block(self, tree: int, matrix_of: Callable[[BodyHydrodynamics], Array]) -> Array:
-        """Sum of J_b^T X_b J_b (n, n) of a tree, with X_b (6, 6) in body axes at the body origin."""
-        count = self.trees[tree].stop - self.trees[tree].start
-        total = np.zeros((count, count))
-        for i in self.bodies_of[tree]:
+    def count(self, block: int) -> int:
+        """Degrees of freedom of a block."""
+        return self.dofs[block].stop - self.dofs[block].start
+
+    def block(self, block: int, matrix_of: Callable[[BodyHydrodynamics], Array]) -> Array:
+        """Sum of J_b^T X_b J_b (n, n) of a block, with X_b (6, 6) in body axes at the body origin."""
+        total = np.zeros((self.count(block), self.count(block)))
+        for i in self.bodies_of[block]:
             X = matrix_of(self.bodies[i])
             if X.any():
                 total[_square(self._local(i))] += self._jacobians[i].T @ X @ self._jacobians[i]
         return total
 
     def dense(self, matrix_of: Callable[[BodyHydrodynamics], Array]) -> Array:
-        """The matrix (nv, nv) that has each tree's `block` on its diagonal."""
+        """The matrix (nv, nv) with each `block` on its diagonal."""
         total = np.zeros((self.model.nv, self.model.nv))
-        for k, tree in enumerate(self.trees):
-            total[tree, tree] = self.block(k, matrix_of)
+        for k, dofs in enumerate(self.dofs):
+            total[dofs, dofs] = self.block(k, matrix_of)
         return total
 
-    def stacked(self, tree: int) -> "csr_array":
-        """The Jacobians of a tree's wet bodies (6 b, n), one below the other."""
-        from scipy.sparse import csr_array  # slow to import, and for large trees alone
+    def stacked(self, block: int) -> "csr_array":
+        """The Jacobians of the wet bodies of a block (6 b, n), one below the other."""
+        from scipy.sparse import csr_array  # slow to import, and for large blocks alone
 
-        bodies, count = self.bodies_of[tree], self.trees[tree].stop - self.trees[tree].start
+        bodies = self.bodies_of[block]
         columns = [np.tile(self._local(i), 6) for i in bodies]
         ends = np.cumsum([0, *(len(self.movers[i]) for i in bodies for _ in range(6))])
         values = [self._jacobians[i].ravel() for i in bodies]
-        return csr_array((np.concatenate(values), np.concatenate(columns), ends), shape=(6 * len(bodies), count))
+        return csr_array(
+            (np.concatenate(values), np.concatenate(columns), ends), shape=(6 * len(bodies), self.count(block))
+        )
 
     def force(self, wrench_of: Callable[[int, BodyHydrodynamics], Array]) -> Array:
         """Sum of J_b^T f_b (nv,), with f_b (6,) in body axes at the body origin, of a body's index and coefficients."""
@@ -101,8 +115,8 @@ class TreeSums:
         return total
 
     def _local(self, body: int) -> Indices:
-        """The `movers` of a body, counted from the first degree of freedom of its tree."""
-        return self.movers[body] - self.trees[self.tree_of[body]].start
+        """The `movers` of a body, counted from the first degree of freedom of its block."""
+        return self.movers[body] - self.dofs[self.block_of[body]].start
 
     def _at_origin(self, body: int) -> Array:
         """Jacobian (6, k) of the origin of `body`, in body axes, for its `movers`."""
@@ -118,21 +132,21 @@ class WetInertia:
     Mobility is velocity per impulse: J inv(M + A) J^T.
     """
 
-    def __init__(self, sums: TreeSums) -> None:
+    def __init__(self, sums: BlockSums) -> None:
         """Factors M + A.
 
         Args:
             sums: Sums at the state, whose `data.M` has the dry inertia. Its `data.M` and `data.qLD` become those of
-                M + A if a tree is large.
+                M + A if a block is large.
 
         Raises:
             HydrodynamicsError: M + A is not positive definite.
         """
         self.sums = sums
-        blocks = [_dry_block(sums, k) + sums.block(k, lambda body: body.added_mass) for k in range(len(sums.trees))]
+        blocks = [_dry_block(sums, k) + sums.block(k, lambda body: body.added_mass) for k in range(len(sums.dofs))]
         self.diagonal = np.concatenate([np.diag(block) for block in blocks])  # (nv,) of M + A
         try:
-            self._trees = _factored(sums, blocks)
+            self._blocks = _factored(sums, blocks)
         except np.linalg.LinAlgError as error:
             raise HydrodynamicsError(
                 f"the inertia with the added mass is not positive definite at qpos0 (its diagonal runs from "
@@ -141,19 +155,19 @@ class WetInertia:
 
     def of_body(self, body: int) -> Array:
         """Mobility (6,) of the centre of mass of a movable body along the world axes, linear and angular."""
-        return self._trees[self.sums.tree_of[body]].mobility(self.sums.at_center_of_mass(body))
+        return self._blocks[self.sums.block_of[body]].mobility(self.sums.at_center_of_mass(body))
 
     def of_dofs(self) -> Array:
         """Mobility (nv,) of each degree of freedom: the diagonal of inv(M + A)."""
-        return np.concatenate([tree.diagonal() for tree in self._trees])
+        return np.concatenate([block.diagonal() for block in self._blocks])
 
     def along(self, columns: Indices, values: Array) -> float:
         """Mobility along a row of nv numbers, given by its `columns` and their `values`, such as that of a tendon."""
-        return sum(self._trees[k].along(dofs, part) for k, dofs, part in self._parts(columns, values))
+        return sum(self._blocks[k].along(dofs, part) for k, dofs, part in self._parts(columns, values))
 
     def accelerations(self, columns: Indices, values: Array) -> Array:
-        """inv(M + A) f of the trees that a force f touches, given by its `columns` and their `values`."""
-        parts = [self._trees[k].solve(dofs, part) for k, dofs, part in self._parts(columns, values)]
+        """inv(M + A) f of the blocks that a force f touches, given by its `columns` and their `values`."""
+        parts = [self._blocks[k].solve(dofs, part) for k, dofs, part in self._parts(columns, values)]
         return np.concatenate([np.zeros(0), *parts])
 
     def drag_rate(self, slope_of: Callable[[BodyHydrodynamics], Array]) -> float:
@@ -162,18 +176,18 @@ class WetInertia:
         Args:
             slope_of: Symmetric damping (6, 6) of a body, in body axes at its origin.
         """
-        return max(tree.largest_rate(slope_of) for tree in self._trees)
+        return max(block.largest_rate(slope_of) for block in self._blocks)
 
     def _parts(self, columns: Indices, values: Array) -> Iterator[tuple[int, Indices, Array]]:
-        """Index of each tree that a row touches, its columns counted within the tree, and their values."""
-        owners = self.sums.model.dof_treeid[columns]
+        """Index of each block that a row touches, its columns counted within the block, and their values."""
+        owners = self.sums.owners[columns]
         for k in np.unique(owners):
             mine = owners == k
-            yield int(k), columns[mine] - self.sums.trees[k].start, values[mine]
+            yield int(k), columns[mine] - self.sums.dofs[k].start, values[mine]
 
 
-class _Tree(Protocol):
-    """Factored block of M + A of one kinematic tree; `dofs` count within the tree."""
+class _Block(Protocol):
+    """Block of M + A with its factor; `dofs` count within the block."""
 
     def mobility(self, rows: Array) -> Array:
         """Diagonal of rows inv(M + A) rows^T (r,), with `rows` (r, n)."""
@@ -196,12 +210,12 @@ class _Tree(Protocol):
         ...
 
 
-class _SmallTree:
-    """A tree for which LAPACK does everything."""
+class _SmallBlock:
+    """A block for which LAPACK does everything."""
 
-    def __init__(self, sums: TreeSums, tree: int, block: Array) -> None:
+    def __init__(self, sums: BlockSums, index: int, block: Array) -> None:
         self._sums = sums
-        self._tree = tree
+        self._index = index
         self._factor = np.linalg.inv(np.linalg.cholesky(block))  # inv(M + A) = factor^T factor
         self._inverse: np.ndarray = np.linalg.inv(block)
 
@@ -218,17 +232,17 @@ class _SmallTree:
         return self._inverse[:, dofs] @ values
 
     def largest_rate(self, slope_of: Callable[[BodyHydrodynamics], Array]) -> float:
-        slope = self._sums.block(self._tree, slope_of)
+        slope = self._sums.block(self._index, slope_of)
         return float(np.linalg.eigvalsh(self._factor @ slope @ self._factor.T)[-1])
 
 
-class _LargeTree:
-    """A tree that MuJoCo's sparse factor solves, and whose mobilities are from an inverse if that is not too large."""
+class _LargeBlock:
+    """A block that MuJoCo's sparse factor solves, and whose mobilities are from an inverse if that is not too large."""
 
-    def __init__(self, sums: TreeSums, tree: int, block: Array) -> None:
+    def __init__(self, sums: BlockSums, index: int, block: Array) -> None:
         """Takes `block`, which is a part of the inertia that `sums.data` has the factor of."""
         self._sums = sums
-        self._tree = tree
+        self._index = index
         self._block = block
         self._inverse: np.ndarray | None = np.linalg.inv(block) if len(block) <= LARGEST_INVERSE else None
 
@@ -253,14 +267,14 @@ class _LargeTree:
         return self._solved(force)[0]
 
     def largest_rate(self, slope_of: Callable[[BodyHydrodynamics], Array]) -> float:
-        from scipy.sparse import csr_array  # slow to import, and for large trees alone
+        from scipy.sparse import csr_array  # slow to import, and for large blocks alone
         from scipy.sparse.linalg import LinearOperator, eigsh
 
-        bodies = [self._sums.bodies[i] for i in self._sums.bodies_of[self._tree]]
+        bodies = [self._sums.bodies[i] for i in self._sums.bodies_of[self._index]]
         slopes = np.array([slope_of(body) for body in bodies])
         if not slopes.any():
             return 0.0
-        J = self._sums.stacked(self._tree)
+        J = self._sums.stacked(self._index)
         transposed = J.T.tocsr()
 
         def drag(qvel: Array) -> Array:
@@ -286,15 +300,15 @@ class _LargeTree:
     def _solved(self, rows: Array) -> Array:
         """inv(M + A) times each of `rows` (r, n), as rows."""
         forces = np.zeros((len(rows), self._sums.model.nv))
-        columns = self._sums.trees[self._tree]
+        columns = self._sums.dofs[self._index]
         forces[:, columns] = rows
         solved = np.empty_like(forces)
         mujoco.mj_solveM(self._sums.model, self._sums.data, solved, forces)
         return solved[:, columns]
 
 
-def _factored(sums: TreeSums, blocks: list[Array]) -> list[_Tree]:
-    """The trees with the `blocks` of M + A.
+def _factored(sums: BlockSums, blocks: list[Array]) -> list[_Block]:
+    """The `blocks` of M + A with their factors.
 
     Raises:
         np.linalg.LinAlgError: A block is not positive definite.
@@ -302,18 +316,18 @@ def _factored(sums: TreeSums, blocks: list[Array]) -> list[_Tree]:
     if any(len(block) > LARGEST_SMALL for block in blocks):
         _factor_by_mujoco(sums, blocks)
     return [
-        (_SmallTree if len(block) <= LARGEST_SMALL else _LargeTree)(sums, k, block) for k, block in enumerate(blocks)
+        (_SmallBlock if len(block) <= LARGEST_SMALL else _LargeBlock)(sums, k, block) for k, block in enumerate(blocks)
     ]
 
 
-def _factor_by_mujoco(sums: TreeSums, blocks: list[Array]) -> None:
+def _factor_by_mujoco(sums: BlockSums, blocks: list[Array]) -> None:
     """Puts M + A and its factor into `sums.data`.
 
     Raises:
         np.linalg.LinAlgError: A block is not positive definite.
     """
-    for tree, block in zip(sums.trees, blocks, strict=True):
-        entries, rows, columns = _entries(sums.model, tree)
+    for dofs, block in zip(sums.dofs, blocks, strict=True):
+        entries, rows, columns = _entries(sums.model, dofs)
         sums.data.M[entries] = block[rows, columns]
     mujoco.mj_factorM(sums.model, sums.data)
     if sums.data.warning[mujoco.mjtWarning.mjWARN_INERTIA].number or not np.all(sums.data.qLDiagInv > 0.0):
@@ -321,7 +335,7 @@ def _factor_by_mujoco(sums: TreeSums, blocks: list[Array]) -> None:
 
 
 def _mobility(inverse: np.ndarray, rows: Array) -> Array:
-    # Over all columns of the tree, also zeros: in a long chain the terms cancel, and another order of summation would
+    # Over all columns of the block, also zeros: in a long chain the terms cancel, and another order of summation would
     # change the eleventh digit.
     return np.einsum("ij,jk,ik->i", rows, inverse, rows)
 
@@ -334,25 +348,24 @@ def _square(dofs: Indices) -> tuple[Any, ...]:
     return np.ix_(dofs, dofs)
 
 
-def _dry_block(sums: TreeSums, tree: int) -> Array:
-    """The dry inertia M (n, n) of a tree."""
-    entries, rows, columns = _entries(sums.model, sums.trees[tree])
-    count = sums.trees[tree].stop - sums.trees[tree].start
-    block = np.zeros((count, count))
+def _dry_block(sums: BlockSums, index: int) -> Array:
+    """The dry inertia M (n, n) of a block."""
+    entries, rows, columns = _entries(sums.model, sums.dofs[index])
+    block = np.zeros((sums.count(index), sums.count(index)))
     block[rows, columns] = block[columns, rows] = sums.data.M[entries]
     return block
 
 
-def _entries(model: mujoco.MjModel, tree: slice) -> tuple[slice, Indices, Indices]:
-    """Entries of `data.M` that belong to a tree: their place, and their rows and columns within its block.
+def _entries(model: mujoco.MjModel, dofs: slice) -> tuple[slice, Indices, Indices]:
+    """Entries of `data.M` that belong to the block of `dofs`: their place, and their rows and columns within the block.
 
     `data.M` holds the lower triangle by rows, and of each row the columns of the ancestors.
     """
-    counts = model.M_rownnz[tree]
-    start = int(model.M_rowadr[tree.start])
+    counts = model.M_rownnz[dofs]
+    start = int(model.M_rowadr[dofs.start])
     entries = slice(start, start + int(counts.sum()))
     rows = np.repeat(np.arange(len(counts)), counts)
-    return entries, rows, model.M_colind[entries] - tree.start
+    return entries, rows, model.M_colind[entries] - dofs.start
 
 
 def _moving_dofs(model: mujoco.MjModel) -> list[Indices]:

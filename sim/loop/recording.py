@@ -287,7 +287,7 @@ class Recorder:
         return {name: value for name, value in vars(self).items() if name not in self._OF_THE_RUN}
 
     def resume(self, saved: dict[str, Any]) -> None:
-        """Go on from what `save` of a recorder of an equal plant returned, which is this one's from now on."""
+        """Go on from a copy of what `save` of a recorder of an equal plant returned."""
         vars(self).update(saved)
 
     def references(self) -> Iterator[tuple[float, WorkState, float]]:

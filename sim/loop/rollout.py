@@ -160,10 +160,10 @@ class Stage(IntEnum):
 class Rollout:
     """One run of the loop: states of the parts, present messages, and the step of a tick.
 
-    `save` hands out all that changes, and `resume` takes it over in another run of the same scenario.
+    `save` hands out all that changes; `resume` takes it over in another run of the same scenario.
     """
 
-    _OF_THE_RUN = frozenset({"plant", "parts", "observers", "truth"})  # not saved: each run has its own
+    _OF_THE_RUN = frozenset({"plant", "parts", "observers", "truth"})  # not saved: each has its own
 
     def __init__(
         self, plant: SteppedPlant, parts: Parts, rng: np.random.Generator, observers: Sequence[Observer] = ()
@@ -209,7 +209,8 @@ class Rollout:
         self.controller_state = parts.controller.init(self.estimate)
         self.tick = 0  # the next one to be taken, or the one that has begun
         self.stage = Stage.NEW
-        self.measured: list[Measurement | None] = [None for _ in sensors]  # last message of each that has a period
+        # Last message of each sensor that has a period.
+        self.measured: list[Measurement | None] = [None for _ in sensors]
         self.commanded: Command | None = None  # command of the tick before this one
         self.target: Target | None = None
         self.reference: Reference | None = None
@@ -230,7 +231,7 @@ class Rollout:
         self.stage = Stage.ESTIMATED
 
     def decide(self) -> Moment:
-        """Run the present tick up to its command, from the stage that it has reached; returns its snapshot."""
+        """Run the present tick up to its command, from the stage that it has reached."""
         tick = self.tick
         if self.stage < Stage.ESTIMATED:
             self.commanded = self.command
@@ -254,7 +255,7 @@ class Rollout:
         )
 
     def act(self, moment: Moment) -> None:
-        """Show what `decide` has returned to the observers, step the plant, and go on to the next tick."""
+        """Show what `decide` has returned to the observers, and step the plant."""
         self.stage, self.frame = Stage.NEW, None
         for observer in self.observers:
             observer.observe(moment)
@@ -262,18 +263,19 @@ class Rollout:
         self.tick += 1
 
     def save(self) -> dict[str, Any]:
-        """All that changes during the run but the observers, as it is: to be copied before the next step.
+        """All that changes but the observers, as it is: to be copied before the next step.
 
         Raises:
             ConfigurationError: A wrapper of the plant has no attribute `plant` (`SteppedPlant`).
         """
-        changing = {name: value for name, value in vars(self).items() if name not in self._OF_THE_RUN}
+        everything = vars(self).items()
+        changing = {name: value for name, value in everything if name not in self._OF_THE_RUN}
         return {"plant": _keeper(self.plant).save(), "loop": changing}
 
     def resume(self, saved: dict[str, Any]) -> None:
-        """Go on from what `save` of a run of the same scenario returned, which is this run's from now on.
+        """Go on from a copy of what `save` of a run of the same scenario returned.
 
-        A sensor may be wrapped in a fault that has not begun (`sim.plant.faults.FaultySensor.resume`).
+        Plant and sensors may be wrapped in faults that have not begun (`sim.plant.faults`).
         """
         fresh = self.sensor_states
         vars(self).update(saved["loop"])
@@ -394,11 +396,13 @@ def run_on(
     Args:
         run: The run.
         duration: Longest simulated time [s], from its start.
-        until: Called at the end of every step; the run ends where it is true. With `compiled`, as the observers.
-        pause: Called at every step that runs part by part, each one of the planner among them, before observers and
-            plant take part. Where it is true, the run stands still with its stage COMMANDED; it can be saved then, and
-            the next call goes on.
-        compiled: Makes the compiled ticks that run where nothing slow is due; None: every tick runs part by part.
+        until: Called at the end of every step; the run ends where it is true. With `compiled`, as
+            the observers.
+        pause: Called at every step that runs part by part, each one of the planner among them,
+            before observers and plant take part. Where it is true, the run stands still with its
+            stage COMMANDED; it can be saved then, and the next call goes on.
+        compiled: Makes the compiled ticks that run where nothing slow is due; None: every tick runs
+            part by part.
 
     Returns:
         The last moment, or the one at which the run stands still.
@@ -417,7 +421,7 @@ def run_on(
     while run.tick < steps and not until(moment):
         if ticks is not None:
             end = steps - 1
-            if pause is not None:  # the planner's tick is taken part by part, with the messages of all sensors
+            if pause is not None:  # part by part, so that the messages of all sensors are kept
                 end = min(end, run.tick + -run.tick % run.planner_ticks)
             run.tick = ticks.advance(run, run.tick, end)
         moment = run.decide()

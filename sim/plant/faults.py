@@ -163,7 +163,9 @@ class FaultySensor:
         return FaultySensorState(inner, rng.spawn(1)[0])  # spawned last, so that the sensor's streams do not change
 
     def resume(self, fresh: FaultySensorState, saved: Any, last: Measurement | None) -> FaultySensorState:
-        """State that goes on from `saved`, a state of this sensor, or of the wrapped one while nothing was faulty.
+        """State that goes on from `saved`.
+
+        That is a state of this sensor, or of the wrapped one while this fault had not begun.
 
         Args:
             fresh: state of `init`.
@@ -173,7 +175,8 @@ class FaultySensor:
         if _layers(saved) == _layers(fresh):
             return saved
         inner = self._sensor
-        fresh.sensor = inner.resume(fresh.sensor, saved, last) if isinstance(inner, FaultySensor) else saved
+        wrapped = isinstance(inner, FaultySensor)
+        fresh.sensor = inner.resume(fresh.sensor, saved, last) if wrapped else saved
         fresh.sound = last
         return fresh
 
@@ -263,7 +266,7 @@ class FaultyPlant:
         return FaultyPlantState(self.plant.save(), self._last)
 
     def resume(self, saved: "FaultyPlantState | PlantState", command: Command | None) -> None:
-        """Go on from what `save` returned, of an equal plant or of the wrapped one while nothing was faulty.
+        """Go on from what `save` returned, of an equal plant or of the wrapped one before any fault.
 
         Args:
             saved: state to go on from.
@@ -274,7 +277,8 @@ class FaultyPlant:
             self._last = saved.last
         else:
             self.plant.resume(saved)
-            self._last = np.zeros_like(self._last) if command is None else np.array(command.thrusters)
+            commanded = np.zeros_like(self._last) if command is None else command.thrusters
+            self._last = np.array(commanded)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

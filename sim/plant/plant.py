@@ -255,8 +255,9 @@ class Plant:
         )
         # Beside `data`: in the model, in the truth, and in the records of the kernels.
         self._changing = (
-            *(self._wind, water, model.dof_frictionloss, self._thrusters.state, self._contacts, self._from_soil),
-            *(truth.tau_friction, truth.current_W, truth.arm_wrench_B, truth.collided),
+            *(self._wind, water, model.dof_frictionloss, self._thrusters.state, self._contacts),
+            *(self._from_soil, truth.tau_friction, truth.current_W, truth.arm_wrench_B),
+            truth.collided,
             *(self._watch.time, self._watch.observed, self._drive.saturated),
         )
         if data is None:
@@ -318,7 +319,7 @@ class Plant:
         self.publish(0)
 
     def save(self) -> PlantState:
-        """All that changes; `data` is a copy, the rest is as it is: to be copied before the next step."""
+        """All that changes, as it is: to be copied before the next step, but for `data`, a copy."""
         return PlantState(
             data=copy.copy(self.data),
             arrays=self._changing,
@@ -333,7 +334,7 @@ class Plant:
         for array, value in zip(self._changing, saved.arrays, strict=True):
             array[...] = value
         self._tick = saved.tick
-        self._current.resume(saved.current)
+        self._current.resume(saved.current, steps=saved.tick + 1)
         if self._soil is not None and saved.soil is not None:
             self._soil.resume(saved.soil)
         self.publish(0)

@@ -57,7 +57,7 @@ class SoilForce:
         self._soil.inside[0] = False
 
     def save(self) -> tuple[Array, np.ndarray]:
-        """Anchor, and whether the tool is in the soil, as they are: to be copied before the next step."""
+        """Anchor, and whether the tool is inside, as they are: to be copied before the next step."""
         return self._soil.anchor, self._soil.inside
 
     def resume(self, saved: tuple[Array, np.ndarray]) -> None:

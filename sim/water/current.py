@@ -155,14 +155,20 @@ class Current:
         """All that changes, as it is: to be copied before the next step."""
         return {name: value for name, value in vars(self).items() if name != "profile"}
 
-    def resume(self, saved: dict[str, Any]) -> None:
-        """Go on from what `save` of an equal current returned; the profile stays this one's."""
+    def resume(self, saved: dict[str, Any], steps: int) -> None:
+        """Go on from what `save` of an equal current returned; the profile stays this one's.
+
+        Args:
+            saved: A copy of it.
+            steps: That the plant has taken from the current.
+        """
         for name, value in saved.items():
             array = getattr(self, name)
             if isinstance(array, np.ndarray) and array.flags.writeable:
                 array[...] = value
             else:
                 setattr(self, name, value)
+        self._ticks = steps
 
     def ready(self) -> int:
         """Number of steps that may now be taken from the rows; generates new ones after the last."""

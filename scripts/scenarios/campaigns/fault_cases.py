@@ -5,12 +5,14 @@ faults begin at full push, in other phases shortly after their begin.
 """
 
 from collections.abc import Callable, Mapping
+from copy import deepcopy
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from scenarios.assembly import Assembly, assemble
+from scenarios.runner import saved
 from scenarios.scenario import Scenario
 from scenarios.tasks.surface_work import first_force
 from sim.interfaces.errors import ConfigurationError
@@ -160,45 +162,33 @@ class TraceRecorder:
 
 
 class Branching:
-    """Finds the steps of a run at which cases begin: the first one, and one in each phase.
+    """Finds the steps of a run at which the faults begin, one in each phase.
 
     Args:
-        onsets: Onset of each case.
-        phases: In which all cases begin, but those that begin before the scan.
+        phases: In which they begin.
         force: [N] set force of the job.
         timestep: [s] of the loop.
     """
 
-    def __init__(self, onsets: Mapping[str, Onset], phases: tuple[str, ...], force: float, timestep: float) -> None:
-        self._at_start = [case for case in onsets if case in AT_START]
-        self._later = [case for case in onsets if case not in AT_START]
-        self._left = set(phases)
+    def __init__(self, phases: tuple[str, ...], force: float, timestep: float) -> None:
         self._ascending = ASCENT in phases
         self._full, self._timestep = _FULL * force, timestep
         self._ready, self._now = 0.0, str(WorkState.SETTLE)
-        self.phase = str(WorkState.SETTLE)  # in which `cases` begin
-        self.cases: list[str] = []  # that begin at the step that was found
-
-    @property
-    def over(self) -> bool:
-        """True once no more cases can begin."""
-        return not self._left
+        self.left = set(phases)  # those to come
+        self.phase = ""  # the one that was found
 
     def begins(self, moment: Moment) -> bool:
-        """True if cases begin at this step: then `cases` and `phase` are set."""
-        if moment.tick == 0 and self._at_start:
-            self.cases, self.phase = self._at_start, str(WorkState.SETTLE)
-            return True
+        """True if faults begin at this step, in `phase` then."""
         reference = moment.reference
         phase = self._named(reference)
         at_work = phase == AT_WORK
-        begun = phase in self._left and (not at_work or reference.force >= self._full)
+        begun = phase in self.left and (not at_work or reference.force >= self._full)
         self._ready = self._ready + 1.0 if begun and phase == self._now else 0.0
         self._now = phase
         if self._ready * self._timestep <= (_HELD if at_work else _BEGUN):
             return False
-        self._left.remove(phase)
-        self.cases, self.phase = self._later, phase
+        self.left.remove(phase)
+        self.phase = phase
         return True
 
     def _named(self, reference: Reference) -> str:
@@ -275,23 +265,24 @@ class _Job:
         )
 
     def begin(self, *observers: Observer) -> Rollout:
-        """A new run from the start."""
+        """A run from the start; each has the same random numbers."""
+        built = replace(self.built, gusts=deepcopy(self.built.gusts), noise=deepcopy(self.built.noise))
         doubled = self.onsets.get(DOUBLED)
         profile = None if doubled is None else faults.changing(doubled, 2.0, 1.0)
-        self.built.plant.reset(current=self.built.current(profile), X_WB=self.built.X_WB)
-        return Rollout(self.plant, self.parts, self.built.noise, [self.earlier, *observers])
+        built.plant.reset(current=built.current(profile), X_WB=built.X_WB)
+        return Rollout(self.plant, self.parts, built.noise, [self.earlier, *observers])
 
-    def trace(self, saved: Any, tracer: TraceRecorder, onset: Onset) -> Trace:
+    def trace(self, states: Any, tracer: TraceRecorder, onset: Onset) -> Trace:
         """Goes on from a saved run with one fault.
 
         Args:
-            saved: Copy of what `save` returned, which is used up.
+            states: Copy of those of the run and of `earlier`, which is used up.
             tracer: Records the case.
             onset: Of its fault, which begins now.
         """
         run = self.begin(tracer)
-        run.resume(saved["run"])
-        self.earlier.resume(saved["earlier"])
+        run.resume(states["run"])
+        self.earlier.resume(states["earlier"])
         onset.begin(float(self.plant.plant.truth.time))
         blew_up = ""
         try:
@@ -332,16 +323,40 @@ def run_branched(
         phases: In which the faults begin; ASCENT only alone, for its run has an earlier fault.
 
     Raises:
-        ConfigurationError: No case matches.
+        ConfigurationError: No case matches, or the job does not come to the first of the phases.
     """
     job, branch = (_Job.of(scenario, only, ascending=ASCENT in phases) for _ in range(2))
-    branching = Branching(job.onsets, phases, job.force, job.plant.timestep)
+    at_start = [case for case in job.onsets if case in AT_START]
+    later = [case for case in job.onsets if case not in AT_START]
+
+    def go_on(run: Rollout, moment: Moment, phase: str, cases: list[str]) -> None:
+        states = {"run": run.save(), "earlier": job.earlier.save()}
+        saved_here = Snapshot(states, "fault study: the state of the run")
+        for case in cases:
+            tracer = TraceRecorder(case, moment, phase)
+            said(branch.trace(saved_here.copy(), tracer, branch.onsets[case]))
+
+    if at_start:
+        run = job.begin()
+        first = run_on(run, _WHOLE, until=never, pause=lambda _: True)
+        go_on(run, first, str(WorkState.SETTLE), at_start)
+    if not later:
+        return
+
+    # Compiled up to the first of the phases, and from there with every fault in the job.
+    start = saved(scenario, min(map(_state_of, phases), key=list(WorkState).index), full=False)
     run = job.begin()
-    while not branching.over:
+    start.resume(run, None, [job.earlier])
+    branching = Branching(phases, job.force, job.plant.timestep)
+    branching.begins(run.decide())  # it counts the steps of a phase from the first one on
+    while branching.left:
         moment = run_on(run, _WHOLE, until=never, pause=branching.begins)
         if run.stage is not Stage.COMMANDED:
             return
-        saved = Snapshot({"run": run.save(), "earlier": job.earlier.save()}, "fault study: the state of the run")
-        for case in branching.cases:
-            tracer = TraceRecorder(case, moment, branching.phase)
-            said(branch.trace(saved.copy(), tracer, branch.onsets[case]))
+        go_on(run, moment, branching.phase, later)
+
+
+def _state_of(phase: str) -> WorkState:
+    """State of the work in which a phase of PHASES is, or comes."""
+    late = {UNLOAD: WorkState.RETREAT, ASCENT: WorkState.WORK}
+    return late[phase] if phase in late else WorkState(phase)

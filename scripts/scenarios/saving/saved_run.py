@@ -74,17 +74,18 @@ class SavedRun:
                 f"phase: {phase} has begun, for the run was saved in {self.phase}, at {self.time:.3f} s"
             )
 
-    def resume(self, run: Rollout, recorder: Recorder, observers: Sequence[Observer]) -> None:
+    def resume(self, run: Rollout, recorder: Recorder | None, observers: Sequence[Observer]) -> None:
         """Bring a new run of the scenario to where this one stands.
 
         Args:
             run: The new run, not begun.
-            recorder: Of that run, new.
+            recorder: Of that run, new; None: it has none.
             observers: Of its loop; those of added failures come last.
         """
         saved = self.snapshot.copy()
         run.resume(saved["run"])
-        recorder.resume(saved["recorder"])
+        if recorder is not None:
+            recorder.resume(saved["recorder"])
 
         states = saved["observers"]
         keepers: Sequence[Any] = observers

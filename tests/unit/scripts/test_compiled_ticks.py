@@ -69,8 +69,13 @@ def test_a_recording_that_outgrows_its_table_has_the_same_bits(monkeypatch):
 def test_lost_vision_is_found_at_the_same_tick():
     """Vision falls silent; its age passes the limit between two slow ticks, and the fault ends the compiled ones."""
     silent = SensorFailure(sensor="vision", effect="lost", at=1.0)
-    one, other = digests(replace(barrel(quick=True), perturbations=(silent,)), EARLY)
-    assert one == other
+    scenario, found = replace(barrel(quick=True), perturbations=(silent,)), []
+    for part_by_part in (True, False):
+        result = run_through(assemble(scenario, full=True), longest=EARLY, part_by_part=part_by_part)
+        assert bool(result.part_by_part) == part_by_part
+        assert FaultKind.VISION in {fault.kind for fault in result.last.command.faults}
+        found.append(result.recording.digest(result.recording.series))
+    assert found[0] == found[1]
 
 
 def test_a_fix_between_two_ticks_of_the_planner_is_taken_at_its_own_tick():
@@ -231,8 +236,19 @@ def test_a_controller_without_a_kernel_has_the_rest_compiled_around_it():
 JOINT_PD = Control(controller="controllers.joint_force_controller:JointForceController")
 
 
-@pytest.mark.parametrize("full", [True, False])
-@pytest.mark.parametrize("control", [Control(without=("force-control",)), JOINT_PD], ids=["ablated", "own"])
+ABLATED = Control(without=("force-control",))
+GUARD = "tests/unit/scripts/test_compiled_ticks.py::test_a_run_around_a_controller_has_the_same_bits"
+
+
+@pytest.mark.parametrize(
+    ("control", "full"),
+    [
+        pytest.param(ABLATED, False, id="ablated"),
+        pytest.param(JOINT_PD, True, id="own-full"),
+        pytest.param(ABLATED, True, marks=pytest.mark.long(guarded_by=GUARD), id="ablated-full"),
+        pytest.param(JOINT_PD, False, marks=pytest.mark.long(guarded_by=GUARD), id="own"),
+    ],
+)
 def test_a_run_around_a_controller_has_the_same_bits(control, full):
     one, other = digests(replace(barrel(quick=True, gust=0.05), control=control), EARLY, full=full)
     assert one == other
@@ -285,10 +301,3 @@ def test_runs_in_threads_have_the_bits_of_runs_in_turn():
     in_turn = [digest(seed) for seed in (0, 1)]
     with ThreadPoolExecutor(2) as pool:
         assert list(pool.map(digest, (0, 1))) == in_turn
-
-
-def test_a_lost_sensor_is_a_fault():
-    """The scenario of `test_lost_vision_is_found_at_the_same_tick` does what it is there for."""
-    silent = SensorFailure(sensor="vision", effect="lost", at=1.0)
-    result = run_through(assemble(replace(barrel(quick=True), perturbations=(silent,))), longest=EARLY)
-    assert FaultKind.VISION in {fault.kind for fault in result.last.command.faults}

@@ -31,8 +31,8 @@ class Listening(Navigation):
 
 
 def test_a_stopped_tool_does_not_creep_and_the_path_goes_on():
-    poor = Sensing(vision_noise=5e-3, vision_period=0.2, vision_delay=0.2)
-    assembly = assemble(replace(barrel(seed=2, quick=True, stop_every=2.0), sensing=replace(poor, sensor="survey")))
+    poor = Sensing(sensor="survey", vision_noise=5e-3, vision_period=0.2, vision_delay=0.2)
+    assembly = assemble(replace(barrel(seed=2, quick=True, stop_every=2.0), sensing=poor))
     own = assembly.parts.estimator
     assert isinstance(own, Navigation)
     listening = Listening(standing=own.standing)

@@ -82,7 +82,9 @@ class FlatPort:
         rho, depth = np.broadcast_arrays(np.asarray(radius, dtype=np.float64), np.asarray(z, dtype=np.float64))
         if not np.all(depth > self.distance + self.thickness):
             raise ConfigurationError("flat port: points must lie in the water, beyond the port")
-        flat = _tangents(np.array(rho).ravel(), np.array(depth).ravel(), self.numbers)  # a view warns when it is written
+        flat = _tangents(
+            np.array(rho).ravel(), np.array(depth).ravel(), self.numbers
+        )  # a view warns when it is written
         return flat.reshape(rho.shape)
 
     @property

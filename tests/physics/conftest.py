@@ -42,7 +42,7 @@ def within(
 
     def check(name: str, residual: object, tolerance: float) -> None:
         largest = float(np.max(np.abs(np.asarray(residual, dtype=np.float64))))
-        request.node.user_properties.append(("within", (name, largest, tolerance)))
+        request.node.user_properties.append(("within", (name, largest, float(tolerance))))
         within(name, residual, tolerance)
 
     return check

@@ -8,6 +8,7 @@ itself, and one stateless callback (`sim.hydrodynamics`) serves every model of t
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from types import SimpleNamespace
 from typing import Any, Final
 
@@ -303,7 +304,13 @@ def unpack(row: ArrayLike) -> BodyHydrodynamics:
     Raises:
         ConfigurationError: the row holds numbers that `BodyHydrodynamics` refuses.
     """
-    row = checked(row, np.shape(row), "hydrodynamics of a body")
+    return _unpacked(checked(row, np.shape(row), "hydrodynamics of a body").tobytes())
+
+
+@lru_cache(maxsize=512)
+def _unpacked(content: bytes) -> BodyHydrodynamics:
+    """The body of a row, which is frozen: an assembly asks for the same ones dozens of times."""
+    row = np.frombuffer(content)
     added_mass = np.zeros((6, 6))
     added_mass[_UPPER] = row[LAYOUT.added_mass :][:21]
     added_mass = _restored(added_mass + np.triu(added_mass, 1).T)

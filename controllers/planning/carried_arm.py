@@ -10,12 +10,10 @@ bears.
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import cast
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 from scipy.spatial import ConvexHull
-from scipy.stats import qmc
 
 from controllers.hull.thrust_margin import ThrustMargin
 from controllers.ik.chain import Chain
@@ -29,6 +27,9 @@ from models.vehicle import Vehicle
 from sim.interfaces.errors import ReachError
 from sim.interfaces.messages import ToolPath
 from sim.interfaces.spatial import Array, exp_so3, pose, readonly
+
+if TYPE_CHECKING:
+    from scipy.interpolate import CubicSpline
 
 HULL_JOINTS = 4  # surge, sway and heave [m] in W, and yaw [rad]
 _POSTURES = 512  # working postures of the arm that are tried
@@ -148,6 +149,8 @@ class CarriedArm:
 
         `met` collects those that meet it, with room for the hull or without.
         """
+        from scipy.stats import qmc  # costs a second, and few jobs carry the arm along
+
         low, high = self.vehicle.q_limits.T
         span = high - low
         even = qmc.Halton(len(low), scramble=False).random(_POSTURES)
@@ -236,8 +239,10 @@ class CarriedArm:
         return float(np.arctan2(x[1], x[0]))
 
 
-def _way(shares: Array, hulls: list[Array]) -> CubicSpline:
+def _way(shares: Array, hulls: list[Array]) -> "CubicSpline":
     """Displacement [m] in W and turn [rad] of the hull from its first pose, over the share of the path."""
+    from scipy.interpolate import CubicSpline
+
     p = np.array([X[:3, 3] for X in hulls]) - hulls[0][:3, 3]
     yaw = np.unwrap([np.arctan2(X[1, 0], X[0, 0]) for X in hulls])
     return CubicSpline(shares / shares[-1], np.column_stack([p, yaw - yaw[0]]), bc_type="natural")

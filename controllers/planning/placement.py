@@ -1,15 +1,17 @@
 """Hull placements, what their search keeps clear of, and the refusal where there is none."""
 
 from dataclasses import dataclass
-from typing import Self
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
 from controllers.planning.arm_margins import ArmMargins, Dropped
 from controllers.planning.path_poses import STANDOFF_STEPS
 from sim.interfaces.errors import ReachError
 from sim.interfaces.spatial import Array, exp_so3
+
+if TYPE_CHECKING:
+    from scipy.interpolate import CubicSpline
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -25,7 +27,7 @@ class Placement:
     held: bool = True  # the thrusters bear push and friction along the whole path, or are not considered
     # Displacement (3) [m] in W and turn [rad] of a hull that carries its arm, over the share of the path done; None: a
     # straight way without turning, by `travel_W`.
-    way: CubicSpline | None = None
+    way: "CubicSpline | None" = None
 
     def hull_at(self, share: float) -> Array:
         """Hull pose (4, 4) when the tool has done `share` [-] of the path."""

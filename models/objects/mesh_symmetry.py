@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from itertools import combinations
 
 import numpy as np
-from scipy.optimize import minimize_scalar
 from scipy.spatial import cKDTree
 
 from models.meshes.nearest_surface import NearestSurface
@@ -142,6 +141,8 @@ class _Shape:
 
         Only the angle about `main` is open, which ICP finds slowly on a prism: most of its surface slides.
         """
+        from scipy.optimize import minimize_scalar
+
         angles = np.arange(0.0, np.pi, _SCANNED)
 
         def axis(angle: float) -> Array:

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy import ndimage
-from scipy.interpolate import PchipInterpolator
 from scipy.spatial import cKDTree
 
 from models.objects.targets import ModelPath
@@ -302,6 +301,8 @@ def _over_gaps(
         return along, across, on_scan
     at = s[usable]
     if len(at) >= 2:
+        from scipy.interpolate import PchipInterpolator
+
         along = np.where(usable, along, PchipInterpolator(at, along[usable], extrapolate=False)(s))
     across = np.interp(s, at, across[usable])
     before = np.maximum.accumulate(np.where(usable, np.arange(len(s)), -1))

@@ -7,10 +7,10 @@ B-spline smooths the whole path.
 """
 
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy import ndimage
-from scipy.interpolate import BSpline, make_interp_spline, make_lsq_spline
 
 from models.objects.axis_steps import NO_STEPS, Steps
 from models.objects.target_model import ModelPath, without_turn
@@ -21,6 +21,9 @@ from sim.interfaces.errors import ConfigurationError, PerceptionError
 from sim.interfaces.kernels import kernel
 from sim.interfaces.messages import ToolPath
 from sim.interfaces.spatial import Array, readonly, transform_points
+
+if TYPE_CHECKING:
+    from scipy.interpolate import BSpline
 
 _DENSE = 0.003  # [m] between the points that are projected
 _KNOTS = 0.015  # [m] between the knots of the smoothing spline
@@ -186,6 +189,8 @@ def densified(path: ModelPath) -> ModelPath:
     Raises:
         ConfigurationError: If two neighbours coincide.
     """
+    from scipy.interpolate import make_interp_spline
+
     chord = np.linalg.norm(np.diff(path.p, axis=0), axis=1)
     if chord.min() < 1e-9:
         raise ConfigurationError(f"tool path: points {int(chord.argmin())} and {int(chord.argmin()) + 1} coincide")
@@ -230,7 +235,9 @@ def _smoothed(p: Array, z: Array, on_scan: np.ndarray, spacing: float, b: Array 
     )
 
 
-def _spline(u: Array, values: Array) -> BSpline:
+def _spline(u: Array, values: Array) -> "BSpline":
+    from scipy.interpolate import make_lsq_spline
+
     intervals = max(1, min(int(u[-1] / _KNOTS), (len(u) - 4) // 2))
     inner = np.linspace(u[0], u[-1], intervals + 1)[1:-1]
     return make_lsq_spline(u, values, np.concatenate([[u[0]] * 4, inner, [u[-1]] * 4]), k=3)

@@ -11,7 +11,6 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy import ndimage
-from scipy.interpolate import make_interp_spline
 
 from models.meshes.ray_casting import RayScene
 from models.objects.target_model import PATH_STEP, ModelPath, TargetModel
@@ -236,6 +235,8 @@ def through(points: ArrayLike, axes: ArrayLike, along: ArrayLike | None = None) 
         ConfigurationError: For values that are not finite, neighbours that coincide, axes that are zero or, between
             neighbours, opposite, or an axis along the path.
     """
+    from scipy.interpolate import make_interp_spline
+
     p = _points(points, "points")
     a = checked(axes, p.shape, "axes")
     size = np.linalg.norm(a, axis=1)

@@ -12,7 +12,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy import optimize
 
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.kernels import kernel
@@ -157,6 +156,8 @@ def in_water(
 
     center = 0.0
     if move_center:
+        from scipy import optimize
+
         span = port.distance + port.thickness
         found = optimize.minimize_scalar(lambda c: fit(c)[1], bounds=(-span, span), options={"xatol": 1e-7})
         center = float(found.x)

@@ -6,21 +6,20 @@ at the tip and thrust tell why, if they can. All numbers are those of the job's 
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import Any, Self
+from dataclasses import replace
+from typing import Any
 
 import mujoco
 import numpy as np
 
-from controllers.hull.thrust_margin import ThrustMargin
 from controllers.planning.arm_size import FULL
 from controllers.planning.placement import Placement
 from controllers.tasks.arrival import around, lifted
 from controllers.tasks.hull_phases import RestLimits
-from controllers.tasks.insertion import HoleInsertion, InsertionJob, axis_path
+from controllers.tasks.insertion import HoleInsertion, axis_path
 from controllers.tasks.seabed_work import SeabedWork
 from controllers.tasks.surface_work import SurfaceWork
-from models.naming import TOOL_GEOM, lacks
+from models.naming import lacks
 from models.own.postures import PostureSearch
 from models.vehicle import Vehicle
 from perception.seabed.terrain_path import core_path
@@ -29,14 +28,15 @@ from perception.toolpath.path_planner import path_on_model
 from scenarios.own_vehicle import OwnVehicle, vehicle_spec, with_tool
 from scenarios.scenario import Scenario
 from scenarios.tasks.insertion import PlacedInsertion
-from scenarios.tasks.seabed_sampling import PlacedSampling, SeabedSamplingTask, sonar_on_hull
+from scenarios.tasks.seabed_sampling import PlacedSampling, sonar_on_hull
 from scenarios.tasks.start_place import check_start, folded_at
-from scenarios.tasks.surface_work import PlacedSurfaceWork, SurfaceWorkTask
+from scenarios.tasks.surface_work import PlacedSurfaceWork
 from scenarios.tasks.tapping import PlacedTapping
 from scenarios.tasks.task import PlacedTask
 from scenarios.vehicle_check.checked_jobs import ARM_JOBS, HOVERING
 from scenarios.vehicle_check.findings import JobVerdict
 from scenarios.vehicle_check.hover import HoverFigures, hover
+from scenarios.vehicle_check.ready_force import BEYOND, VIEW, ReadyForce, looks_by_camera, push_of
 from scenarios.vehicle_check.statics import tip_force
 from sim import hydrodynamics
 from sim.interfaces.errors import ConfigurationError, ReachError, StrongCurrentError, UuvError
@@ -46,8 +46,6 @@ from sim.interfaces.spatial import Array, transform_points
 DRIFT = 0.1  # [m] at most, of a vehicle that keeps station
 TILT = float(np.radians(10.0))  # [rad] at most
 SATURATED = 0.3  # share of the time at most at which a thruster may be at its limit
-VIEW = 0.5  # share of the camera's view that may be on the vehicle itself
-BEYOND = 2.0  # times what arm or thrusters bear in `ready`, from which on no other posture is hoped for
 SHORT_MARGIN = 0.5  # least margin of an arm of fewer than six joints
 HIDDEN = 0.1  # share of the ground about a target that may be hidden from the sonar
 SMALL_PAD = 50.0  # [N] at the tip in its weakest direction, under which the small pad is proposed
@@ -160,72 +158,6 @@ def _refused(job: str, code: str, said: str, figure: float | None = None) -> Job
     return JobVerdict(job=job, promised=False, code=code, said=said, figure=figure)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ReadyForce:
-    """What a job's push asks of arm, tool and thrusters in the posture `ready`."""
-
-    force: float  # [N] that the job sets
-    bears: float  # [N] that the drives bear along the tool
-    by: str  # joint that limits it
-    spring: float  # [N] at which the tool's spring is at its end
-    used: float  # share of a thruster
-
-    @classmethod
-    def of(cls, scenario: Scenario, own: OwnVehicle) -> Self:
-        """The figures of a scenario for the vehicle's model of itself."""
-        force, ready = push_of(scenario), np.array(own.vehicle.q_ready)
-        tip = tip_force(own.model, own.vehicle, ready)
-        used = ThrustMargin.of(own.model, drag=0.0).used(ready, np.eye(3), [0.0, 0.0, -force])
-        return cls(force=force, bears=tip.along, by=tip.by, spring=_spring_limit(own), used=used)
-
-    def refusal(self, scenario: Scenario, beyond: float = 1.0) -> tuple[str, str, float] | None:
-        """Code, sentence and figure of what bears the push less than `beyond` times; None: all do."""
-        if self.spring < self.force:
-            said = f"the tool's spring is at its end at {self.spring:.0f} N, the job sets {self.force:.0f} N"
-            return "force", said + _lower(scenario, self.spring), self.spring
-        if beyond * self.bears < self.force:
-            said = f"the tip bears {self.bears:.0f} N in ready ({self.by}), the job sets {self.force:.0f} N"
-            return "force", said + _lower(scenario, self.bears), self.bears
-        if self.used > beyond:
-            said = f"{self.force:.0f} N at the tip in ready ask for {self.used:.0%} of a thruster"
-            return "thrust", said + _lower(scenario, self.force / self.used), self.used
-        return None
-
-
-def _lower(scenario: Scenario, force: float) -> str:
-    """Set force that may do, where the job takes one."""
-    wise = 0.8 * force
-    if not isinstance(scenario.task, SurfaceWorkTask) or wise < 1.0:
-        return ""
-    return f"; --forces {wise:.0f} may do"
-
-
-def push_of(scenario: Scenario) -> float:
-    """Largest set force [N] of a job."""
-    task = scenario.task
-    if isinstance(task, SurfaceWorkTask):
-        return max(task.forces)
-    if isinstance(task, SeabedSamplingTask):
-        return task.push
-    return InsertionJob().force
-
-
-def _spring_limit(own: OwnVehicle) -> float:
-    """Force [N] along the tool at which a spring behind it is at its end; inf without one."""
-    model, limits = own.model, [np.inf]
-    body, carriers = int(model.geom(TOOL_GEOM).bodyid[0]), []
-    while body != own.vehicle.hull and body > 0:
-        carriers.append(body)
-        body = int(model.body_parentid[body])
-    for name in own.passive_joints:
-        j = model.joint(name).id
-        k = float(model.jnt_stiffness.reshape(model.njnt, -1)[j, 0])
-        slides = model.jnt_type[j] == mujoco.mjtJoint.mjJNT_SLIDE and model.jnt_bodyid[j] in carriers
-        if slides and k > 0.0 and model.jnt_limited[j]:
-            limits.append(k * float(np.abs(model.jnt_range[j]).max()))
-    return min(limits)
-
-
 def _tool_hint(model: mujoco.MjModel) -> str:
     try:
         vehicle = Vehicle.of(model)
@@ -241,11 +173,6 @@ def _view(name: str, scenario: Scenario, blocked: float) -> JobVerdict | None:
     if not looks_by_camera(scenario) or blocked <= VIEW:
         return None
     return _refused(name, "view", f"{blocked:.0%} of the camera's view is on the vehicle itself, at most {VIEW:.0%}")
-
-
-def looks_by_camera(scenario: Scenario) -> bool:
-    """True if a job finds its object by the camera on the hull, not by sonar or survey."""
-    return not scenario.task.spares and scenario.sensing.sensor == "camera"
 
 
 def _planned(name: str, scenario: Scenario, own: OwnVehicle, spec: mujoco.MjSpec) -> JobVerdict:

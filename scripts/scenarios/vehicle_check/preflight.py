@@ -7,7 +7,7 @@ from scenarios.tasks.insertion import InsertionTask
 from scenarios.tasks.seabed_sampling import SeabedSamplingTask
 from scenarios.tasks.surface_work import SurfaceWorkTask
 from scenarios.vehicle_check import doubts
-from scenarios.vehicle_check.jobs import BEYOND, VIEW, ReadyForce, looks_by_camera
+from scenarios.vehicle_check.ready_force import BEYOND, VIEW, ReadyForce, looks_by_camera
 from scenarios.vehicle_check.statics import trim_of, weight_of
 from sim import hydrodynamics
 from sim.interfaces.errors import ConfigurationError

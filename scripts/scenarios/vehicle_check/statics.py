@@ -4,8 +4,6 @@ from dataclasses import dataclass
 
 import mujoco
 import numpy as np
-from scipy.optimize import linprog
-from scipy.spatial import cKDTree
 
 from controllers.arm.inverse_dynamics import ArmDynamics
 from models.naming import HOME_KEY
@@ -99,6 +97,8 @@ def authority(vehicle: Vehicle, axis: int, B: Array | None = None) -> tuple[floa
         axis: Index in AXES.
         B: (6, m) wrench of unit thrusts in place of the vehicle's.
     """
+    from scipy.optimize import linprog
+
     B = vehicle.thruster_wrench if B is None else B
     if not B.size:
         return 0.0, 0.0
@@ -182,6 +182,8 @@ def seen_workspace(search: PostureSearch, X_BC: Array) -> float:
         search: Of the arm's postures.
         X_BC: (4, 4) pose of the camera on the hull; the ball touches it.
     """
+    from scipy.spatial import cKDTree
+
     radius = 0.5 * search.reach
     centre = X_BC[:3, 3] + radius * X_BC[:3, 2]
     shells = np.cbrt((np.arange(_SHELLS) + 0.5) / _SHELLS)  # of equal volume

@@ -159,6 +159,11 @@ class ModelSurface:
         depth[window] = np.where(np.isfinite(t), t, np.nan)
         return depth
 
+    def depth_along(self, X_ST: Array, rays: Array) -> Array:
+        """Depth (n,) [m] of the model at `X_ST` (4, 4) along rays (n, 3) in S, scaled to a depth of 1; inf for none."""
+        X_TS = inverse(X_ST)
+        return self.scene.distance(X_TS[:3, 3], rays @ X_TS[:3, :3].T)
+
 
 @lru_cache(maxsize=16)
 def _thinned(surface: ModelSurface, points: int) -> ModelSurface:

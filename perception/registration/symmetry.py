@@ -84,7 +84,7 @@ def ambiguous_poses(surface: ModelSurface) -> tuple[Array, ...]:
                 alike += 1
                 G = _settled(tree, points, G)
                 others = [] if k >= len(folds) else [Y for _, Y in found]
-                if all(are_different(surface.symmetry, G, Y) for Y in (np.eye(4), *others)):
+                if _is_another(surface.symmetry, G, [np.eye(4), *others]):
                     found.append((unlike, G))
     turned = tuple(G for _, G in sorted(found, key=lambda item: item[0]))[:_TRIED]
     return turned + tuple(_shifts(surface, points, tree))
@@ -191,9 +191,9 @@ def _unlikeness(tree: cKDTree, points: Array, G: Array, limit: float) -> float |
     return float(np.sqrt(total / len(moved)))
 
 
-def are_different(symmetry: Symmetry, A: Array, B: Array) -> bool:
-    """True if the poses `A` and `B` (4, 4) differ by more than 8 deg, up to the declared symmetry."""
-    return symmetry.error(A, B)[1] > _DIFFERENT
+def _is_another(symmetry: Symmetry, G: Array, others: list[Array]) -> bool:
+    """True if a pose (4, 4) differs from each of the others by more than 8 deg, up to the declared symmetry."""
+    return bool(np.all(symmetry.cosines(G[:3, :3], np.array(others)[:, :3, :3]) < np.cos(_DIFFERENT)))
 
 
 @lru_cache(maxsize=16)

@@ -1,7 +1,7 @@
 """The part of a scan that may show the object, thinned for ICP, and how well a pose agrees with it."""
 
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
+from functools import cache, cached_property, lru_cache
 
 import numpy as np
 from scipy import fft, ndimage
@@ -138,9 +138,7 @@ def surface_noise(scan: Scan, mask: np.ndarray, stated: SensorModel) -> SensorMo
         stated: Accuracy of the sensor.
     """
     rows, columns = (np.arange(0, n - _BLOCK + 1, _BLOCK) for n in scan.depth.shape)
-    x = np.linspace(-1.0, 1.0, _BLOCK)
-    y, x = (each.ravel() for each in np.meshgrid(x, x, indexing="ij"))
-    basis = np.linalg.qr(np.column_stack([np.ones_like(x), x, y, x * x, x * y, y * y]))[0]
+    basis = _quadratic_functions()
     middle = float(np.median(scan.depth[mask]))
     found = []
     for row in rows:
@@ -155,6 +153,14 @@ def surface_noise(scan: Scan, mask: np.ndarray, stated: SensorModel) -> SensorMo
         return stated
     variance = float(np.quantile(found, 0.25)) + (MODEL_TOLERANCE / float(stated.sigma(middle))) ** 2
     return replace(stated, disparity_sigma=stated.disparity_sigma * min(1.0, float(np.sqrt(variance))))
+
+
+@cache
+def _quadratic_functions() -> Array:
+    """Orthonormal basis (_BLOCK^2, 6) of the quadratic functions of a block's pixels."""
+    x = np.linspace(-1.0, 1.0, _BLOCK)
+    y, x = (each.ravel() for each in np.meshgrid(x, x, indexing="ij"))
+    return np.linalg.qr(np.column_stack([np.ones_like(x), x, y, x * x, x * y, y * y]))[0]
 
 
 def seen_noise(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> SensorModel:

@@ -21,7 +21,7 @@ _NEAR = 7  # other poses that were found, from which a model of another size is 
 _ALIKE_POSES = 24  # of those that look like the pose of the model, from which its mirror image is fitted too
 _BEYOND_DOUBT = 100.0  # [nat] over the mirror image, from which on a later look from the same place need not seek it
 _SAME_PLACE = 0.1  # [-] of the range: motion of the sensor about the object, up to which it sees the same of it
-_LEFT = 0.5  # [-] of the earlier margin over the mirror image, at least, where that fitted best before
+_LOST = 0.5  # [-] of the margin over the mirror image that a later look may lose
 _ALIKE = 2.0  # [nat] expected difference of log likelihood, below which this view does not tell one from the other
 
 
@@ -30,7 +30,8 @@ class MirrorImage:
     """The mirror image of a model where it fits a scan best, beside the pose of the model itself."""
 
     X_TM: Array  # (4, 4) pose of the mirror image M in T
-    hand: float  # [nat] by which the scan is likelier with the model than with it
+    log_likelihood: float  # [nat] of the scan, with the model itself
+    hand: float  # [nat] by which the scan is less likely with the mirror image
     p_TS: Array  # (3,) [m] of the sensor, in T
 
 
@@ -61,10 +62,11 @@ def best_mirror_image(
         found = weighed_again(evidence, rival, found)
     if difference(evidence, (surface, X_ST), (rival, found.X_ST)) < _ALIKE:
         return None
-    X_TS = inverse(X_ST)
+    X_TS, likelihood = inverse(X_ST), log_likelihood(evidence, surface, X_ST)
     return MirrorImage(
         X_TM=readonly(X_TS @ found.X_ST),
-        hand=log_likelihood(evidence, surface, X_ST) - found.log_likelihood,
+        log_likelihood=likelihood,
+        hand=likelihood - found.log_likelihood,
         p_TS=readonly(X_TS[:3, 3]),
     )
 
@@ -72,8 +74,9 @@ def best_mirror_image(
 def is_told_again(evidence: Evidence, surface: ModelSurface, X_ST: Array, earlier: MirrorImage) -> bool:
     """Whether a scan tells a model from its mirror image as an earlier one from the same place did, beyond doubt.
 
-    The hand of an object does not change between two looks, so the mirror image need not be sought anew. It is weighed
-    where it fitted best before: something may have come between.
+    The hand of an object does not change between two looks, so its mirror image need not be sought anew. But the object
+    may have been replaced, or something have come before it: the model must explain this scan about as well, and the
+    mirror image as badly where it fitted best.
 
     Args:
         evidence: Scan of the object.
@@ -88,8 +91,11 @@ def is_told_again(evidence: Evidence, surface: ModelSurface, X_ST: Array, earlie
     moved = float(np.linalg.norm(p_TS - earlier.p_TS))
     if moved > _SAME_PLACE * float(np.linalg.norm(p_TS - surface.center)):
         return False
-    hand = log_likelihood(evidence, surface, X_ST) - log_likelihood(evidence, rival, X_ST @ earlier.X_TM)
-    return hand > max(_BEYOND_DOUBT, _LEFT * earlier.hand)
+    likelihood = log_likelihood(evidence, surface, X_ST)
+    if likelihood < earlier.log_likelihood - _LOST * earlier.hand:
+        return False
+    hand = likelihood - log_likelihood(evidence, rival, X_ST @ earlier.X_TM)
+    return hand > max(_BEYOND_DOUBT, (1.0 - _LOST) * earlier.hand)
 
 
 def resized_log_likelihood(evidence: Evidence, surface: ModelSurface, size: float, found: Found) -> float:

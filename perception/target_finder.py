@@ -11,7 +11,7 @@ from models.objects.targets import ModelPath, TargetModel
 from perception.clouds.scan import Scan, SensorModel
 from perception.clouds.sonar_cloud import without_isolated_echoes
 from perception.next_view import ranked_views, views_around
-from perception.registration.identification import Identification, Method, identify
+from perception.registration.identification import Identification, Method, attempted
 from perception.registration.model_surface import ModelSurface
 from perception.toolpath.path_planner import plan_path
 from sim.interfaces.errors import ConfigurationError, PerceptionError
@@ -150,7 +150,7 @@ class KnownObjectFinder:
             if len(looks) < self._count:
                 return replace(state, frames=state.frames + 1, looks=looks), None
         X_CW = inverse(X_WC)
-        found = identify(
+        attempt = attempted(
             seen,
             self._surface,
             transform_points(X_CW, self._approach_W),
@@ -159,6 +159,7 @@ class KnownObjectFinder:
             seed=self._seed,
             method=self.method,
         )
+        found = attempt.widened().concluded(state.last)
         if self._R_WT is None and state.last is not None and state.X_WC is not None and state.last.accepted:
             # Without a coarse orientation: of all poses that look the same, the one next to the last find's.
             R_CT = X_CW[:3, :3] @ state.X_WC[:3, :3] @ state.last.X_sensor_target[:3, :3]

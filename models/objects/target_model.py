@@ -99,6 +99,19 @@ class Symmetry:
                 best, best_trace = R, trace
         return best
 
+    def cosines(self, R_AT: Array, R_AT_true: Array) -> Array:
+        """Cosines (n,) of the least angles between attitudes modulo symmetry, n of one kind or of both: (n, 3, 3)."""
+        largest = np.array(-np.inf)
+        for G in self.rotations:
+            M = np.swapaxes(R_AT_true, -1, -2) @ R_AT @ G
+            trace = np.trace(M, axis1=-2, axis2=-1)
+            if self.axis is not None:  # largest trace over all angles, in closed form as in `nearest`
+                along = np.einsum("i,...ij,j", self.axis, M, self.axis)
+                aside = (M[..., [2, 0, 1], [1, 2, 0]] - M[..., [1, 2, 0], [2, 0, 1]]) @ self.axis
+                trace = along + np.hypot(trace - along, aside)
+            largest = np.maximum(largest, trace)
+        return 0.5 * (largest - 1.0)
+
     def error(self, X_AT: Array, X_AT_true: Array) -> tuple[float, float]:
         """Error between two poses (4, 4) modulo symmetry: position of the origin [m] and least rotation angle [rad]."""
         R_true = X_AT_true[:3, :3]

@@ -5,6 +5,7 @@ that all later steps have one data type.
 """
 
 from dataclasses import dataclass, fields
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -102,7 +103,7 @@ class KnownObjects:
         return KnownObjects(np.minimum(self.depth, others.depth), self.shown | others.shown)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Scan:
     """One frame of a depth sensor: a point for each pixel of a pinhole grid, in the sensor frame S."""
 
@@ -116,12 +117,12 @@ class Scan:
         """Depth (h, w) [m] along the optical axis."""
         return self.points[..., 2]
 
-    @property
+    @cached_property
     def pitches(self) -> Array:
         """Angles (2,) between neighbouring columns and between neighbouring rows, as tangents."""
-        return np.array([self.tangent_x[1] - self.tangent_x[0], self.tangent_y[1] - self.tangent_y[0]])
+        return readonly([self.tangent_x[1] - self.tangent_x[0], self.tangent_y[1] - self.tangent_y[0]])
 
-    @property
+    @cached_property
     def pitch(self) -> float:
         """Angle between neighbouring pixels, as a tangent; the geometric mean where they are not square."""
         return float(np.sqrt(self.pitches.prod()))
@@ -131,6 +132,10 @@ class Scan:
         """Lines of sight (h, w, 3) of the pixels, scaled to a depth of 1."""
         x, y = np.meshgrid(self.tangent_x, self.tangent_y)
         return np.stack([x, y, np.ones_like(x)], axis=-1)
+
+    def lines_of_sight(self, rows: np.ndarray, columns: np.ndarray) -> Array:
+        """Lines of sight (n, 3) of some pixels, as in `rays`."""
+        return np.column_stack([self.tangent_x[columns], self.tangent_y[rows], np.ones(len(rows))])
 
     def pixels(self, points: Array) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Row and column (n,) of points (n, 3) [m] in S, clipped to the grid, and the mask of those within it."""

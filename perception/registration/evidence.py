@@ -1,7 +1,7 @@
 """The part of a scan that may show the object, thinned for ICP, and how well a pose agrees with it."""
 
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cache, cached_property, lru_cache
 
 import numpy as np
 from scipy import fft, ndimage
@@ -26,7 +26,7 @@ _LEAST_LENGTH = 2.0  # [px] of correlation
 _MAX_SCAN_POINTS = 4000  # scan points used in ICP, at most about: more add time
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Evidence:
     """The part of a scan that takes part in ICP."""
 
@@ -80,10 +80,15 @@ class Evidence:
             noise=sensor,
         )
 
-    @property
+    @cached_property
     def middle(self) -> float:
         """Median depth [m] of the points."""
         return float(np.median(self.points[:, 2]))
+
+    @cached_property
+    def median_sigma(self) -> float:
+        """Median standard deviation [m] of the points' depth."""
+        return float(np.median(self.sigma))
 
     def with_noise(self, noise: SensorModel) -> "Evidence":
         """The same evidence with errors of depth as in `noise`."""
@@ -93,21 +98,26 @@ class Evidence:
 
     def thinned(self, step: int, points: int) -> "Evidence":
         """The same evidence on every `step`-th row and column, and about `points` of its points, for a rough fit."""
-        every = (slice(None, None, step), slice(None, None, step))
-        few = max(1, -(-len(self.points) // points))
-        kept = hashed_subset(few, self.points, _HASHED)
-        return replace(
-            self,
-            scan=self.scan.part(every),
-            mask=self.mask[every],
-            standing=self.standing[every],
-            points=self.points[kept],
-            normals=self.normals[kept],
-            sigma=self.sigma[kept],
-            independent=np.minimum(1.0, few * self.independent[kept]),
-            sensor=_coarser(self.sensor, step),
-            noise=_coarser(self.noise, step),
-        )
+        return _thinned(self, step, points)
+
+
+@lru_cache(maxsize=4)  # the search and that of the model's mirror image begin with the same
+def _thinned(evidence: Evidence, step: int, points: int) -> Evidence:
+    every = (slice(None, None, step), slice(None, None, step))
+    few = max(1, -(-len(evidence.points) // points))
+    kept = hashed_subset(few, evidence.points, _HASHED)
+    return replace(
+        evidence,
+        scan=evidence.scan.part(every),
+        mask=evidence.mask[every],
+        standing=evidence.standing[every],
+        points=evidence.points[kept],
+        normals=evidence.normals[kept],
+        sigma=evidence.sigma[kept],
+        independent=np.minimum(1.0, few * evidence.independent[kept]),
+        sensor=_coarser(evidence.sensor, step),
+        noise=_coarser(evidence.noise, step),
+    )
 
 
 def _coarser(sensor: SensorModel, step: int) -> SensorModel:
@@ -128,9 +138,7 @@ def surface_noise(scan: Scan, mask: np.ndarray, stated: SensorModel) -> SensorMo
         stated: Accuracy of the sensor.
     """
     rows, columns = (np.arange(0, n - _BLOCK + 1, _BLOCK) for n in scan.depth.shape)
-    x = np.linspace(-1.0, 1.0, _BLOCK)
-    y, x = (each.ravel() for each in np.meshgrid(x, x, indexing="ij"))
-    basis = np.linalg.qr(np.column_stack([np.ones_like(x), x, y, x * x, x * y, y * y]))[0]
+    basis = _quadratic_functions()
     middle = float(np.median(scan.depth[mask]))
     found = []
     for row in rows:
@@ -145,6 +153,14 @@ def surface_noise(scan: Scan, mask: np.ndarray, stated: SensorModel) -> SensorMo
         return stated
     variance = float(np.quantile(found, 0.25)) + (MODEL_TOLERANCE / float(stated.sigma(middle))) ** 2
     return replace(stated, disparity_sigma=stated.disparity_sigma * min(1.0, float(np.sqrt(variance))))
+
+
+@cache
+def _quadratic_functions() -> Array:
+    """Orthonormal basis (_BLOCK^2, 6) of the quadratic functions of a block's pixels."""
+    x = np.linspace(-1.0, 1.0, _BLOCK)
+    y, x = (each.ravel() for each in np.meshgrid(x, x, indexing="ij"))
+    return np.linalg.qr(np.column_stack([np.ones_like(x), x, y, x * x, x * y, y * y]))[0]
 
 
 def seen_noise(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> SensorModel:

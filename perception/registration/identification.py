@@ -25,7 +25,13 @@ from perception.registration.pose_search import REFINED, Found, Hypothesis, like
 from perception.registration.projective_fit import polished_rows
 from perception.registration.published.paper_check import published_criterion
 from perception.registration.published.paper_icp import laid_on, paper_fit, required_error
-from perception.registration.rival_shapes import MIN_HAND, mirrored_log_likelihood, resized_log_likelihood
+from perception.registration.rival_shapes import (
+    MIN_HAND,
+    MirrorImage,
+    best_mirror_image,
+    is_told_again,
+    resized_log_likelihood,
+)
 from perception.registration.slipping import with_slip
 from perception.registration.symmetry import resolve_symmetry
 from perception.registration_method import Method
@@ -83,6 +89,7 @@ class Identification:
     score: float  # [-] share of the model confirmed plus share of the scan explained, up to 2
     hypotheses: tuple[Hypothesis, ...]  # distinct poses, most likely first: the first one is reported
     duration_s: float  # [s] computing time
+    mirror: MirrorImage | None = None  # that of the model, where it fits best; None if it is no rival in this view
 
     @property
     def model_note(self) -> str:
@@ -145,6 +152,24 @@ def identify(
         ConfigurationError: For arguments of a wrong type or shape.
         MissingLibraryError: Without a ray caster.
     """
+    attempt = attempted(
+        cloud, target, approach, orientation, sensor=sensor, approach_error=approach_error, seed=seed, method=method
+    )
+    return (attempt.widened() if thorough else attempt).concluded()
+
+
+def attempted(
+    cloud: ArrayLike | Scan,
+    target: Any,
+    approach: ArrayLike | None = None,
+    orientation: ArrayLike | None = None,
+    *,
+    sensor: SensorModel | None = None,
+    approach_error: float = APPROACH_ERROR,
+    seed: int = 0,
+    method: Method = "planes",
+) -> "Attempt":
+    """Search from the likeliest starts, the first step of `identify`; arguments and errors as those of that."""
     started = perf_counter()
     p_approach = None if approach is None else checked(approach, (3,), "approach")
     if p_approach is not None and np.abs(p_approach).max() > _FARTHEST:
@@ -161,84 +186,194 @@ def identify(
     one_of(method, get_args(Method), "method")
     if sensor is not None and not isinstance(sensor, SensorModel):
         raise ConfigurationError(f"sensor: expected a SensorModel, got {shown(sensor)}")
+
     surface = sampled(target, seed)
-    sensor = sensor or SensorModel()
     X_prior = pose(R_prior if R_prior is not None else np.eye(3), p_approach)
     if p_approach is not None:
         X_prior[:3, 3] -= X_prior[:3, :3] @ surface.center
+    question = _Question(
+        surface=surface,
+        sensor=sensor or SensorModel(),
+        expected=Expected(p=p_approach, error=1.5 * approach_error, R=R_prior),
+        X_prior=X_prior,
+        method=method,
+        started=started,
+    )
     try:
         scan = cloud if isinstance(cloud, Scan) else Scan.from_cloud(cloud)
-        mask = segment(scan, surface.target, p_approach, sensor, approach_error, np.random.default_rng(seed))
-        expected = Expected(p=p_approach, error=1.5 * approach_error, R=R_prior)
-        if method == "planes":
-            starts = initial_poses(scan, mask, surface, sensor, expected)
-            given = [X_prior] if p_approach is not None and R_prior is not None else []
-        else:
-            starts, given = [laid_on(scan.points[mask], surface, X_prior[:3, :3])], []
-        standing, mask = mask, mask & _around(starts or given, surface, scan)
-        _need(mask, "lie where the object could be")
-        evidence = Evidence.of(scan, mask, 0.8 * surface.spacing, sensor, standing)
-        if method == "planes":
-            evidence = evidence.with_noise(surface_noise(scan, mask, sensor))
-        if len(evidence.points) < MIN_POINTS:
-            raise PerceptionError(f"only {len(evidence.points)} points are left of the object; need {MIN_POINTS}")
+        mask = segment(scan, surface.target, p_approach, question.sensor, approach_error, np.random.default_rng(seed))
+        return _first_search(question, scan, mask)
     except PerceptionError as error:
-        return _refused(surface, X_prior, str(error), started)
+        return _Refusal(question=question, reason=str(error))
 
-    searched = evidence
-    if method == "planes":
-        evidence, found = _search(searched, surface, starts, given, REFINED)
-    else:
-        found = _as_in_paper(evidence, surface, starts)
-    X_start = found.X_start if R_prior is None or p_approach is None else X_prior
-    judged = _judge(evidence, surface, found, X_start if R_prior is None else X_prior)
-    if thorough and method == "planes" and judged.verdict.contradicted and len(starts) > REFINED:
-        # What resembled the model most is not the object: in a heap it may resemble it least.
-        wider, other = _search(searched, surface, starts, given, _REFINED_LATER)
-        X_start = other.X_start if R_prior is None or p_approach is None else X_prior
-        again = _judge(wider, surface, other, X_start if R_prior is None else X_prior)
-        if not again.verdict.contradicted:
-            evidence, found, judged = wider, other, again
-    X_ST, X_told, doubt, verdict = judged
-    if method == "paper-q":
-        verdict = _by_criterion(verdict, evidence, surface, X_ST)
-    if found.asks and verdict.decision is Decision.ACCEPT:
-        verdict = replace(verdict, decision=Decision.RESCAN, reason=found.asks)
-    if method == "planes" and verdict.decision is Decision.ACCEPT:
-        anyhow = Expected(p=p_approach, error=expected.error, R=None)
-        mirrored = mirrored_log_likelihood(searched, evidence, surface, X_ST, anyhow)
-        hand = log_likelihood(evidence, surface, X_ST) - mirrored
-        if hand < MIN_HAND:
-            said = "better" if hand < -MIN_HAND else "as well"
-            verdict = replace(verdict, decision=Decision.RESCAN, reason=f"its mirror image fits {said}")
-    if method == "planes" and verdict.decision is Decision.ACCEPT and abs(verdict.size - 1.0) > _NOMINAL:
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Question:
+    """An object that is sought in a scan, and where."""
+
+    surface: ModelSurface
+    sensor: SensorModel
+    expected: Expected
+    X_prior: Array  # (4, 4) expected pose of T in S, the identity as far as nothing is expected
+    method: Method
+    started: float  # [s] by `perf_counter`
+
+    @property
+    def knows_pose(self) -> bool:
+        """True if both position and attitude are expected."""
+        return self.expected.p is not None and self.expected.R is not None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Refusal:
+    """An attempt that found nothing to fit the model to."""
+
+    question: _Question
+    reason: str
+
+    def widened(self) -> "_Refusal":
+        """There is nothing more to search."""
+        return self
+
+    def concluded(self, earlier: Identification | None = None) -> Identification:
+        """The reason."""
+        return _refused(self.question.surface, self.question.X_prior, self.reason, self.question.started)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Search:
+    """An attempt that fitted the model from some of the starts, and the verdict on the likeliest pose."""
+
+    question: _Question
+    starts: list[Array]  # (4, 4) poses of T in S
+    given: list[Array]  # (4, 4) that are tried whatever their likelihood
+    searched: Evidence  # by which the search ranked
+    evidence: Evidence  # with the noise by which the poses were weighed at last
+    found: Found
+    X_start: Array  # (4, 4) expected pose, else where the search began
+    judged: "_Judged"
+
+    @classmethod
+    def of(
+        cls, question: _Question, searched: Evidence, starts: list[Array], given: list[Array], most: int
+    ) -> "_Search":
+        """Search from `most` of the starts."""
+        surface = question.surface
+        if question.method == "planes":
+            evidence, found = _search(searched, surface, starts, given, most)
+        else:
+            evidence, found = searched, _as_in_paper(searched, surface, starts)
+        X_start = question.X_prior if question.knows_pose else found.X_start
+        X_near = X_start if question.expected.R is None else question.X_prior
+        return cls(
+            question=question,
+            starts=starts,
+            given=given,
+            searched=searched,
+            evidence=evidence,
+            found=found,
+            X_start=X_start,
+            judged=_judge(evidence, surface, found, X_near),
+        )
+
+    def widened(self) -> "_Search":
+        """Search from all starts, where the scan contradicts what the likeliest led to; else itself.
+
+        What resembled the model most is not the object then: in a heap it may resemble it least.
+        """
+        question = self.question
+        if question.method != "planes" or not self.judged.verdict.contradicted or len(self.starts) <= REFINED:
+            return self
+        wider = _Search.of(question, self.searched, self.starts, self.given, _REFINED_LATER)
+        return self if wider.judged.verdict.contradicted else wider
+
+    def concluded(self, earlier: Identification | None = None) -> Identification:
+        """The pose with its verdict, other shapes asked.
+
+        Args:
+            earlier: Look at the same object, which may have told it from its mirror image already.
+        """
+        question, surface, evidence, found = self.question, self.question.surface, self.evidence, self.found
+        X_ST, X_told, doubt, verdict = self.judged
+        if question.method == "paper-q":
+            verdict = _by_criterion(verdict, evidence, surface, X_ST)
+        if found.asks and verdict.decision is Decision.ACCEPT:
+            verdict = replace(verdict, decision=Decision.RESCAN, reason=found.asks)
+        mirror = None
+        if question.method == "planes" and verdict.decision is Decision.ACCEPT:
+            mirror = self._mirror_image(earlier)
+            verdict = self._against_other_shapes(verdict, mirror)
+        reason = verdict.reason
+        if not reason and not question.expected.admits(X_ST[None], surface)[0]:
+            reason = "what was found lies, or is turned, too far from what was expected"
+        visible = surface.visible(X_ST, evidence.scan, question.sensor.max_incidence)
+        return Identification(
+            X_sensor_target=readonly(X_ST),
+            accepted=not reason,
+            reason=reason,
+            check=verdict,
+            covariance=doubt,
+            symmetry=_free_motion(surface, verdict.free, X_told is not None, question.expected.R is not None),
+            X_sensor_start=readonly(self.X_start),
+            cloud=readonly(evidence.points),
+            model_before=readonly(transform_points(self.X_start, surface.points)),
+            model_after=readonly(transform_points(X_ST, surface.points[visible])),
+            evidence=evidence,
+            surface=surface,
+            score=score(evidence, surface, X_ST),
+            hypotheses=(Hypothesis(X_sensor_target=readonly(X_ST), log_likelihood=found.log_likelihood), *found.others),
+            duration_s=perf_counter() - question.started,
+            mirror=mirror,
+        )
+
+    def _mirror_image(self, earlier: Identification | None) -> MirrorImage | None:
+        """The mirror image of the model as rival of the pose, as an earlier look has found it if that still holds."""
+        surface, X_ST, expected = self.question.surface, self.judged.X_ST, self.question.expected
+        known = None
+        if earlier is not None and earlier.accepted and earlier.surface == surface:
+            known = earlier.mirror
+        if known is not None and is_told_again(self.evidence, surface, X_ST, known):
+            return known
+        return best_mirror_image(self.searched, self.evidence, surface, X_ST, replace(expected, R=None))
+
+    def _against_other_shapes(self, verdict: PoseCheck, mirror: MirrorImage | None) -> PoseCheck:
+        """The verdict of an accepted pose, unless the mirror image or another size of the model fits as well."""
+        surface, evidence = self.question.surface, self.evidence
+        if mirror is not None and mirror.hand < MIN_HAND:
+            how = "better" if mirror.hand < -MIN_HAND else "as well"
+            return replace(verdict, decision=Decision.RESCAN, reason=f"its mirror image fits {how}")
+        if abs(verdict.size - 1.0) <= _NOMINAL:
+            return verdict
         size = 1.0 + float(np.copysign(2.0 * MAX_SIZE, verdict.size - 1.0))
-        if (
-            resized_log_likelihood(evidence, surface, size, found)
-            > log_likelihood(evidence, surface, X_ST) - MIN_MARGIN
-        ):
-            verdict = replace(verdict, decision=Decision.RESCAN, reason=f"at {size:.2f} times its size it fits as well")
-    reason = verdict.reason
-    if not reason and not expected.admits(X_ST[None], surface)[0]:
-        reason = "what was found lies, or is turned, too far from what was expected"
-    visible = surface.visible(X_ST, scan, sensor.max_incidence)
-    return Identification(
-        X_sensor_target=readonly(X_ST),
-        accepted=not reason,
-        reason=reason,
-        check=verdict,
-        covariance=doubt,
-        symmetry=_free_motion(surface, verdict.free, X_told is not None, R_prior is not None),
-        X_sensor_start=readonly(X_start),
-        cloud=readonly(evidence.points),
-        model_before=readonly(transform_points(X_start, surface.points)),
-        model_after=readonly(transform_points(X_ST, surface.points[visible])),
-        evidence=evidence,
-        surface=surface,
-        score=score(evidence, surface, X_ST),
-        hypotheses=(Hypothesis(X_sensor_target=readonly(X_ST), log_likelihood=found.log_likelihood), *found.others),
-        duration_s=perf_counter() - started,
-    )
+        least = log_likelihood(evidence, surface, self.judged.X_ST) - MIN_MARGIN
+        if resized_log_likelihood(evidence, surface, size, self.found) > least:
+            return replace(verdict, decision=Decision.RESCAN, reason=f"at {size:.2f} times its size it fits as well")
+        return verdict
+
+
+Attempt = _Search | _Refusal
+
+
+def _first_search(question: _Question, scan: Scan, mask: np.ndarray) -> _Search:
+    """Search from the likeliest starts.
+
+    Raises:
+        PerceptionError: Too little of the scan may be the object.
+    """
+    surface, sensor, expected = question.surface, question.sensor, question.expected
+    if question.method == "planes":
+        starts = initial_poses(scan, mask, surface, sensor, expected)
+        given = [question.X_prior] if question.knows_pose else []
+    else:
+        starts, given = [laid_on(scan.points[mask], surface, question.X_prior[:3, :3])], []
+    standing, mask = mask, mask & _around(starts or given, surface, scan)
+    _need(mask, "lie where the object could be")
+    evidence = Evidence.of(scan, mask, 0.8 * surface.spacing, sensor, standing)
+    if question.method == "planes":
+        evidence = evidence.with_noise(surface_noise(scan, mask, sensor))
+    if len(evidence.points) < MIN_POINTS:
+        raise PerceptionError(f"only {len(evidence.points)} points are left of the object; need {MIN_POINTS}")
+    return _Search.of(question, evidence, starts, given, REFINED)
 
 
 def _search(

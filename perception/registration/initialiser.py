@@ -69,16 +69,7 @@ class Expected:
         """Mask (n,) of the attitudes R_ST (n, 3, 3) within 70 deg of the expected one, modulo declared symmetry."""
         if self.R is None:
             return np.ones(len(R_ST), dtype=bool)
-        axis, trace = surface.symmetry.axis, np.full(len(R_ST), -np.inf)
-        for G in surface.symmetry.rotations:
-            M = self.R.T @ R_ST @ G
-            of_G = np.trace(M, axis1=1, axis2=2)
-            if axis is not None:  # largest trace over all angles, in closed form as in `Symmetry.nearest`
-                along = np.einsum("i,hij,j->h", axis, M, axis)
-                aside = (M[:, [2, 0, 1], [1, 2, 0]] - M[:, [1, 2, 0], [2, 0, 1]]) @ axis
-                of_G = along + np.hypot(of_G - along, aside)
-            trace = np.maximum(trace, of_G)
-        return 0.5 * (trace - 1.0) > np.cos(_ASTRAY)
+        return surface.symmetry.cosines(R_ST, self.R) > np.cos(_ASTRAY)
 
 
 class _Views(NamedTuple):
@@ -201,7 +192,7 @@ def initial_poses(
             continue
         if len(kept) == most:
             break
-        if all(_differ(surface, X, Y) for Y in kept):
+        if _is_apart(surface, X, kept):
             kept.append(X)
     if expected.R is None:
         voted = point_pair_poses(points, normals, surface)[:_VOTED]
@@ -210,7 +201,7 @@ def initial_poses(
         some = _some(np.arange(len(points)), min(len(points), _WHOLE))
         _settle(by_pairs, points[some], normals[some], sigma, _CLOSE[1] * views.radius, views)
         for X in np.concatenate([by_pairs, voted]):
-            if expected.admits(X[None], surface)[0] and all(_differ(surface, X, Y) for Y in kept):
+            if expected.admits(X[None], surface)[0] and _is_apart(surface, X, kept):
                 kept.append(X)
     return kept
 
@@ -220,9 +211,15 @@ def _some(values: np.ndarray, count: int) -> np.ndarray:
     return values[np.linspace(0, len(values) - 1, count).astype(int)]
 
 
-def _differ(surface: ModelSurface, A: Array, B: Array) -> bool:
-    moved = np.linalg.norm(transform_points(A, surface.center) - transform_points(B, surface.center))
-    return bool(moved > _APART[0] * surface.radius) or surface.symmetry.error(A, B)[1] > _APART[1]
+def _is_apart(surface: ModelSurface, X_ST: Array, kept: list[Array]) -> bool:
+    """True if an initial pose (4, 4) is another one than each of those that are kept."""
+    if not kept:
+        return True
+    others = np.array(kept)
+    centers = others[:, :3, :3] @ surface.center + others[:, :3, 3]
+    moved = np.linalg.norm(centers - transform_points(X_ST, surface.center), axis=1)
+    near = others[~(moved > _APART[0] * surface.radius)]
+    return bool(np.all(surface.symmetry.cosines(X_ST[:3, :3], near[:, :3, :3]) < np.cos(_APART[1])))
 
 
 def _patches(points: Array, radius: float, expected: Expected) -> list[np.ndarray]:

@@ -1,6 +1,7 @@
 """Likelihood of a scan, given the pose of a known model: what ranks poses, and what the best is compared with."""
 
 from collections.abc import Sequence
+from functools import lru_cache
 
 import numpy as np
 
@@ -19,7 +20,7 @@ _UNEXPLAINED_COST = 4.0  # [sigma^2] cost of a masked pixel that the model does 
 
 def glance(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> float:
     """Log likelihood [nat] from a twentieth of the pixels; arguments as those of `log_likelihood`."""
-    return log_likelihood(evidence, surface, X_ST, _GLANCED)
+    return _compared(evidence, surface, X_ST, _GLANCED)
 
 
 def log_likelihood(evidence: Evidence, surface: ModelSurface, X_ST: Array, pixels: int = _PIXELS) -> float:
@@ -42,20 +43,34 @@ def log_likelihood(evidence: Evidence, surface: ModelSurface, X_ST: Array, pixel
     Returns:
         The log likelihood [nat], more than without the model.
     """
+    return _weighed(evidence, surface, X_ST.tobytes(), pixels)
+
+
+@lru_cache(maxsize=64)  # a pose is weighed when it is fitted, as the start of the next fit, and when it is judged
+def _weighed(evidence: Evidence, surface: ModelSurface, pose_bytes: bytes, pixels: int) -> float:
+    return _compared(evidence, surface, np.frombuffer(pose_bytes).reshape(4, 4), pixels)
+
+
+def _compared(evidence: Evidence, surface: ModelSurface, X_ST: Array, pixels: int) -> float:
+    """As `log_likelihood`."""
     window = _window(evidence, [(surface, X_ST)], pixels)
     if window is None:
         return 0.0
     scan, mask = evidence.scan.part(window), evidence.standing[window]
-    depth = surface.depth(X_ST, scan)
-    shown = np.isfinite(depth) & np.isfinite(scan.depth)
-    sigma = evidence.noise.sigma(np.where(shown, depth, 1.0))
-    behind = np.where(shown, scan.depth - depth, 0.0)
-    shown &= behind > -np.maximum(OCCLUDER, 6.0 * sigma)  # pixels of an occluder carry no information on the model
-    without = np.where(mask, _UNEXPLAINED_COST, _BACKGROUND_COST)
+    rows, columns = np.nonzero(np.isfinite(scan.depth))
+    depth = surface.depth_along(X_ST, scan.lines_of_sight(rows, columns))
+    met = np.isfinite(depth)
+    rows, columns, depth = rows[met], columns[met], depth[met].astype(np.float64)
+
+    sigma = evidence.noise.sigma(depth)
+    behind = scan.depth[rows, columns] - depth
+    shown = behind > -np.maximum(OCCLUDER, 6.0 * sigma)  # pixels of an occluder carry no information on the model
+    without = np.where(mask[rows, columns], _UNEXPLAINED_COST, _BACKGROUND_COST)
     if (known := scan.known) is not None:
-        shown &= ~(known.depth < depth)  # nor do those where a known object hides the model
-        there = np.isfinite(known.depth)
-        explained = np.where(there, (scan.depth - np.where(there, known.depth, 0.0)) / sigma, 0.0) ** 2
+        explainer = known.depth[rows, columns]
+        shown &= ~(explainer < depth)  # nor do those where a known object hides the model
+        there = np.isfinite(explainer)
+        explained = np.where(there, (scan.depth[rows, columns] - np.where(there, explainer, 0.0)) / sigma, 0.0) ** 2
         without = np.where(there, np.minimum(explained, _UNEXPLAINED_COST), without)
     cost = np.minimum((behind[shown] / sigma[shown]) ** 2, _MOST_COST) - without[shown]
     return -0.5 * _weight(evidence, window) * float(cost.sum())

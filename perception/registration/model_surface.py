@@ -1,7 +1,8 @@
 """Sampled surface of a known model: points with normals, what of them a sensor sees, and its depth image."""
 
+import hashlib
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -16,9 +17,12 @@ from sim.interfaces.spatial import Array, inverse, transform_points
 _AT_BORDER = 2.0  # [spacings of the cloud] from its border, within which an edge is the border's
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class ModelSurface:
-    """A target's surface prepared for ICP: sampled points K_q with normals, and a ray caster, all in T."""
+    """A target's surface prepared for ICP: sampled points K_q with normals, and a ray caster, all in T.
+
+    Surfaces of the same content are equal, so that what is worked out for a model is worked out once a process.
+    """
 
     target: TargetModel
     points: Array  # (m, 3) [m]
@@ -73,6 +77,28 @@ class ModelSurface:
             resolution=resolution,
             border=cKDTree(cloud.border) if cloud is not None and len(cloud.border) else None,
         )
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, ModelSurface) and self._content == other._content
+
+    def __hash__(self) -> int:
+        return hash(self._content)
+
+    @cached_property
+    def _content(self) -> bytes:
+        """Digest of all that the surface is made of."""
+        target, none = self.target, np.zeros(0)
+        parts = [target.vertices, target.triangles, self.points, self.normals, self.hull, self.center]
+        for symmetry in (self.symmetry, target.symmetry):
+            axis = none if symmetry.axis is None else symmetry.axis
+            parts += [axis, symmetry.rotations, symmetry.center]
+        parts += [np.array([self.spacing, self.radius, self.resolution])]
+        parts += [none if self.border is None else self.border.data]
+        digest = hashlib.blake2b(f"{target.name} {type(self.scene).__name__}".encode(), digest_size=16)
+        for part in parts:
+            digest.update(f"{part.dtype}{part.shape}".encode())
+            digest.update(part.tobytes())
+        return digest.digest()
 
     def thinned(self, points: int) -> "ModelSurface":
         """The same surface with fewer points, `points` at most, about; itself where it has no more."""
@@ -158,6 +184,11 @@ class ModelSurface:
         t = self.scene.distance(X_TS[:3, 3], scan.part(window).rays @ X_TS[:3, :3].T)
         depth[window] = np.where(np.isfinite(t), t, np.nan)
         return depth
+
+    def depth_along(self, X_ST: Array, rays: Array) -> Array:
+        """Depth (n,) [m] of the model at `X_ST` (4, 4) along rays (n, 3) in S, scaled to a depth of 1; inf for none."""
+        X_TS = inverse(X_ST)
+        return self.scene.distance(X_TS[:3, 3], rays @ X_TS[:3, :3].T)
 
 
 @lru_cache(maxsize=16)

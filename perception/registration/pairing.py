@@ -99,7 +99,7 @@ class Pairing:
         return self.grid.query(points, self._reach(gate))[1]
 
     def _reach(self, gate: float) -> float:
-        return gate + 3.0 * float(np.median(self.evidence.sigma))
+        return gate + 3.0 * self.evidence.median_sigma
 
     def terms(self, X_ST: Array, gate: float, index: np.ndarray) -> tuple[Array, Array, float]:
         """Normal equations (7, 7), (7,) of planes and depth edges, and the robust rms [m] of the planes.

@@ -119,6 +119,8 @@ def _vote(points: Array, frames: Array, references: np.ndarray, pairs: _Pairs, n
     X = np.zeros((len(references), _PEAKS, 4, 4))
     votes = np.zeros((len(references), _PEAKS))
     count = np.empty((len(pairs.points), _TURNS))
+    votes_of = count.reshape(-1)
+    row = pairs.first * _TURNS
     for k in range(len(references)):
         r = references[k]
         count[:] = 0.0
@@ -128,12 +130,17 @@ def _vote(points: Array, frames: Array, references: np.ndarray, pairs: _Pairs, n
             number, turn = _feature(points[r], frames[r], points[s], frames[s, 0], pairs.step)
             if number < 0:
                 continue
+            # Tens of millions of votes: no remainder (both turns lie in -pi to pi), no check of an index's sign.
             for n in range(pairs.start[number], pairs.start[number + 1]):
                 place = (pairs.turn[n] - turn) * (_TURNS / (2.0 * np.pi))
                 low = np.floor(place)
                 share = place - low
-                count[pairs.first[n], int(low) % _TURNS] += 1.0 - share
-                count[pairs.first[n], (int(low) + 1) % _TURNS] += share
+                first = int(low)
+                first += _TURNS if first < 0 else 0
+                first -= _TURNS if first >= _TURNS else 0
+                second = first + 1 if first + 1 < _TURNS else 0
+                votes_of[np.uint64(row[n] + first)] += 1.0 - share
+                votes_of[np.uint64(row[n] + second)] += share
         for peak in range(_PEAKS):
             best = int(count.argmax())
             m, at = best // _TURNS, best % _TURNS

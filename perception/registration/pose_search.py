@@ -229,7 +229,7 @@ def weighed_again(evidence: Evidence, surface: ModelSurface, found: Found) -> Fo
 
 def _rough(evidence: Evidence, surface: ModelSurface) -> Evidence:
     """Evidence with fewer pixels and points, enough to tell which of many poses are worth a fit to the end."""
-    picture = 2.0 * surface.radius / (evidence.scan.pitch * float(np.median(evidence.points[:, 2])))  # [px] across
+    picture = 2.0 * surface.radius / (evidence.scan.pitch * evidence.middle)  # [px] across
     rim = evidence.mask & ~ndimage.binary_erosion(evidence.mask)
     width = 2.0 * evidence.mask.sum() / max(1, int(rim.sum()))  # [px] of a part of the picture
     step = int(np.clip(min(picture / _ROUGH_ACROSS, width / _ROUGH_WIDTH), 1, _ROUGH_STEP))

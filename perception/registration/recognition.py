@@ -23,7 +23,7 @@ from scipy import ndimage
 from models.meshes.mesh_files import FORMATS
 from models.meshes.surfel_files import TEXT
 from perception.clouds.scan import KnownObjects, Scan, SensorModel
-from perception.registration.identification import APPROACH_ERROR, Identification, identify, sampled
+from perception.registration.identification import APPROACH_ERROR, Identification, attempted, identify, sampled
 from perception.registration.likelihood import log_likelihood
 from perception.registration.model_surface import ModelSurface
 from perception.registration.pose_check import MIN_MARGIN, Decision
@@ -106,23 +106,18 @@ def recognise(
     if not isinstance(cloud, Scan):
         with suppress(PerceptionError):  # each says it
             scan = Scan.from_cloud(cloud)  # once for all
-    found: dict[str, Identification] = {}
-    for thorough in (False, True):  # most objects are another one: all starts are fitted only if none fits
-        found = {
-            name: identify(
-                scan,
-                surface,
-                approach,
-                orientation,
-                sensor=sensor,
-                approach_error=approach_error,
-                seed=seed,
-                thorough=thorough,
-            )
-            for name, surface in surfaces.items()
-        }
-        if any(each.accepted for each in found.values()):
-            break
+    attempts = {
+        name: attempted(scan, surface, approach, orientation, sensor=sensor, approach_error=approach_error, seed=seed)
+        for name, surface in surfaces.items()
+    }
+    found = {name: attempt.concluded() for name, attempt in attempts.items()}
+    if not any(each.accepted for each in found.values()):
+        # Most objects are another one: all starts are fitted only if none fits.
+        for name, attempt in attempts.items():
+            wider = attempt.widened()
+            if wider is not attempt:
+                found[name] = wider.concluded()
+
     candidates = _compared(found)
     name, reason = None, _doubt(candidates)
     decision = candidates[0].found.decision

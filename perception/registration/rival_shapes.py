@@ -1,6 +1,6 @@
 """Other shapes as rivals of a model: its mirror image and other sizes may fit nearly as well, and are other objects."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -14,18 +14,31 @@ from perception.registration.likelihood import difference, log_likelihood
 from perception.registration.model_surface import ModelSurface
 from perception.registration.pose_search import Found, likeliest_of, weighed_again
 from perception.registration.symmetry import ambiguous_poses
-from sim.interfaces.spatial import Array, pose
+from sim.interfaces.spatial import Array, inverse, pose, readonly
 
 MIN_HAND = 3.0  # [nat] of log likelihood above that of the mirror image: odds of 20
 _NEAR = 7  # other poses that were found, from which a model of another size is fitted too
 _ALIKE_POSES = 24  # of those that look like the pose of the model, from which its mirror image is fitted too
+_BEYOND_DOUBT = 100.0  # [nat] over the mirror image, from which on a later look from the same place need not seek it
+_SAME_PLACE = 0.1  # [-] of the range: motion of the sensor about the object, up to which it sees the same of it
+_LOST = 0.5  # [-] of the margin over the mirror image that a later look may lose
 _ALIKE = 2.0  # [nat] expected difference of log likelihood, below which this view does not tell one from the other
 
 
-def mirrored_log_likelihood(
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class MirrorImage:
+    """The mirror image of a model where it fits a scan best, beside the pose of the model itself."""
+
+    X_TM: Array  # (4, 4) pose of the mirror image M in T
+    log_likelihood: float  # [nat] of the scan, with the model itself
+    hand: float  # [nat] by which the scan is less likely with the mirror image
+    p_TS: Array  # (3,) [m] of the sensor, in T
+
+
+def best_mirror_image(
     searched: Evidence, evidence: Evidence, surface: ModelSurface, X_ST: Array, expected: Expected
-) -> float:
-    """Log likelihood [nat] of the scan with the mirror image of the model, fitted near a pose of the model.
+) -> MirrorImage | None:
+    """The mirror image of the model, fitted near a pose of the model and sought anywhere else.
 
     Args:
         searched: Scan of the object with the noise as stated.
@@ -35,11 +48,11 @@ def mirrored_log_likelihood(
         expected: Where the object may be.
 
     Returns:
-        The log likelihood [nat]; -inf where the mirror image is the same shape, or looks the same in this view.
+        Where it fits best; None where the mirror image is the same shape, or looks the same in this view.
     """
     rival = mirror_image(surface)
     if rival is None:
-        return -np.inf
+        return None
     alike = ambiguous_poses(surface)
     alike = (np.eye(4), *alike[:: -(-len(alike) // _ALIKE_POSES) or 1])
     starts = [X_ST @ G @ turn for G in alike for turn in _turns(surface)]
@@ -48,8 +61,41 @@ def mirrored_log_likelihood(
     if evidence is not searched:
         found = weighed_again(evidence, rival, found)
     if difference(evidence, (surface, X_ST), (rival, found.X_ST)) < _ALIKE:
-        return -np.inf
-    return found.log_likelihood
+        return None
+    X_TS, likelihood = inverse(X_ST), log_likelihood(evidence, surface, X_ST)
+    return MirrorImage(
+        X_TM=readonly(X_TS @ found.X_ST),
+        log_likelihood=likelihood,
+        hand=likelihood - found.log_likelihood,
+        p_TS=readonly(X_TS[:3, 3]),
+    )
+
+
+def is_told_again(evidence: Evidence, surface: ModelSurface, X_ST: Array, earlier: MirrorImage) -> bool:
+    """Whether a scan tells a model from its mirror image as an earlier one from the same place did, beyond doubt.
+
+    The hand of an object does not change between two looks, so its mirror image need not be sought anew. But the object
+    may have been replaced, or something have come before it: the model must explain this scan about as well, and the
+    mirror image as badly where it fitted best.
+
+    Args:
+        evidence: Scan of the object.
+        surface: Sampled model.
+        X_ST: (4, 4) fitted pose of T in S.
+        earlier: What an earlier look at the same object has found.
+    """
+    rival = mirror_image(surface)
+    if rival is None or earlier.hand < _BEYOND_DOUBT:
+        return False
+    p_TS = inverse(X_ST)[:3, 3]
+    moved = float(np.linalg.norm(p_TS - earlier.p_TS))
+    if moved > _SAME_PLACE * float(np.linalg.norm(p_TS - surface.center)):
+        return False
+    likelihood = log_likelihood(evidence, surface, X_ST)
+    if likelihood < earlier.log_likelihood - _LOST * earlier.hand:
+        return False
+    hand = likelihood - log_likelihood(evidence, rival, X_ST @ earlier.X_TM)
+    return hand > max(_BEYOND_DOUBT, (1.0 - _LOST) * earlier.hand)
 
 
 def resized_log_likelihood(evidence: Evidence, surface: ModelSurface, size: float, found: Found) -> float:

@@ -36,6 +36,7 @@ _MOST_PERIODS = 3  # along an axis
 _SCREWS = np.arange(1, 7) / 12.0  # [turns] of a screw that are tried, either way
 _SHIFTED = 100  # points compared, about
 _COMPARED = 200  # model points compared, about
+_DIFFERENT = np.deg2rad(8.0)  # [rad] beyond which two attitudes are not the same pose
 _FEW = 10  # shares in which these points are compared, until they exclude the rotation
 _TRIED = 96  # rotations kept, the most similar first
 _SLIPPERY = 0.2  # [-] rms motion along the normals over that of the surface, below which a motion is hardly resisted
@@ -61,7 +62,7 @@ def ambiguous_poses(surface: ModelSurface) -> tuple[Array, ...]:
 
     Rotations by multiples of 360/n deg, n from `_FOLDS` (2 to 8), and where all of these look alike, of 5 deg, about
     the principal axes and the axes of T. They pass through the centroid of the surface and through the centre of its
-    bounding box.
+    bounding box. About the declared axis nothing is tried: all such rotations are the same pose.
     """
     points = surface.points[:: max(1, len(surface.points) // _COMPARED)]
     tree = cKDTree(surface.points)
@@ -70,6 +71,8 @@ def ambiguous_poses(surface: ModelSurface) -> tuple[Array, ...]:
     for middle in (surface.points.mean(axis=0), surface.center):
         main = np.linalg.eigh(np.cov((surface.points - middle).T))[1].T
         for axis in np.vstack([main, np.eye(3)]):
+            if _is_declared(surface.symmetry, axis):
+                continue
             turns = [pose(R, middle - R @ middle) for R in (exp_so3(angle * axis) for angle in (*folds, *_ROUND))]
             alike = 0
             for k, G in enumerate(turns):
@@ -81,10 +84,21 @@ def ambiguous_poses(surface: ModelSurface) -> tuple[Array, ...]:
                 alike += 1
                 G = _settled(tree, points, G)
                 others = [] if k >= len(folds) else [Y for _, Y in found]
-                if all(are_different(surface.symmetry, G, Y) for Y in (np.eye(4), *others)):
+                if _is_another(surface.symmetry, G, [np.eye(4), *others]):
                     found.append((unlike, G))
     turned = tuple(G for _, G in sorted(found, key=lambda item: item[0]))[:_TRIED]
     return turned + tuple(_shifts(surface, points, tree))
+
+
+def _is_declared(symmetry: Symmetry, axis: Array) -> bool:
+    """Whether every rotation about a unit `axis` (3,) is the same pose by the declared symmetry.
+
+    An axis beside the declared one by an angle turns that by twice as much, at most. ICP of the model with itself may
+    add as much again before the pose counts as another one.
+    """
+    if symmetry.axis is None:
+        return False
+    return float(np.linalg.norm(np.cross(axis, symmetry.axis))) < np.sin(0.25 * _DIFFERENT)
 
 
 def _settled(tree: cKDTree, points: Array, G: Array) -> Array:
@@ -177,9 +191,9 @@ def _unlikeness(tree: cKDTree, points: Array, G: Array, limit: float) -> float |
     return float(np.sqrt(total / len(moved)))
 
 
-def are_different(symmetry: Symmetry, A: Array, B: Array) -> bool:
-    """True if the poses `A` and `B` (4, 4) differ by more than 8 deg, up to the declared symmetry."""
-    return symmetry.error(A, B)[1] > np.deg2rad(8.0)
+def _is_another(symmetry: Symmetry, G: Array, others: list[Array]) -> bool:
+    """True if a pose (4, 4) differs from each of the others by more than 8 deg, up to the declared symmetry."""
+    return bool(np.all(symmetry.cosines(G[:3, :3], np.array(others)[:, :3, :3]) < np.cos(_DIFFERENT)))
 
 
 @lru_cache(maxsize=16)

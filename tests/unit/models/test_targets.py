@@ -6,7 +6,7 @@ import pytest
 import trimesh
 
 from models.meshes.ray_casting import RayScene
-from models.objects.targets import ModelPath, Symmetry, TargetModel, barrel, longitudinal, revolve, transverse
+from models.objects.targets import ModelPath, Symmetry, TargetModel, barrel, longitudinal, revolve, starfish, transverse
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import exp_so3, pose, rotation_angle, transform_points
 
@@ -90,6 +90,17 @@ def test_symmetric_distance(within):
 def test_without_symmetry_every_angle_counts(within):
     R = exp_so3([0.4, 0.1, 0.2])
     within("angle", Symmetry().error(pose(R), pose())[1] - np.linalg.norm([0.4, 0.1, 0.2]), 1e-9)
+
+
+@pytest.mark.parametrize("declared", [Symmetry(), BARREL.symmetry, starfish().symmetry])
+def test_cosines_of_many_attitudes_are_those_of_their_errors(declared: Symmetry, within):
+    rng = np.random.default_rng(0)
+    R = np.array([exp_so3(rng.normal(size=3)) for _ in range(10)])
+    errors = np.array([[declared.error(pose(a), pose(b))[1] for b in R[5:]] for a in R[:5]])
+    for a, row in zip(R[:5], errors, strict=True):
+        within("one with many", declared.cosines(a, R[5:]) - np.cos(row), 1e-14)
+    for b, column in zip(R[5:], errors.T, strict=True):
+        within("many with one", declared.cosines(R[:5], b) - np.cos(column), 1e-14)
 
 
 @pytest.mark.parametrize("path", [longitudinal(0.7, 0.4), transverse(np.pi, 0.2), transverse(1.0, -0.3, 0.2)])

@@ -8,6 +8,7 @@ import pytest
 import perception
 from models.meshes.ply_files import write_ply
 from perception.clouds.scan import KnownObjects, Scan, SensorModel
+from perception.registration import identification
 from perception.registration.evidence import Evidence
 from perception.registration.likelihood import log_likelihood
 from perception.registration.model_surface import ModelSurface
@@ -67,6 +68,20 @@ def test_twins_and_what_is_not_there_are_refused():
     assert not empty.accepted
     assert "empty" in empty.reason
     assert empty.margin == np.inf
+
+
+def test_a_refusal_goes_on_from_what_was_searched(monkeypatch):
+    """Where no object fits, all starts of each are tried; the likeliest of them are not searched a second time."""
+    searched, search = [], identification.likeliest_pose
+    monkeypatch.setattr(
+        identification, "likeliest_pose", lambda *args, **most: searched.append(most) or search(*args, **most)
+    )
+    monkeypatch.setattr(identification, "_REFINED_LATER", 10)  # which takes seconds
+    scene = object_scene("starfish", 7000)
+    thinned = scene.scan.part((slice(None, None, 8), slice(None, None, 8)))
+    made = perception.recognise(thinned, [target_of("valve")], scene.approach, sensor=scene.sensor.model)
+    assert not made.accepted
+    assert searched == [{"most": identification.REFINED}, {"most": 10}]
 
 
 def rendered(shown: dict[str, np.ndarray], surfaces: dict[str, ModelSurface], sensor: SensorModel) -> Scan:

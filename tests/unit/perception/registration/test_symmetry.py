@@ -1,4 +1,4 @@
-"""The turn about a declared axis: told by a part in view that breaks the symmetry, else said to be unknown."""
+"""Turns about a declared axis: nothing to search; told by a part in view that breaks the symmetry, else unknown."""
 
 from dataclasses import replace
 
@@ -6,12 +6,15 @@ import numpy as np
 import pytest
 
 from depth_scenes import look, seen_from
+from models.meshes.closed_shells import revolve
 from models.objects.barrel import barrel
+from models.objects.target_model import Symmetry, TargetModel
 from perception.clouds.scan import Scan, SensorModel
+from perception.registration import symmetry
 from perception.registration.evidence import Evidence
 from perception.registration.identification import identify
 from perception.registration.model_surface import ModelSurface
-from perception.registration.symmetry import asymmetric_parts, resolve_symmetry
+from perception.registration.symmetry import ambiguous_poses, asymmetric_parts, resolve_symmetry
 from sim.interfaces.spatial import exp_so3
 
 VIEW = seen_from(np.array([0.1, -0.9, 0.75]))
@@ -65,3 +68,42 @@ def test_a_bung_stands_out_and_a_whole_barrel_has_nothing_that_does():
     assert len(parts) > 50
     assert np.all(parts[:, 1] < -0.29)
     assert np.all(np.hypot(parts[:, 0] - 0.15, parts[:, 2]) < 0.036)
+
+
+def drum(R: np.ndarray) -> ModelSurface:
+    """A drum that lies askew in its frame; its axis is declared, that it may be turned end to end is not."""
+    vertices, triangles = revolve([[-0.2, 0.0], [-0.2, 0.19], [0.2, 0.19], [0.2, 0.0]], 48)
+    vertices = vertices @ R.T + [0.1, -0.2, 0.3]
+    declared = Symmetry(axis=R[:, 0], center=np.array([0.1, -0.2, 0.3]))
+    return ModelSurface.of(TargetModel(name="drum", vertices=vertices, triangles=triangles, symmetry=declared))
+
+
+def test_a_declared_axis_is_not_searched_and_the_answer_is_that_of_the_search(monkeypatch):
+    """What the declaration answers is passed over: a drum's poses that look alike are those found by turning it too."""
+    surface = drum(exp_so3([0.3, -0.5, 0.8])).thinned(1500)
+    settled, turns = symmetry._settled, []
+    monkeypatch.setattr(symmetry, "_settled", lambda *args: turns.append(1) or settled(*args))
+    passed_over = ambiguous_poses.__wrapped__(surface)
+    tried = len(turns)
+    monkeypatch.setattr(symmetry, "_is_declared", lambda *_: False)
+    searched = ambiguous_poses.__wrapped__(surface)
+    assert len(passed_over) > 0
+    assert np.array_equal(passed_over, searched)
+    assert len(turns) - tried > 5 * tried  # 215 and 43
+
+
+def test_what_a_model_looks_like_is_worked_out_once():
+    """Surfaces of the same content are equal, another symmetry or a vertex that is off makes another one."""
+    surface, same = drum(np.eye(3)), drum(np.eye(3))
+    assert surface == same
+    assert asymmetric_parts(surface) is asymmetric_parts(same)
+    moved = np.array(surface.target.vertices)
+    moved[0, 0] += 1e-9
+    others = [
+        replace(surface, symmetry=Symmetry()),
+        replace(surface, target=replace(surface.target, vertices=moved)),
+        replace(surface, points=surface.points[1:], normals=surface.normals[1:]),
+        ModelSurface.of(surface.target, seed=1),
+    ]
+    assert surface not in others
+    assert surface != surface.target

@@ -48,21 +48,6 @@ def test_largest_inertia_is_about_the_origin(place: tuple[float, float, float]) 
     assert hydrodynamics._largest_inertia(model, 1) == pytest.approx(expected[-1])
 
 
-def test_ancestors_go_up_to_the_world_and_exclude_it() -> None:
-    spec = mujoco.MjSpec()
-    body, names = spec.worldbody, []
-    for i in range(3):
-        body = body.add_body(name=f"link{i}", pos=[0.1, 0.0, 0.0])
-        body.add_joint(axis=[0, 0, 1])
-        body.add_geom(size=[0.05, 0, 0])
-        names.append(body.name)
-    spec.worldbody.add_body(name="aside").add_geom(size=[0.05, 0, 0])
-    model = spec.compile()
-    found = [model.body(i).name for i in hydrodynamics._above(model, model.body("link2").id)]
-    assert found == names[::-1]
-    assert hydrodynamics._above(model, 0) == []
-
-
 def test_drag_rates_are_damping_over_inertia_with_the_waters() -> None:
     """A rate at rest by linear damping, and one that grows with speed by quadratic drag."""
     added = np.diag([2.0, 4.0, 8.0, 1.0, 1.0, 1.0])

@@ -65,8 +65,10 @@ OTHER_VIEW = pytest.mark.long(
 
 def test_organised_points_are_the_depth_frame(within):
     """So that a pose found in one is found in the other."""
-    frame, found = doors()["depth frame"], Scan.from_cloud(doors()["organised"])
+    frame, points = doors()["depth frame"], doors()["organised"]
     assert isinstance(frame, Scan)
+    assert not isinstance(points, Scan)
+    found = Scan.from_cloud(points)
     assert np.array_equal(np.isfinite(found.depth), np.isfinite(frame.depth))
     within("depth [m]", np.nan_to_num(found.depth) - np.nan_to_num(frame.depth), 1e-9)
     within("pixel", 525.0 * (found.tangent_x - frame.tangent_x), 1e-2)

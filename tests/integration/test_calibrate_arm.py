@@ -125,7 +125,7 @@ def test_joints_that_bend_under_payloads_are_found(calibrate, root, tmp_path, wi
     [
         (("--compliance", "--payload", "1"), "--payload: 3 are needed, got 1"),
         (("--payload", "0", "5", "10"), "--payload and --link-mass go with --compliance"),
-        (("--touches", "touches", "--true-gears", "0.001"), "--touches and --true-compliance, --true-gears"),
+        (("--touches", "README.md", "--true-gears", "0.001"), "--touches and --true-compliance, --true-gears"),
         (("--touching", "clamped", "--arm", "uuv_puma", "--true-seating", "1e-4"), "not with touching by contact"),
         (("--true-seating", "1"), "--true-seating [m]"),
         (("--compliance", "--method", "paper"), "--compliance and --method paper"),

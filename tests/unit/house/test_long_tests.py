@@ -26,10 +26,19 @@ def marks() -> dict[str, list[str]]:
     """Guards that the marks of each test file name; an empty one for a mark without."""
     found: dict[str, list[str]] = {}
     for file in sorted((ROOT / "tests").rglob("test_*.py")):
-        for mark in long_marks(ast.parse(file.read_text(encoding="utf-8"))):
-            words = (
-                {word.arg: ast.literal_eval(word.value) for word in mark.keywords} if isinstance(mark, ast.Call) else {}
-            )
+        tree = ast.parse(file.read_text(encoding="utf-8"))
+        constants = {
+            target.id: node.value
+            for node in tree.body
+            if isinstance(node, ast.Assign)
+            for target in node.targets
+            if isinstance(target, ast.Name)
+        }
+        for mark in long_marks(tree):
+            keywords = mark.keywords if isinstance(mark, ast.Call) else []
+            words = {
+                word.arg: ast.literal_eval(constants.get(ast.unparse(word.value), word.value)) for word in keywords
+            }
             assert words.keys() <= {"guarded_by"}, file
             found.setdefault(file.relative_to(ROOT).as_posix(), []).append(words.get("guarded_by", ""))
     return found

@@ -148,7 +148,7 @@ def test_pictures_ask_for_egl_only_where_it_is(uuv, monkeypatch: pytest.MonkeyPa
     """Without the library, MuJoCo could not even be imported."""
     monkeypatch.delenv("DISPLAY", raising=False)
     for found, wanted in ((None, None), ("libEGL.so.1", "egl")):
-        monkeypatch.setattr("scenarios.cli.main.find_library", lambda _, found=found: found)
+        monkeypatch.setattr("ctypes.util.find_library", lambda _, found=found: found)
         monkeypatch.delenv("MUJOCO_GL", raising=False)
         uuv("picture", "--help")
         assert os.environ.get("MUJOCO_GL") == wanted

@@ -9,7 +9,7 @@ import numpy as np
 from controllers.hull.thrust_margin import ThrustMargin
 from controllers.mkps import Chain, IkOptions, IkResult, solve
 from controllers.planning.arm_size import FULL, reach
-from controllers.planning.hull_path import arm_gap, joint_centres_kernel, joint_gap_kernel
+from controllers.planning.hull_path import ROUNDING, arm_gap, joint_centres_kernel, joint_gap_kernel
 from models.vehicle import Vehicle
 from sim.interfaces.kernels import kernel
 from sim.interfaces.spatial import Array, inverse
@@ -18,7 +18,6 @@ FEW_STEPS = IkOptions(max_iterations=60)
 TILT = 0.35  # [rad] by which the tool axis of an arm of fewer joints may be off while the tool presses
 _ROOMY_TILT = 0.15  # [rad] off, that gives a margin of 1
 BENT = 0.3  # share of a shorter arm's length: least singular value of its position that gives a margin of 1
-ROUNDING = 1e-9  # [m] far above the rounding of a distance
 _LARGEST_STEP = 0.8  # [rad] of a joint between two poses of a path
 _AT_LIMIT = 0.02  # [rad] from its limit a joint counts as at it, in a message
 _ROOMY_THRUST = 0.4  # [-] unused share of thrust, left for the current, that gives a margin of 1

@@ -20,7 +20,7 @@ from controllers.ik.chain import Chain
 from controllers.mkps import IkOptions, solve
 from controllers.planning.arm_margins import BENT, ArmMargins, Dropped, ToolTrack
 from controllers.planning.arm_size import reach
-from controllers.planning.hull_path import hull_gap, skin_of
+from controllers.planning.hull_path import hull_keeps, skin_of
 from controllers.planning.path_poses import STANDOFF_STEPS, samples_along, tool_loads, tool_poses
 from controllers.planning.placement import Placement, PlacementSearch, Surroundings, out_of_reach
 from models.vehicle import Vehicle
@@ -230,7 +230,7 @@ class CarriedArm:
         """True if the hull is clear of object and seabed."""
         clearance, box = self.search.clearance, self.around.hull_box
         above = X_WB[2, 3] + box[0, 2] >= self.around.floor + clearance
-        return above and hull_gap(X_WB, box, skin) >= clearance
+        return above and hull_keeps(X_WB, box, skin, clearance)
 
     @staticmethod
     def _roll(whole: Chain, joints: Array, X_WG: Array) -> float:

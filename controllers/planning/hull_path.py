@@ -14,6 +14,7 @@ from sim.interfaces.kernels import kernel
 from sim.interfaces.spatial import Array, exp_so3, pose, transform_points
 
 CLEARANCE = 0.2  # [m] of hull, joints and tip to the object; covers the tool's size, marine growth and tracking lag
+ROUNDING = 1e-9  # [m] far above the rounding of a distance
 _CHECKED = 40  # number of poses along a move at which its clearance is computed
 _SKIN_STEP = 0.15  # [m] largest distance of points on the edges of the object's convex hull
 _BACK = (0.4, 0.8, 1.2)  # [m] detours away from the object, tried in this order where a straight path is too near
@@ -40,9 +41,18 @@ class HullPath:
 
     def gap(self, X_WB: Array) -> float:
         """Distance [m] of the hull's box, the arm's joints and its tip to the object; negative inside."""
+        return min(hull_gap(X_WB, self._hull_box, self._skin), self._arm_gap(X_WB))
+
+    def keeps(self, X_WB: Array, clearance: float) -> bool:
+        """True if `gap` is at least `clearance` [m]; sooner than by the gap itself."""
+        if self._arm_gap(X_WB) < clearance:
+            return False
+        return hull_keeps(X_WB, self._hull_box, self._skin, clearance)
+
+    def _arm_gap(self, X_WB: Array) -> float:
+        """Distance [m] of the arm's joints and its tip to the object's convex hull; negative inside."""
         arm_W = transform_points(X_WB, self._arm_B)
-        to_arm = float((self._planes[:, :3] @ arm_W.T + self._planes[:, 3:]).max(axis=0).min())
-        return min(hull_gap(X_WB, self._hull_box, self._skin), to_arm)
+        return convex_gap(arm_W, self._planes)
 
     def lowest(self, X_WB: Array) -> float:
         """Height [m] in W of the lowest point of arm joints, tip and underside of a level hull at `X_WB` (4, 4)."""
@@ -138,6 +148,15 @@ def hull_gap_kernel(X_WB: Array, hull_box: Array, obstacle: Array, away: Array, 
     return nearest
 
 
+def hull_keeps(X_WB: Array, hull_box: Array, obstacle: Array, clearance: float, away: Array | None = None) -> bool:
+    """True if the hull's box is no nearer than `clearance` [m] to the object, displaced by -`away` (3,) [m]."""
+    away = np.zeros(3) if away is None else away
+    gap = hull_gap_kernel(X_WB, hull_box, obstacle, away, clearance - ROUNDING)
+    if abs(gap - clearance) <= ROUNDING:  # the kernel cannot tell
+        gap = hull_gap(X_WB, hull_box, obstacle - away)
+    return gap >= clearance
+
+
 def arm_gap(chain: Chain, q: Array, X_AW: Array, planes: Array, gone: Array) -> float:
     """Distance [m] from the arm's joint centres to the object's convex hull; negative inside, inf without joints.
 
@@ -147,7 +166,14 @@ def arm_gap(chain: Chain, q: Array, X_AW: Array, planes: Array, gone: Array) -> 
     if not len(moved):
         return np.inf
     p_W = (moved - X_AW[:3, 3]) @ X_AW[:3, :3] + gone
-    return float((planes[:, :3] @ p_W.T + planes[:, 3:]).max(axis=0).min())
+    return convex_gap(p_W, planes)
+
+
+def convex_gap(points: Array, planes: Array) -> float:
+    """Distance [m] from the nearest of `points` (k, 3) [m] to a convex hull of `planes` (m, 4); negative inside."""
+    outside = planes[:, :3] @ points.T + planes[:, 3:]
+    # Along rows that lie side by side: NumPy reduces the few columns several times slower.
+    return float(np.ascontiguousarray(outside.T).max(axis=1).min())
 
 
 def joint_centres(chain: Chain, q: Array) -> Array:

@@ -25,10 +25,10 @@ from scipy.spatial import ConvexHull
 
 from controllers.hull.thrust_margin import ThrustMargin
 from controllers.mkps import Chain
-from controllers.planning.arm_margins import ROUNDING, ArmMargins, Dropped, ToolTrack, posture_for
+from controllers.planning.arm_margins import ArmMargins, Dropped, ToolTrack, posture_for
 from controllers.planning.arm_size import FULL, base_axis, reach, size
 from controllers.planning.carried_arm import CarriedArm
-from controllers.planning.hull_path import hull_gap, hull_gap_kernel, skin_of
+from controllers.planning.hull_path import hull_keeps, skin_of
 from controllers.planning.path_poses import (
     STANDOFF_STEPS,
     from_moving_hull,
@@ -125,10 +125,7 @@ def place_hull(
 
     def too_close(X_WB: Array, away_W: Array) -> bool:
         """True if the hull, displaced by `away_W` (3,) [m], is nearer to the object than its clearance."""
-        gap = hull_gap_kernel(X_WB, around.hull_box, skin, away_W, search.clearance - ROUNDING)
-        if abs(gap - search.clearance) <= ROUNDING:  # the kernel cannot tell
-            gap = hull_gap(X_WB, around.hull_box, skin - away_W)
-        return gap < search.clearance
+        return not hull_keeps(X_WB, around.hull_box, skin, search.clearance, away_W)
 
     def consider(base: Array, yaw: float) -> bool:
         """Try all tool rolls from this position of the arm's base (3,) [m] with this hull yaw [rad]; True if better."""

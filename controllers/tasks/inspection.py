@@ -134,6 +134,11 @@ class Keep:
                     return gap, what
         return None
 
+    def allows(self, X_WB: Array) -> bool:
+        """True if nothing is `short` at a hull pose (4, 4)."""
+        above = self.passing.lowest(X_WB) - self.floor >= self.clearance
+        return above and self.passing.keeps(X_WB, self.clearance)
+
 
 def offset_outline(vertices_T: Array, up_T: Array, distance: float) -> tuple[Array, Array]:
     """Closed horizontal line at a set distance around an object, at half its height, counter-clockwise from above.
@@ -417,4 +422,4 @@ def allowed_cameras(vertices_W: Array, X_BC: Array, keep: Keep) -> Array:
     turned = [exp_so3([0.0, 0.0, yaw]) for yaw in np.arange(_HEADINGS) * 2.0 * np.pi / _HEADINGS]
     places = np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 3)
     hulls = (pose(R, p - R @ X_BC[:3, 3]) for R in turned for p in places)
-    return np.array([X_WB @ X_BC for X_WB in hulls if keep.short([X_WB]) is None]).reshape(-1, 4, 4)
+    return np.array([X_WB @ X_BC for X_WB in hulls if keep.allows(X_WB)]).reshape(-1, 4, 4)

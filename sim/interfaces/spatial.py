@@ -314,6 +314,12 @@ def skew(v: ArrayLike) -> Array:
     return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
 
 
+def cross(a: Array, b: Array) -> tuple[float, float, float]:
+    """Cross product of two vectors (3,), as `np.cross` to the bit; that takes as long as a physics step."""
+    (ax, ay, az), (bx, by, bz) = a.tolist(), b.tolist()
+    return ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
+
+
 def exp_so3(phi: ArrayLike) -> Array:
     """Rotation matrix (3, 3) of the rotation vector `phi` (3,) [rad] (Rodrigues' formula)."""
     x, y, z = np.asarray(phi, dtype=np.float64).tolist()

@@ -14,7 +14,7 @@ from models.vehicle import Vehicle
 from sim import hydrodynamics
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import Command
-from sim.interfaces.spatial import Array, checked_pose, fitting, quat_wxyz_from_rotation
+from sim.interfaces.spatial import Array, checked_pose, cross, fitting, quat_wxyz_from_rotation
 from sim.plant.compiled_step import Drive, Flow, PlantRecord, Watch, drive, end_step, verdict
 from sim.plant.reaction_wrench import ReactionWrench
 from sim.plant.readout import CONTACTS, FORCE, NORMAL, Readout, gears_and_contacts, places_of
@@ -463,7 +463,7 @@ class Plant:
         self._from_soil[NORMAL], self._from_soil[FORCE:] = -(f_W @ axis), f_W
         wrench = data.xfrc_applied[self._tool]
         lever = truth.p_pad - data.xipos[self._tool]
-        wrench[:3], wrench[3:] = f_W, np.cross(lever, f_W)
+        wrench[:3], wrench[3:] = f_W, cross(lever, f_W)
 
     def _blow(self) -> None:
         """Write the flow of the next step into the model, before `observe` computes its forces."""

@@ -19,7 +19,7 @@ from models.hydrodynamics import BodyHydrodynamics
 from models.vehicle import Vehicle
 from models.water.thrusters import FORWARD, INFLOW_LOSS, REVERSE
 from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.spatial import Array, checked
+from sim.interfaces.spatial import Array, checked, cross
 
 
 class ThrustMargin:
@@ -101,7 +101,7 @@ class ThrustMargin:
         arm_B = inverse_dynamics(self._parameters, joints, hull, wrench)[1]
         past_B = np.concatenate([-(R_WB.T @ self._current_W), np.zeros(3)])  # of the hull through the water
         drag_B = -(self._linear @ past_B + self._quadratic * np.abs(past_B) * past_B)
-        drag_B[3:] -= np.cross(past_B[:3], (self._added @ past_B)[:3])  # Munk moment
+        drag_B[3:] -= cross(past_B[:3], (self._added @ past_B)[:3])  # Munk moment
         for form in self._forms:
             drag_B += form.wrench(past_B[None, :3], past_B[None, 3:], self._added)[0]
         thrust = self._thrust @ -(arm_B + self._static + drag_B)

@@ -72,6 +72,7 @@ def short_armed() -> str:
     return spec.to_xml()
 
 
+UNCERTAIN = "tests/unit/controllers/tasks/test_arrival.py::test_too_small_a_chance_is_refused_with_its_figures"
 KNOWN = ("--target-pose", "known")  # nothing is scanned before the refusal
 NAMELESS = """
 <mujoco>
@@ -88,7 +89,11 @@ NAMELESS = """
         pytest.param(["--path", "spiral"], None, "'spiral'", id="unknown path"),
         pytest.param(["--forces", "-60"], None, "--forces [N]: must be positive", id="negative force"),
         pytest.param(
-            [*KNOWN, "--least-chance", "1"], None, "at least 100.0% is asked for", id="place not certain enough"
+            [*KNOWN, "--least-chance", "1"],
+            None,
+            "at least 100.0% is asked for",
+            id="place not certain enough",
+            marks=pytest.mark.long(guarded_by=UNCERTAIN),
         ),
         pytest.param(["--least-chance", "1.5"], None, "least, a chance", id="no chance"),
         pytest.param(["--range", "12"], None, "not identified", id="camera sees nothing"),

@@ -15,11 +15,15 @@ from sim.interfaces.messages import AbortCode, WorkState
 SCANS = 5.0  # [s] at which the hull of seed 1 is at rest and scans
 AT, RAMP, UNTIL = 6.6, 0.5, 8.2  # [s] of the push, and of the end
 
+IN_FRAMES = pytest.mark.long(
+    guarded_by="tests/unit/perception/test_object_tracker.py::test_a_push_is_noticed_in_two_frames_and_measured"
+)
+
 
 @pytest.mark.parametrize(
     "by",
     [
-        pytest.param((0.0, 0.01, 0.0), id="1 cm"),
+        pytest.param((0.0, 0.01, 0.0), id="1 cm", marks=IN_FRAMES),
         pytest.param((0.03, 0.0, 0.0), id="along", marks=pytest.mark.long),
         pytest.param((0.03, -0.04, 0.0), id="5 cm", marks=pytest.mark.long),
     ],

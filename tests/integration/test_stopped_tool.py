@@ -30,6 +30,9 @@ class Listening(Navigation):
         return Navigation.step(self, state, measurements)
 
 
+@pytest.mark.long(
+    guarded_by="tests/unit/controllers/tasks/test_stops.py::test_each_stop_says_when_it_began_and_that_nothing_has_moved_since"
+)
 def test_a_stopped_tool_does_not_creep_and_the_path_goes_on():
     poor = Sensing(sensor="survey", vision_noise=5e-3, vision_period=0.2, vision_delay=0.2)
     assembly = assemble(replace(barrel(seed=2, quick=True, stop_every=2.0), sensing=poor))

@@ -2,6 +2,7 @@
 
 import ast
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -22,6 +23,7 @@ def is_long(node: ast.AST) -> bool:
     return isinstance(node, ast.Attribute) and ast.unparse(node) == "pytest.mark.long"
 
 
+@cache
 def marks() -> dict[str, list[str]]:
     """Guards that the marks of each test file name; an empty one for a mark without."""
     found: dict[str, list[str]] = {}

@@ -149,6 +149,18 @@ class Progress:
             return self.length - 0.5 * acceleration * left**2, acceleration * left
         return 0.5 * acceleration * ramp**2 + self.speed * (time - ramp), self.speed
 
+    def time(self, s: float) -> float:
+        """Time [s] after the start at which arc length `s` [m] is reached: the inverse of `at`."""
+        total, acceleration = self.duration, self.speed / self.ramp
+        ramp = min(self.ramp, 0.5 * total)
+        risen = 0.5 * acceleration * ramp**2
+        s = min(max(s, 0.0), self.length)
+        if s <= risen:
+            return float(np.sqrt(2.0 * s / acceleration))
+        if s > self.length - risen:
+            return float(total - np.sqrt(2.0 * (self.length - s) / acceleration))
+        return ramp + (s - risen) / self.speed
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SpeedLaw:

@@ -35,7 +35,7 @@ _MARGIN = 0.012  # [m] beside such a hollow
 _SURE = 0.05  # [rad] between the axes of scan and model at which each counts by half
 _SHORTEST = 0.03  # [m] of a stretch that is worked; the tool needs 1 cm to come to speed, and as much to rest
 _TURNS = float(np.cos(np.radians(20.0)))  # a path that turns less about the tool axis is followed by the tool's x axis
-_PACE = 0.5  # [-] share of the set speed on a surface that deviates: unseen slopes of 10 deg then cost half the force
+PACE = 0.5  # [-] share of the set speed on a surface that deviates: unseen slopes of 10 deg then cost half the force
 
 
 def plan_path(
@@ -160,7 +160,7 @@ def workable(path: ToolPath, tool_radius: float, scanned: np.ndarray | None = No
         x=readonly(path.x[part]),
         on_scan=path.on_scan[part],
         fits=fits[part],
-        pace=_PACE,
+        pace=PACE,
         note=note,
     )
 

@@ -74,7 +74,7 @@ def command(
     for line in filter(None, (assembly.said, *preflight(scenario, assembly.own))):
         console.print(line, markup=False, highlight=False, soft_wrap=True)
     plant, placed = assembly.plant, assembly.placed
-    title = placed.title + after
+    title, longest = placed.title + after, options.longest or placed.longest
     # Before the run, which stores the current in the model.
     made_by = provenance(scenario.name, as_dict(scenario), plant.model)
     recorder = Recorder(plant.model, timestep=plant.timestep, full=options.record)
@@ -102,7 +102,7 @@ def command(
         stop = SignalStop()
         with signals(stop.ask):
             with bar:
-                result = run_through(assembly, recorder, observers, stop=stop)
+                result = run_through(assembly, recorder, observers, longest, stop=stop)
             if result.part_by_part:
                 console.print(f"no compiled ticks, which are faster: {result.part_by_part}", highlight=False)
             assessment = assessed(assembly, result).made_by(made_by).started(start)
@@ -124,7 +124,7 @@ def command(
     if stop.asked is not None:
         raise stop.asked
     if not result.recording.within(*placed.begun).any():
-        why = result.last.reference.note or f"not within {placed.longest:.0f} s"
+        why = result.last.reference.note or f"not within {longest:.0f} s"
         met = f"; before that {result.recording.collided}" if result.recording.collided else ""
         raise ConfigurationError(f"the work could not begin: {why}{met} (uuv check {scenario.vehicle.vehicle})")
     return 0 if assessment.accepted else NOT_ACCEPTED

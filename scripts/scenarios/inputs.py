@@ -17,10 +17,18 @@ from models.tools.tools import TOOLS
 from scenarios.kinds import CONTROLLER, CONTROLLERS, SENSORS, class_of
 from scenarios.own_vehicle import vehicle_spec, with_tool
 from scenarios.scenario import Scenario, VehicleSetup
+from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.spatial import finite_number
+
+_MOST_SECONDS = 1e6  # [s] simulated in one run
 
 
-def check_inputs(scenario: Scenario) -> None:
+def check_inputs(scenario: Scenario, longest: float | None = None) -> None:
     """Refuses a scenario that names what there is not, or a file that cannot be read or lacks what the job needs.
+
+    Args:
+        scenario: The description.
+        longest: [s] limit of the simulated time; None: that of the task.
 
     Raises:
         ConfigurationError: Which name or file, what is allowed, and what was given.
@@ -32,6 +40,8 @@ def check_inputs(scenario: Scenario) -> None:
 
     # Files of the job, and the object that it works on.
     scenario.task.check_inputs(scenario)
+    if longest is not None:
+        _check_limit(scenario, longest)
     if scenario.belief.arm is not None:
         from calib.arm_files import read_arm
 
@@ -73,6 +83,13 @@ def check_vehicle(
     if spares is not None:
         check_parts(spec.compile(), {*spares, *(COMPUTABLE if is_armed(spec) else ())})
     return spec
+
+
+def _check_limit(scenario: Scenario, longest: float) -> None:
+    finite_number(longest, "--longest [s]", above=0.0, most=_MOST_SECONDS)
+    least = scenario.task.least_seconds(scenario)
+    if longest < least:
+        raise ConfigurationError(f"--longest {longest:g} s: the work alone takes {least:.0f} s")
 
 
 def _check_names(setup: VehicleSetup) -> None:

@@ -187,11 +187,11 @@ class BarrelOptions(ContactOptions):
 
     path: Literal["longitudinal", "transverse", "corner"] = "longitudinal"
     """Along the barrel's top, half around it, or first along and then off to a side."""
-    length: float = 0.6
-    """Length of the longitudinal path [m]."""
-    arc: float = 180.0
-    """Arc of the transverse path [deg]; where the reach ends sooner, the largest from 150 deg on is worked and
-    reported."""
+    length: float | None = None
+    """Length of the longitudinal path [m]; default 0.6, with --quick 0.2."""
+    arc: float | None = None
+    """Arc of the transverse path [deg]; default 180, with --quick 60. Where the reach ends sooner, the largest from 150
+    deg on is worked and reported."""
     azimuth: float = 0.0
     """Azimuth of the path around the barrel [deg], from the top; a large one is out of reach."""
     corner: float = 90.0
@@ -201,10 +201,10 @@ class BarrelOptions(ContactOptions):
         """The work on the barrel."""
         from scenarios.site import Barrel
 
-        arc = 60.0 if self.quick else self.arc
+        arc = self.usual(self.arc, 180.0, quick=60.0)
         along = self.path != "transverse"
         of = Barrel(
-            length=0.2 if self.quick else self.length,
+            length=self.usual(self.length, 0.6, quick=0.2),
             arc=float(np.radians(arc)),
             azimuth=float(np.radians(self.azimuth)),
             corner=float(np.radians(self.corner)),
@@ -222,13 +222,13 @@ class PileOptions(ContactOptions):
 
     path: Literal["vertical", "ring", "helix"] = "vertical"
     """Up the pile, around it, or both at once."""
-    length: float = 0.5
-    """Length of the vertical path [m]."""
-    arc: float = 100.0
-    """Arc of ring and helix [deg]; where the reach ends sooner, the largest possible from 80 deg on is worked and
-    reported."""
-    rise: float = 0.3
-    """Rise of the helix [m]."""
+    length: float | None = None
+    """Length of the vertical path [m]; default 0.5, with --quick 0.2."""
+    arc: float | None = None
+    """Arc of ring and helix [deg]; default 100, with --quick 40. Where the reach ends sooner, the largest possible from
+    80 deg on is worked and reported."""
+    rise: float | None = None
+    """Rise of the helix [m]; default 0.003 for each degree of its arc."""
     azimuth: float = 0.0
     """Azimuth of the path's middle [deg], from the side that the vehicle approaches."""
     height: float = -0.15
@@ -241,12 +241,12 @@ class PileOptions(ContactOptions):
         """The work on the pile."""
         from scenarios.site import Pile
 
-        arc = 40.0 if self.quick else self.arc
+        arc = self.usual(self.arc, 100.0, quick=40.0)
         up = self.path == "vertical"
         of = Pile(
-            length=0.2 if self.quick else self.length,
+            length=self.usual(self.length, 0.5, quick=0.2),
             arc=float(np.radians(arc)),
-            rise=self.rise * arc / self.arc,
+            rise=0.003 * arc if self.rise is None else self.rise,
             azimuth=float(np.radians(self.azimuth)),
             height=self.height,
             fouled=self.fouled,
@@ -317,8 +317,8 @@ class InsertionOptions(TrialOptions):
     """Hole of the manifold."""
     clearance: float = 2.0
     """Radial clearance between sampler and hole [mm]."""
-    depth: float = 60.0
-    """Depth to reach below the mouth [mm]; the hole is 20 mm deeper."""
+    depth: float | None = None
+    """Depth to reach below the mouth [mm], default 60, with --quick 30; the hole is 20 mm deeper."""
     chamfer: float = 2.0
     """Chamfer of the hole's mouth [mm]."""
     error: tuple[float, float] = (0.0, 0.0)
@@ -338,7 +338,7 @@ class InsertionOptions(TrialOptions):
         from scenarios.site import HoleManifold
         from scenarios.tasks.insertion import InsertionTask
 
-        depth = 1e-3 * (30.0 if self.quick else self.depth)
+        depth = 1e-3 * self.usual(self.depth, 60.0, quick=30.0)
         of = HoleManifold(clearance=1e-3 * self.clearance, depth=depth + BOTTOM, chamfer=1e-3 * self.chamfer)
         return Scenario(
             name="insert_sampler",
@@ -366,8 +366,8 @@ class SeabedOptions(TrialOptions):
     """Kind of soil (models/site/soil.py)."""
     work: Literal["core", "drag"] = "core"
     """core: push a tube in and withdraw it; drag: drag a box along the profile between the targets."""
-    push: float = 50.0
-    """Set force on the core tube [N]; at most 40 with --quick."""
+    push: float | None = None
+    """Set force on the core tube [N]; default 50, with --quick 40."""
     depth: float | None = None
     """drag: depth of the box [mm], default 30; core: depth at which the tube is full [mm], default 180."""
     targets: Path | None = None
@@ -397,7 +397,7 @@ class SeabedOptions(TrialOptions):
             site=self.site(Ground(terrain=self.terrain, soil=self.soil)),
             task=SeabedSamplingTask(
                 drag=drag,
-                push=min(self.push, 40.0) if self.quick else self.push,
+                push=self.usual(self.push, 50.0, quick=40.0),
                 depth=1e-3 * depth,
                 cloud=None if self.cloud is None else str(self.cloud),
                 targets=None if self.targets is None else str(self.targets),
@@ -466,7 +466,7 @@ class GearOptions(ScenarioOptions):
         from scenarios.site import OpenWater
 
         finite_number(self.gear_spread, "--gear-spread", least=0.0, most=0.9)
-        seconds = self.seconds if self.seconds is not None else 15.0 if self.quick else 30.0
+        seconds = self.usual(self.seconds, 30.0, quick=15.0)
 
         return Scenario(
             name="identify_friction",
@@ -503,7 +503,7 @@ def run_job(scenario: "Scenario", options: RunOptions, started: float, after: st
     """
     from scenarios.inputs import check_inputs
 
-    check_inputs(scenario)
+    check_inputs(scenario, options.longest)
     if isinstance(options, TrialOptions) and options.trials:
         from scenarios.campaigns.task_trials import command_trials
 

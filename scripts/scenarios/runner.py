@@ -73,7 +73,7 @@ def run(
         UuvError: The scenario cannot be assembled, or the motion diverges.
     """
     if isinstance(scenario, Scenario):
-        check_inputs(scenario)
+        check_inputs(scenario, longest)
     first_start.build()
     start = scenario if isinstance(scenario, SavedRun) else None
     if start is not None and recorder is not None:

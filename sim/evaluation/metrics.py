@@ -13,37 +13,35 @@ import numpy as np
 
 from models.objects.axis_steps import Steps
 from models.objects.target_model import PATH_STEP, ModelPath, TargetModel
+from sim.evaluation.force_levels import contact_figures, tangential, unjudged_levels
 from sim.evaluation.mesh_surface import Surface, closest_on_curve
 from sim.evaluation.run_metrics import EveryRun, RunMetrics, StartMetrics, Timings, run_schema
 from sim.evaluation.schemas import unmeasured
 from sim.evaluation.surface_metrics import (
-    ContactMetrics,
     ForceEstimateMetrics,
     GapMetrics,
     HullMetrics,
     IdentificationMetrics,
     JointMetrics,
     MotionMetrics,
-    SegmentMetrics,
+    PathMetrics,
+    SpeedMetrics,
     SurfaceMetrics,
     ThrusterMetrics,
     ToolMetrics,
     UncertaintyMetrics,
 )
-from sim.interfaces.messages import WorkState
+from sim.evaluation.tool_speed import STANDSTILL, speed_figures
+from sim.interfaces.messages import AbortCode, WorkState
 from sim.interfaces.spatial import Array, checked, inverse
 from sim.runs.saving import write_json
 
 if TYPE_CHECKING:
     from sim.loop.recording import RecordedSeries, Recording
 
-SETTLING = 1.0  # [s] from the beginning of a change of the set force, excluded from the force error
-LOST_BELOW = 1.0  # [N] true normal force below which contact is lost
-RAMP_GAP = 0.1  # [s] of constant set force after which the next change begins a new segment
 REVERSAL = 0.005  # [rad] of a joint; less is the arm's answer to the hull's wander
 TILT_RATE = 50.0  # [Hz] rate at which the surface normal under the tip is evaluated
 CORNER = PATH_STEP  # [m] along a path to either side of its corners: nearer its points do not tell how it turns
-STANDSTILL = 1e-6  # [m/s] commanded speed up to which the point is at rest
 INTERRUPTED = "interrupted"  # state of a run ended by a signal
 
 
@@ -55,6 +53,8 @@ class Bounds:
     force_error_max: float = 9.0  # [N]
     lost: float = 0.0  # [s]
     path_deviation: float = 0.003  # [m]; infinite: there is no path
+    speed_error: float = 0.1  # of the set speed
+    off_speed: float = 2.0 / 3.0  # share of the path below it, in ramps, bends and stops
     position_error: float = 0.005  # [m] of the identification
     position_error_share: float = 0.005  # of the range
     tilt: float = float(np.radians(3.0))  # [rad] tool and hull; infinite: it is not judged
@@ -73,6 +73,14 @@ class TrueObject:
     def __post_init__(self) -> None:
         self.model.path(self.path)  # raises ConfigurationError for an unknown name
         object.__setattr__(self, "X_WT", checked(self.X_WT, (4, 4), "X_WT"))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AskedWork:
+    """What was asked of the tool, all of which must have its figures."""
+
+    forces: tuple[float, ...] = ()  # [N] set forces on consecutive, equally long parts of the path; none: no contact
+    speed: float | None = None  # [m/s] along the path; None: it is not judged
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,12 +150,14 @@ class Assessment:
         state, note = final.state.value, final.note
         if recording.interrupted:
             state, note = INTERRUPTED, f"by {recording.interrupted} in state {state} after {recording.duration:.1f} s"
+        cut = not recording.interrupted and final.state not in (WorkState.DONE, WorkState.ABORT)
+        abort = AbortCode.TIME_LIMIT if cut else final.abort
         run = RunMetrics(
             simulated_s=recording.duration,
             seed=seed,
             state=state,
             note=note,
-            abort=None if final.abort is None else final.abort.value,
+            abort=None if abort is None else abort.value,
             collision_s=float(recording["collision"].scalar.sum() * recording.timestep),
             trajectory_sha256=recording.digest(),
         )
@@ -167,8 +177,11 @@ class Assessment:
         elif final.state is WorkState.ABORT and len(recording.events) > 1:
             before = recording.events[-2].state.value
             failed.insert(0, f"the work was broken off in {before} at {final.time:.1f} s: {note}")
-        elif final.state is not WorkState.DONE:
+        elif final.state is WorkState.ABORT:
             failed.insert(0, f"the run ended in state {state}{f': {note}' if note else ''}")
+        elif cut:
+            after = f"after {recording.duration:.1f} s, in state {state}"
+            failed.insert(0, f"the time limit ended the run {after}{f': {note}' if note else ''} (--longest)")
         every_run = EveryRun(run=run, accepted=not failed, failed=failed, timings=timings)
         metrics = {**asdict(figures), **asdict(every_run)}
         del metrics["provenance"], metrics["start"]  # see `made_by`, `started`
@@ -209,6 +222,7 @@ def assess(
     wall_s: float,
     identification_s: float | None = None,
     bounds: Bounds | None = None,
+    asked: AskedWork | None = None,
 ) -> Assessment:
     """All metrics of a run along a path on an object.
 
@@ -219,17 +233,20 @@ def assess(
         wall_s: Wall time of the loop [s].
         identification_s: Wall time of the last identification [s].
         bounds: Acceptance bounds; default: `Bounds()`.
+        asked: Forces and speed that were asked for; default: what was commanded is judged as far as it went.
 
     Returns:
         The assessment.
     """
-    bounds = bounds or Bounds()
+    bounds, asked = bounds or Bounds(), asked or AskedWork()
     identification = _identification(recording, truth)
     uncertainty = uncertainty_figures(recording, truth)
     contact = contact_figures(recording)
     tool = tool_figures(recording, truth)
     hull = hull_figures(recording)
     gap = gap_figures(recording, truth)
+    path = PathMetrics(true_deviation_max_m=true_path_deviation(recording, truth))
+    speed = speed_figures(recording, asked.speed)
     metrics = SurfaceMetrics(
         identification=identification,
         uncertainty=uncertainty,
@@ -237,6 +254,8 @@ def assess(
         contact=contact,
         gap=gap,
         tool=tool,
+        path=path,
+        speed=speed,
         joints=joint_figures(recording),
         force_estimate=force_estimate_figures(recording),
         hull=hull,
@@ -259,8 +278,9 @@ def assess(
             Requirement("distance error, peak", gap.error_max_m, bounds.gap_error, "mm", mm),
             Requirement("touched", gap.touched_s, 0.0, "s"),
         )
-    # The commanded path stands still: on an object that can move the path is judged on the object.
-    on_object = bounds.path_deviation if "p_WT" in recording else None
+    # The commanded path stands still: on an object that can move the path is judged on the object. On one that stands
+    # the identification adds its own error.
+    on_object = bounds.path_deviation + (0.0 if "p_WT" in recording else position_bound)
     checks = (
         Requirement("identified position", identification.position_error_m, position_bound, "mm", mm),
         Requirement("identified orientation", identification.orientation_error_rad, None, "deg", degrees),
@@ -272,7 +292,8 @@ def assess(
         Requirement("path deviation, RMS", tool.path_deviation_rms_m, None, "mm", mm),
         Requirement("path deviation, peak", tool.path_deviation_max_m, _judged(bounds.path_deviation), "mm", mm),
         Requirement("path worked", tool.worked_share, None, "%", 100.0),
-        Requirement("tip to ideal path, peak", tool.object_deviation_max_m, on_object, "mm", mm),
+        Requirement("true path deviation, peak", path.true_deviation_max_m, _judged(on_object), "mm", mm),
+        *_of_speed(speed, bounds, judged=asked.speed is not None),
         Requirement("tool tilt, peak", tool.tilt_max_rad, _judged(bounds.tilt), "deg", degrees),
         *(
             (Requirement("tool twist, peak", tool.twist_max_rad, bounds.tilt, "deg", degrees),)
@@ -283,61 +304,26 @@ def assess(
         Requirement("hull tilt, peak", hull.tilt_max_rad, _judged(bounds.tilt), "deg", degrees),
     )
     others = () if identification.accepted else ("the object was not identified",)
+    if recording.final.state is WorkState.DONE:
+        others += unjudged_levels(recording, asked.forces)
     return Assessment.of(
         recording, metrics, checks, seed=seed, wall_s=wall_s, identification_s=identification_s, others=others
+    )
+
+
+def _of_speed(speed: SpeedMetrics, bounds: Bounds, *, judged: bool) -> tuple[Requirement, ...]:
+    """Requirements of the tool's speed along its path."""
+    error = None if speed.mean is None or not speed.set else abs(speed.mean / speed.set - 1.0)
+    off = None if speed.share is None else 1.0 - speed.share
+    return (
+        Requirement("error of the mean speed", error, bounds.speed_error if judged else None, "%", 100.0),
+        Requirement("path below the set speed", off, bounds.off_speed if judged else None, "%", 100.0),
     )
 
 
 def _judged(bound: float) -> float | None:
     """The bound, or None for one that is not judged."""
     return bound if np.isfinite(bound) else None
-
-
-def contact_figures(recording: "Recording") -> ContactMetrics:
-    """Error of the true normal force from the set force in the work state, overall and per segment.
-
-    A segment has one set force. RMS is of the means over the loop's steps; peaks and lost contact are of the physics
-    steps within them. If the reference ramps to a new set force, the error is relative to the end of the ramp. It
-    counts from SETTLING after the beginning of the ramp.
-    """
-    time, work = recording["set_force"].time, recording.within(WorkState.WORK)
-    if not work.any() or not recording["set_force"].scalar[work].any():  # no force was commanded
-        return unmeasured(ContactMetrics, segments=[])
-    wanted = recording["set_force"].scalar
-    lost = (recording["contact_least"].scalar < LOST_BELOW) & work
-    changed = np.concatenate([[True], np.diff(wanted) != 0.0])
-    last_change = np.maximum.accumulate(np.where(changed, time, -np.inf))
-    begins = changed & (time - np.concatenate([[-np.inf], last_change[:-1]]) > RAMP_GAP)
-    part = np.cumsum(begins) - 1
-    starts = np.flatnonzero(begins)
-    step = wanted[np.append(starts[1:], len(wanted)) - 1][part]  # [N] final value of each ramp
-    error, over, under = (recording[name].scalar - step for name in ("contact_normal", "contact_most", "contact_least"))
-    peak = np.maximum(np.abs(over), np.abs(under))
-    settled = work & (time - time[starts][part] >= SETTLING - 1e-9)
-
-    def figures(where: np.ndarray) -> dict[str, float | None]:
-        e, worst = error[where & settled], peak[where & settled]
-        return {
-            "force_error_rms_n": float(np.sqrt(np.mean(e**2))) if e.size else None,
-            "force_error_max_n": float(worst.max()) if e.size else None,
-            "lost_s": float((lost & where).sum() * recording.timestep),
-        }
-
-    segments: list[SegmentMetrics] = []
-    for number in np.unique(part[work]):
-        where = work & (part == number)
-        duration_s = float(where.sum() * recording.timestep)
-        segments.append(SegmentMetrics(set_n=float(wanted[where][-1]), **figures(where), duration_s=duration_s))
-    across = np.linalg.norm(tangential(recording, "contact_force")[work], axis=1)
-    return ContactMetrics(
-        **figures(work), tangential_mean_n=float(across.mean()), tangential_max_n=float(across.max()), segments=segments
-    )
-
-
-def tangential(recording: "RecordedSeries", name: str) -> Array:
-    """Part (N, 3) [N] of the force `name`, "contact_force" or "felt_force", across the tool axis; W."""
-    force, axis = recording[name].value, recording["tool_axis"].value
-    return force - np.sum(force * axis, axis=1, keepdims=True) * axis
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -387,16 +373,15 @@ def path_error(recording: "RecordedSeries") -> PathError | None:
 
 
 def tool_figures(recording: "Recording", truth: TrueObject) -> ToolMetrics:
-    """Errors of the true tip: from the commanded path, the ideal path on the true object, and its surface normal."""
+    """Errors of the true tip from the commanded path, and of the tool from the true surface normal."""
     error = path_error(recording)
     if error is None:  # a tool that rests on the surface has no path, but an attitude
         tilt = tool_tilt(recording, truth)[1]
         return unmeasured(ToolMetrics, tilt_max_rad=float(tilt.max()) if tilt.size else None)
     work = recording.within(WorkState.WORK)
-    tip_T = _in_object(recording, truth, np.flatnonzero(work), _path_pose(recording, truth))[0]
     path = truth.model.path(truth.path)
     whole = np.asarray(path.p)
-    ideal, arc = closest_on_curve(tip_T, whole)
+    arc = _on_ideal_path(recording, truth)[1]
     lifted = np.flatnonzero(np.diff(np.flatnonzero(work)) > 1) + 1  # the tool was moved to another stretch
     worked = sum(float(np.ptp(stretch)) for stretch in np.split(arc, lifted))
     moving = np.linalg.norm(recording["v_command"].value[work], axis=1) > STANDSTILL
@@ -408,12 +393,28 @@ def tool_figures(recording: "Recording", truth: TrueObject) -> ToolMetrics:
         cross_track_max_m=float(error.cross.max()),
         along_track_max_m=float(np.abs(error.along).max()),
         normal_deviation_max_m=float(np.abs(error.normal).max()),
-        object_deviation_max_m=float(np.linalg.norm(tip_T - ideal, axis=1).max()),
         tilt_max_rad=float(tool_tilt(recording, truth)[1].max()),
         twist_max_rad=float(np.abs(tool_twist(recording, truth)[1]).max()) if path.keeps_b else None,
         speed_mean_m_s=worked / float(moving.sum() * recording.timestep),
         worked_share=worked / float(np.linalg.norm(np.diff(whole, axis=0), axis=1).sum()),
     )
+
+
+def true_path_deviation(recording: "Recording", truth: TrueObject) -> float | None:
+    """Largest distance [m] of the true tip from the ideal path on the true object, at work; None without a path."""
+    if path_error(recording) is None:
+        return None
+    return float(_on_ideal_path(recording, truth)[0].max())
+
+
+def _on_ideal_path(recording: "Recording", truth: TrueObject) -> tuple[Array, Array]:
+    """Distance (N,) [m] of the true tip from the ideal path at work, and arc length (N,) [m] of the point nearest."""
+    rows = np.flatnonzero(recording.within(WorkState.WORK))
+    tip_T = _in_object(recording, truth, rows, _path_pose(recording, truth))[0]
+    path = truth.model.path(truth.path)
+    off = truth.contactless or 0.0  # the ideal path of a tool that keeps a distance lies above the surface
+    ideal, arc = closest_on_curve(tip_T, np.asarray(path.p) - off * np.asarray(path.a))
+    return np.linalg.norm(tip_T - ideal, axis=1), arc
 
 
 def _path_pose(recording: "Recording", truth: TrueObject) -> Array:

@@ -75,6 +75,8 @@ class SegmentMetrics:
     force_error_max_n: float | None = metric(minimum=0)
     lost_s: float | None = metric(minimum=0)
     duration_s: float = metric(minimum=0)
+    judged_s: float = metric("Time that the force error is of: settled, after each change of the set force.", minimum=0)
+    judged: bool = metric("True if that is long enough for a figure.")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -82,7 +84,8 @@ class ContactMetrics:
     """Error of the true normal force from the set force in the work state."""
 
     force_error_rms_n: float | None = metric(
-        "True normal force against the set value in the work state, from 1 s after each change of it has ended.",
+        "True normal force against the set value in the work state, from 1 s after each change of it has begun, "
+        "and 0.5 s after it has ended.",
         minimum=0,
     )
     force_error_max_n: float | None = metric(minimum=0)
@@ -106,7 +109,7 @@ class GapMetrics:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ToolMetrics:
-    """Errors of the true tip: from the commanded path, the ideal path on the true object, and its surface normal."""
+    """Errors of the true tip from the commanded path, and of the tool from the true surface normal."""
 
     path_deviation_rms_m: float | None = metric(
         "The larger of cross-track and along-track at each instant: true tip against the timed commanded path.",
@@ -120,7 +123,6 @@ class ToolMetrics:
     normal_deviation_max_m: float | None = metric(
         "Along the tool axis, where the force decides; no part of path_deviation.", minimum=0
     )
-    object_deviation_max_m: float | None = metric("True tip to the ideal path on the true object.", minimum=0)
     tilt_max_rad: float | None = metric("Between the tool axis and the true surface normal.", minimum=0)
     twist_max_rad: float | None = metric(
         "About the tool axis, between the tool's x axis and the one that the path sets; null for a round tool.",
@@ -128,6 +130,22 @@ class ToolMetrics:
     )
     speed_mean_m_s: float | None
     worked_share: float | None = metric("Length of the ideal path that was worked, over all of it.", minimum=0)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PathMetrics:
+    """The worked path against the ideal one, that of the true object."""
+
+    true_deviation_max_m: float | None = metric("True tip from the ideal path on the true object.", minimum=0)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SpeedMetrics:
+    """Speed of the true tip where the tool was to move at the set speed: without ramps, slow bends and stops."""
+
+    set: float | None = metric("Set speed along the path [m/s]; null where none is known.", minimum=0)
+    mean: float | None = metric("Mean speed of the true tip along the path there [m/s].")
+    share: float | None = metric("Length of the path that was travelled so, over all that was.", minimum=0, maximum=1)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -179,6 +197,8 @@ class SurfaceMetrics:
         "Work without contact: the pad's distance to the true surface; null where the tool pressed."
     )
     tool: ToolMetrics
+    path: PathMetrics
+    speed: SpeedMetrics
     joints: JointMetrics
     force_estimate: ForceEstimateMetrics
     hull: HullMetrics

@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from sim.evaluation.metrics import SETTLING, Assessment, Bounds, Requirement
+from sim.evaluation.force_levels import SETTLING
+from sim.evaluation.metrics import Assessment, Bounds, Requirement
 from sim.interfaces.errors import ConfigurationError
 from sim.loop.recording import Recording
 from sim.reporting.report_page import page, provenance, section, table, text

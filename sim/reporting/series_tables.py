@@ -250,13 +250,13 @@ class PastRun:
 
     def _repr_html_(self) -> str:
         """Card for a notebook."""
-        run, contact, tool = self.metrics["run"], self.metrics.get("contact", {}), self.metrics.get("tool", {})
+        run, contact, tool, path = (self.metrics.get(name, {}) for name in ("run", "contact", "tool", "path"))
         rows = [("ended", str(run["state"]), ""), ("simulated", f"{run['simulated_s']:.0f}", "s")]
         for title, value, scale, unit in (
             ("force error, RMS", contact.get("force_error_rms_n"), 1.0, "N"),
             ("force error, peak", contact.get("force_error_max_n"), 1.0, "N"),
             ("path deviation, peak", tool.get("path_deviation_max_m"), 1e3, "mm"),
-            ("tip to ideal path, peak", tool.get("object_deviation_max_m"), 1e3, "mm"),
+            ("true path deviation, peak", path.get("true_deviation_max_m"), 1e3, "mm"),
         ):
             if value is not None:
                 rows.append((title, f"{scale * value:.2f}", unit))

@@ -9,7 +9,8 @@ import plotly.graph_objects as go
 from plotly.io import to_html
 from plotly.subplots import make_subplots
 
-from sim.evaluation.metrics import Bounds, hull_motion, path_error, tangential
+from sim.evaluation.force_levels import tangential
+from sim.evaluation.metrics import Bounds, hull_motion, path_error
 from sim.interfaces.messages import WorkState
 from sim.interfaces.spatial import Array
 from sim.loop.recording import RecordedSeries

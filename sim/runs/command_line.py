@@ -37,7 +37,7 @@ Options = TypeVar("Options")
 class RunOptions:
     """Options of every run that change no figure."""
 
-    groups: ClassVar[Mapping[str, str]] = {"output": "out view record"}  # title: names of the options
+    groups: ClassVar[Mapping[str, str]] = {"output": "out view record longest"}  # title: names of the options
 
     out: Path | None = None
     """New folder for metrics.json, run.rrd and report.html; runs/<scenario>/<time>-<seed> by default."""
@@ -45,6 +45,8 @@ class RunOptions:
     """Open the Rerun viewer while the run goes on."""
     record: bool = True
     """Write run.rrd and report.html (--no-record: the figures alone, faster)."""
+    longest: float | None = None
+    """Limit of the simulated time [s]; default: 1.5 times what the job needs, and at least 400."""
 
 
 @dataclass(kw_only=True)
@@ -64,7 +66,13 @@ class ScenarioOptions(RunOptions):
     wave_frequency: float = 0.1
     """Frequency of the wave [Hz]."""
     quick: bool = False
-    """A shorter job, for a first look within a minute."""
+    """A shorter job, for a first look within a minute; options that are given keep their values."""
+
+    def usual(self, given: float | None, usual: float, *, quick: float) -> float:
+        """An option's value: the one that was given, else the usual one, or that of a quick job."""
+        if given is not None:
+            return given
+        return quick if self.quick else usual
 
     def folder(self, scenario: str) -> Path:
         """New folder for results.

@@ -47,7 +47,9 @@ def test_objects_by_name_or_file(tmp_path):
     assert targets.of(str(tmp_path / "two.obj"), 0.001).radius < 1.0
 
 
-@pytest.mark.long(guarded_by="tests/unit/perception/toolpath/test_deformation.py::test_growth_and_dent_are_found_as_they_are")
+@pytest.mark.long(
+    guarded_by="tests/unit/perception/toolpath/test_deformation.py::test_growth_and_dent_are_found_as_they_are"
+)
 def test_deformed_object_is_mapped(script, tmp_path):
     done = script("identify_object", "--object", "rock", "--fouled", 0.04, "--dented", 0.03, "--out", tmp_path)
     assert done.returncode == 0, done.stderr

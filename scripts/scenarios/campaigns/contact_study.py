@@ -269,7 +269,7 @@ def figures_of(outcome: Run) -> dict[str, float | None]:
         **rms,
         "cross_max_m": tool["cross_track_max_m"],
         "along_max_m": tool["along_track_max_m"],
-        "object_deviation_max_m": tool["object_deviation_max_m"],
+        "object_deviation_max_m": metrics["path"]["true_deviation_max_m"],
         "estimate_rms_n": metrics["force_estimate"]["normal_error_rms_n"],
         "estimate_vector_rms_n": metrics["force_estimate"]["error_rms_n"],
         "tool_tilt_max_rad": tool["tilt_max_rad"],

@@ -10,8 +10,9 @@ from typing import Protocol
 
 import numpy as np
 
+from sim.evaluation.force_levels import LOST_BELOW, SETTLING
 from sim.evaluation.insertion_metrics import InsertionBounds, TrueHole
-from sim.evaluation.metrics import LOST_BELOW, SETTLING, Bounds
+from sim.evaluation.metrics import Bounds
 from sim.interfaces.messages import ToolPath
 from sim.plant.plant import Truth
 

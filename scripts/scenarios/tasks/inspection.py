@@ -15,7 +15,7 @@ from models.site import scenes
 from scenarios.own_vehicle import OwnVehicle
 from scenarios.scenario import Scenario
 from scenarios.site import Workpiece, coarse_detection
-from scenarios.tasks.task import Pictures, PlacedTask, RunResult, Task, object_of, scan_pose
+from scenarios.tasks.task import LONGEST, Pictures, PlacedTask, RunResult, Task, object_of, scan_pose
 from sim.evaluation.inspection_metrics import InspectionBounds, TrueInspection, assess_inspection
 from sim.evaluation.metrics import Assessment
 from sim.interfaces.messages import WorkState
@@ -98,9 +98,10 @@ class PlacedInspection(PlacedTask):
     survey: "SurfaceSurvey | None" = None  # of the surface; None: none
     half_view: tuple[float, float] = (0.0, 0.0)  # tangents of half the camera's fields of view; `sensors` sets it
 
-    def __post_init__(self) -> None:
-        if self.cover:
-            self.longest = _COVERED_WITHIN
+    @property
+    def longest(self) -> float:
+        """Limit [s] of the simulated time, longer for several orbits."""
+        return _COVERED_WITHIN if self.cover else LONGEST
 
     @property
     def title(self) -> str:

@@ -9,6 +9,7 @@ import numpy as np
 from controllers.planning.promise import PromiseLimits
 from controllers.planning.trajectories import FASTEST, SLOWEST
 from controllers.tasks.approach_limits import ApproachLimits
+from controllers.tasks.contact_phases import FollowLimits
 from models.objects.targets import TargetModel
 from models.site import scenes
 from models.site.sliding_contact import let_tool_slide
@@ -16,8 +17,9 @@ from scenarios.kinds import SURVEY
 from scenarios.own_vehicle import OwnVehicle
 from scenarios.scenario import Scenario
 from scenarios.site import Workpiece, coarse_detection
-from scenarios.tasks.task import Pictures, PlacedTask, RunResult, Task, object_of, scan_pose
-from sim.evaluation.metrics import Assessment, Bounds, TrueObject, assess
+from scenarios.tasks.task import LONGEST, Pictures, PlacedTask, RunResult, Task, object_of, scan_pose
+from scenarios.tasks.work_time import WorkTime
+from sim.evaluation.metrics import AskedWork, Assessment, Bounds, TrueObject, assess
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.protocols import Sensor
 from sim.interfaces.spatial import Array, finite_number, shown
@@ -31,6 +33,8 @@ if TYPE_CHECKING:
     from perception.target_finder import KnownObjectFinder
 
 TAP_FORCE, TAPPED = 40.0, (0.0, 0.06, 0.12)  # [N] to tap with, [m] along a path
+_ARRIVAL = 150.0  # [s] simulated from the start to the contact, and off again, with another look
+_ROOM = 1.5  # limit of the simulated time over what the work needs
 _MOST_FORCE = 1e3  # [N] beyond the capability of any vehicle here
 
 
@@ -79,7 +83,22 @@ class SurfaceWorkTask(Task):
         self._check_stops(scenario)
         if scenario.sensing.follow:
             check_follows(scenario)
-        workpiece.target(self.path)
+        self.time(*workpiece.target(self.path), self.force_rate).check()
+
+    def least_seconds(self, scenario: Scenario) -> float:
+        """Time [s] along the path at the set speed."""
+        workpiece: Workpiece = object_of(scenario, Workpiece)
+        return self.time(*workpiece.target(self.path), self.force_rate).seconds
+
+    def time(self, target: TargetModel, path: str, force_rate: float) -> WorkTime:
+        """The timed work on a path of the object, with a rate [N/s] at which the set force changes."""
+        p = np.asarray(target.path(path).p)
+        return WorkTime(
+            length=float(np.linalg.norm(np.diff(p, axis=0), axis=1).sum()),
+            speed=self.speed,
+            forces=self.forces if self.contactless is None else (),
+            force_rate=force_rate,
+        )
 
     def _check_stops(self, scenario: Scenario) -> None:
         """Refuses stops for navigation where they tell nothing."""
@@ -104,7 +123,7 @@ class SurfaceWorkTask(Task):
         X_WT = scenario.site.pose(rng)
         approach_W, orientation_W = coarse_detection(X_WT, rng)
         there = workpiece.as_it_is(target, path, rng)
-        return PlacedSurfaceWork(
+        placed = PlacedSurfaceWork(
             scenario=scenario,
             own=own,
             task=self,
@@ -113,6 +132,8 @@ class SurfaceWorkTask(Task):
             orientation_W=orientation_W,
             truth=TrueObject(model=there, path=path, X_WT=X_WT, contactless=self.contactless),
         )
+        self.time(target, path, placed.job().force_rate).check()  # a small arm's force changes more slowly
+        return placed
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -136,6 +157,19 @@ class PlacedSurfaceWork(PlacedTask):
     def stands(self) -> bool:
         """True if the tool stops on its path."""
         return self.task.promise.stops is not None
+
+    @property
+    def longest(self) -> float:
+        """Limit [s] of the simulated time: 1.5 times what looks, length, speed and stops need, at least the usual."""
+        from perception.toolpath.path_planner import PACE
+
+        stops = self.task.promise.stops
+        work = self.task.time(self.target, self.truth.path, self.job().force_rate)
+        working = work.slowed(PACE).seconds  # as on a surface that deviates
+        if stops is not None:
+            standing = stops.settle + stops.patience + stops.lasting + 2.0 * FollowLimits().pace_time
+            working *= 1.0 + standing / stops.every
+        return max(LONGEST, _ROOM * (_ARRIVAL + self.scenario.sensing.looks + working))
 
     @property
     def X_WB(self) -> Array:
@@ -243,6 +277,9 @@ class PlacedSurfaceWork(PlacedTask):
             wall_s=ran.wall_s,
             identification_s=found.duration_s if found is not None else None,
             bounds=self.bounds,
+            asked=AskedWork(
+                forces=() if self.task.contactless is not None else self.task.forces, speed=self.task.speed
+            ),
         )
 
     def pictures(self, ran: RunResult) -> Pictures:

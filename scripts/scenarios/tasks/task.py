@@ -71,6 +71,11 @@ class Task(ABC):
         if scenario.sensing.follow:
             raise ConfigurationError(_NOT_FOLLOWED)
 
+    def least_seconds(self, scenario: "Scenario") -> float:
+        """Time [s] that the work itself takes at least, as it is asked for; 0 where nothing says so."""
+        del scenario
+        return 0.0
+
     @abstractmethod
     def place(self, scenario: "Scenario", own: "OwnVehicle", rng: np.random.Generator) -> "PlacedTask":
         """The task at its site.
@@ -92,8 +97,12 @@ class PlacedTask(ABC):
     """A task at its site. The truth about the site goes to plant and evaluation only."""
 
     begun: ClassVar[tuple[WorkState, ...]] = (WorkState.WORK,)  # a run in none of these states counts as refused
-    longest: float = LONGEST  # [s] simulated, limit of a run
     exact_start: ClassVar[bool] = False  # True: the hull starts at `X_WB`, without an error of place and heading
+
+    @property
+    def longest(self) -> float:
+        """Limit [s] of the simulated time of a run."""
+        return LONGEST
 
     @property
     def stands(self) -> bool:

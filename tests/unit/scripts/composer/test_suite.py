@@ -22,8 +22,8 @@ from scenarios.composer.actions import ThrusterSpeeds, ToolTwist
 from scenarios.composer.episodes import run_episode
 from scenarios.composer.free_tasks import HoldStation
 from scenarios.composer.judges import InsertedTo, KeptFor, PressedAt, SetForce, TappedAt, WipedAlong
-from sim.evaluation.insertion_metrics import TrueHole
 from sim.evaluation.force_levels import SETTLING
+from sim.evaluation.insertion_metrics import TrueHole
 from sim.interfaces.errors import ConfigurationError, ReachError
 from sim.interfaces.messages import ToolPath
 from sim.interfaces.spatial import Array

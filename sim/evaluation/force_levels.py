@@ -1,0 +1,135 @@
+"""Error of the true contact force from the set one, and whether every commanded level of force was judged."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Self
+
+import numpy as np
+
+from sim.evaluation.schemas import unmeasured
+from sim.evaluation.surface_metrics import ContactMetrics, SegmentMetrics
+from sim.interfaces.messages import WorkState
+from sim.interfaces.spatial import Array
+
+if TYPE_CHECKING:
+    from sim.loop.recording import RecordedSeries, Recording
+
+SETTLING = 1.0  # [s] from the beginning of a change of the set force, excluded from the force error
+AFTER_RAMP = 0.5  # [s] from its end, excluded too
+JUDGED = 0.5  # [s] of settled work for which a level of force must last to have a figure
+LOST_BELOW = 1.0  # [N] true normal force below which contact is lost
+RAMP_GAP = 0.1  # [s] of constant set force after which the next change begins a new segment
+
+
+def unsettled(ramp: float) -> float:
+    """Time [s] from the beginning of a change of the set force that lasts `ramp` [s], until its error counts."""
+    return max(SETTLING, ramp + AFTER_RAMP)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ForceSteps:
+    """Set force over a run as steps: a ramp, then a constant force."""
+
+    part: np.ndarray  # (N,) number of the step that a row belongs to
+    force: Array  # (N,) [N] of that step, after its ramp
+    settled: np.ndarray  # (N,) True where the error counts
+
+    @classmethod
+    def of(cls, recording: "Recording") -> Self:
+        """The steps of a run; its error counts within the work state only."""
+        time, wanted = recording["set_force"].time, recording["set_force"].scalar
+        changed = np.concatenate([[True], np.diff(wanted) != 0.0])
+        last_change = np.maximum.accumulate(np.where(changed, time, -np.inf))
+
+        # A change soon after another belongs to the same ramp.
+        begins = changed & (time - np.concatenate([[-np.inf], last_change[:-1]]) > RAMP_GAP)
+        part = np.cumsum(begins) - 1
+        starts = np.flatnonzero(begins)
+        ends = np.append(starts[1:], len(wanted)) - 1
+        ramp_ends = last_change[ends]
+
+        since, until = time[starts][part], ramp_ends[part]
+        settled = (time - since >= SETTLING - 1e-9) & (time - until >= AFTER_RAMP - 1e-9)
+        return cls(part, wanted[ends][part], settled & recording.within(WorkState.WORK))
+
+
+def contact_figures(recording: "Recording") -> ContactMetrics:
+    """Error of the true normal force from the set force in the work state, overall and per segment.
+
+    A segment has one set force. RMS is of the means over the loop's steps; peaks and lost contact are of the physics
+    steps within them. If the reference ramps to a new set force, the error is relative to the end of the ramp, and
+    counts from `unsettled` on.
+    """
+    work, wanted = recording.within(WorkState.WORK), recording["set_force"].scalar
+    if not work.any() or not wanted[work].any():  # no force was commanded
+        return unmeasured(ContactMetrics, segments=[])
+    steps, dt = ForceSteps.of(recording), recording.timestep
+    lost = (recording["contact_least"].scalar < LOST_BELOW) & work
+    error, over, under = (
+        recording[name].scalar - steps.force for name in ("contact_normal", "contact_most", "contact_least")
+    )
+    peak = np.maximum(np.abs(over), np.abs(under))
+
+    def figures(where: np.ndarray) -> dict[str, float | None]:
+        e, worst = error[where & steps.settled], peak[where & steps.settled]
+        return {
+            "force_error_rms_n": float(np.sqrt(np.mean(e**2))) if e.size else None,
+            "force_error_max_n": float(worst.max()) if e.size else None,
+            "lost_s": float((lost & where).sum() * dt),
+        }
+
+    segments: list[SegmentMetrics] = []
+    for number in np.unique(steps.part[work]):
+        where = work & (steps.part == number)
+        judged_s = float((where & steps.settled).sum() * dt)
+        segments.append(
+            SegmentMetrics(
+                set_n=float(wanted[where][-1]),
+                **figures(where),
+                duration_s=float(where.sum() * dt),
+                judged_s=judged_s,
+                judged=long_enough(judged_s),
+            )
+        )
+    across = np.linalg.norm(tangential(recording, "contact_force")[work], axis=1)
+    return ContactMetrics(
+        **figures(work), tangential_mean_n=float(across.mean()), tangential_max_n=float(across.max()), segments=segments
+    )
+
+
+def unjudged_levels(recording: "Recording", forces: Sequence[float]) -> tuple[str, ...]:
+    """Commanded levels of force that have no figure, one line each.
+
+    Args:
+        recording: The run.
+        forces: [N] set forces on consecutive, equally long parts of the path.
+
+    Returns:
+        The lines; none where every level lasted for JUDGED.
+    """
+    s, work = recording["path_s"].scalar, recording.within(WorkState.WORK)
+    length = float(s[work].max(initial=0.0))
+    if not forces or length == 0.0:
+        return ()
+    steps = ForceSteps.of(recording)
+    level = np.minimum((s / length * len(forces)).astype(int), len(forces) - 1)
+
+    lines = []
+    for number, force in enumerate(forces):
+        rows = steps.settled & (level == number) & (np.abs(steps.force - force) < 1e-6)
+        judged_s = float(rows.sum() * recording.timestep)
+        if not long_enough(judged_s):
+            which = f"level {number + 1} of {len(forces)}"
+            lines.append(f"set force of {force:g} N, {which}: judged for {judged_s:.2f} s, less than {JUDGED:g} s")
+    return tuple(lines)
+
+
+def tangential(recording: "RecordedSeries", name: str) -> Array:
+    """Part (N, 3) [N] of the force `name`, "contact_force" or "felt_force", across the tool axis; W."""
+    force, axis = recording[name].value, recording["tool_axis"].value
+    return force - np.sum(force * axis, axis=1, keepdims=True) * axis
+
+
+def long_enough(judged_s: float) -> bool:
+    """True if a level of force that was judged for so long [s] has a figure."""
+    return judged_s >= JUDGED - 1e-9

@@ -1,0 +1,51 @@
+"""Speed of the true tip along its path, where the tool was to move at the set speed."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from sim.evaluation.schemas import unmeasured
+from sim.evaluation.surface_metrics import SpeedMetrics
+from sim.interfaces.messages import WorkState
+
+if TYPE_CHECKING:
+    from sim.loop.recording import Recording
+
+STANDSTILL = 1e-6  # [m/s] commanded speed up to which the point is at rest
+AT_SPEED = 0.9  # of the set speed: slower is a ramp, a bend or a stop
+
+
+def speed_figures(recording: "Recording", asked: float | None) -> SpeedMetrics:
+    """Mean speed of the tip against the set one, ramps, slow bends and stops left out.
+
+    Args:
+        recording: The run.
+        asked: [m/s] commanded speed along the path; a surface that allows a share of it only (`ToolPath.pace`) sets
+            that share. None: the fastest that was commanded.
+
+    Returns:
+        The figures; no mean where the tool never was to move so fast.
+    """
+    work = recording.within(WorkState.WORK)
+    velocity = recording["v_command"].value[work]
+    commanded = np.linalg.norm(velocity, axis=1)
+    moving = commanded > STANDSTILL
+    if not moving.any():
+        return unmeasured(SpeedMetrics, set=asked)
+    path = recording.targets[-1].path if recording.targets else None
+    set_speed = float(commanded.max()) if asked is None else asked * (1.0 if path is None else path.pace)
+
+    # Way of the tip along the commanded motion, between neighbouring rows of one stretch.
+    time, tip = recording["p_pad"].time[work], recording["p_pad"].value[work]
+    tangent = velocity[1:] / np.maximum(commanded[1:], STANDSTILL)[:, None]
+    way, took = np.sum(np.diff(tip, axis=0) * tangent, axis=1), np.diff(time)
+    together = moving[1:] & moving[:-1] & (took < 1.5 * recording.timestep)
+
+    fast = together & (commanded[1:] >= AT_SPEED * set_speed)
+    travelled = float(commanded[1:][together] @ took[together])
+    at_speed = float(commanded[1:][fast] @ took[fast])
+    return SpeedMetrics(
+        set=set_speed,
+        mean=float(way[fast].sum() / took[fast].sum()) if fast.any() else None,
+        share=at_speed / travelled if travelled > 0.0 else None,
+    )

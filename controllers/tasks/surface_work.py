@@ -93,8 +93,9 @@ class SurfaceTaskConfig:
                 raise ConfigurationError(f"forces: every set force must be > 0 N, got {force}")
             if force > _HEADROOM * self.contact.force:
                 raise ConfigurationError(
-                    f"forces: {force} N leaves no room for overshoot: at most {_HEADROOM:.0%} of the force limit of "
-                    f"{self.contact.force} N"
+                    f"forces: {force:g} N leaves no room for overshoot: at most {_HEADROOM * self.contact.force:g} N, "
+                    f"{_HEADROOM:.0%} of the {self.contact.force:g} N at which the tool leaves the surface whatever is "
+                    "set (where less is set, it leaves sooner)"
                 )
         standoff = self.approach.standoff
         if self.contactless is not None and not 0.0 < self.contactless <= standoff:

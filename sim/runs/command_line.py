@@ -28,6 +28,7 @@ from sim.runs.run_folder import give_back, new_folder
 ROOMS = ("models", "sim", "perception", "controllers", "calib")
 INTERNAL = 70  # exit code of an error of the program: EX_SOFTWARE of BSD's sysexits
 TRACEBACK = "--traceback"  # option of every script: print the traceback of such an error; or UUV_TRACEBACK=1
+OF_UUV_RUN = QUIET, JSON, SET, TASK = "--quiet", "--json", "--set", "--task"  # what it takes beside a job's options
 _HOME = Path(__file__).resolve().parents[2]
 
 Options = TypeVar("Options")
@@ -145,7 +146,7 @@ def parse(kind: type[Options], args: Sequence[str] | None = None) -> Options:
         mistake = next((part for part in parts if part.strip()), "bad options")
         unknown = re.search(r"Unrecognized options?: (--[\w-]+)", mistake)
         known = [f"--{each.name.replace('_', '-')}" for each in fields(cast(Any, kind))]
-        meant = did_you_mean(unknown[1], known) if unknown else ""
+        meant = _meant(unknown[1], known) if unknown else ""
         raise _refusal(f"{mistake.strip().rstrip('.')} (--help lists the options){meant}") from None
     for name, value in vars(options).items():
         if name.endswith("seed") and value is not None and value < 0:
@@ -154,6 +155,13 @@ def parse(kind: type[Options], args: Sequence[str] | None = None) -> Options:
             if isinstance(number, float) and not math.isfinite(number):
                 raise _refusal(f"--{name.replace('_', '-')}: must be finite, got {number}")
     return options
+
+
+def _meant(unknown: str, known: Sequence[str]) -> str:
+    """End of the message about an option that a command has not."""
+    if unknown in OF_UUV_RUN and unknown not in known:
+        return f"; {unknown} is an option of `uuv run JOB` alone"
+    return did_you_mean(unknown, known)
 
 
 def run_scenario(main: Callable[[], int | None]) -> NoReturn:

@@ -8,10 +8,11 @@ from scenarios.cli.catalogue import JOBS, SHELVES
 from scenarios.cli.main import VERBS
 from scenarios.cli.skeletons import SKELETONS
 from sim.interfaces.errors import ConfigurationError
+from sim.runs.command_line import OF_UUV_RUN
 
 _ZSH = "autoload -U +X compinit && compinit\nautoload -U +X bashcompinit && bashcompinit\n"
 _OF_PAST_RUNS = ("compare", "replay", "report", "view", "picture")
-_OF_RUN = ("--set", "--task", "--quiet", "--json", "--help")
+_OF_RUN = (*OF_UUV_RUN, "--help")
 _SCRIPT = """_uuv() {{
     local word=${{COMP_WORDS[COMP_CWORD]}} words=""
     case "$COMP_CWORD ${{COMP_WORDS[1]}}" in

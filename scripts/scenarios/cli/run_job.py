@@ -12,16 +12,15 @@ from pathlib import Path
 from scenarios import options as jobs
 from scenarios.cli.catalogue import JOBS
 from sim.interfaces.errors import ConfigurationError, did_you_mean
-from sim.runs.command_line import Options, RunOptions, parse
+from sim.runs.command_line import JSON, QUIET, SET, TASK, Options, RunOptions, parse
 from sim.runs.run_folder import claimed_folder
 
-_QUIET, _JSON, _SET, _TASK = "--quiet", "--json", "--set", "--task"
 _MORE = f"""\
-  {_SET} KEY=VALUE ...  other values, by the keys of a scenario file and in its units, such as task.speed=0.03
+  {SET} KEY=VALUE ...  other values, by the keys of a scenario file and in its units, such as task.speed=0.03
                       or perturbations.MountedObject.stiffness=1e4
-  {_TASK} MODULE:CLASS  a task of one's own, with its defaults, in place of the job's (`uuv new task NAME`)
-  {_QUIET}              print the verdict and the folder alone
-  {_JSON}               print metrics.json alone"""
+  {TASK} MODULE:CLASS  a task of one's own, with its defaults, in place of the job's (`uuv new task NAME`)
+  {QUIET}              print the verdict and the folder alone
+  {JSON}               print metrics.json alone"""
 _HELP = f"""usage: uuv run NAME|FILE.toml [OPTIONS]
 
 NAME: {", ".join(JOBS)}; `uuv run NAME --help` lists its options.
@@ -45,7 +44,7 @@ def main(verb: str, args: Sequence[str]) -> int:
     if not args or args[0] in ("-h", "--help"):
         print(_HELP)
         return 0
-    name, (rest, task, values) = args[0], _assignments([arg for arg in args[1:] if arg not in (_QUIET, _JSON)])
+    name, (rest, task, values) = args[0], _assignments([arg for arg in args[1:] if arg not in (QUIET, JSON)])
     if name in JOBS:
         chosen = _parsed(getattr(jobs, JOBS[name]), rest)
         scenario = chosen.scenario()
@@ -63,14 +62,14 @@ def main(verb: str, args: Sequence[str]) -> int:
     if task or values:
         from scenarios.scenario_file import with_values
 
-        scenario = with_values(with_values(scenario, task, _TASK), values)
-    if _QUIET not in args and _JSON not in args:
+        scenario = with_values(with_values(scenario, task, TASK), values)
+    if QUIET not in args and JSON not in args:
         return jobs.run_job(scenario, chosen, started)
     with contextlib.redirect_stdout(io.StringIO()):
         code = jobs.run_job(scenario, chosen, started)
     folder = claimed_folder()
     metrics = json.loads(Path(folder / "metrics.json").read_text(encoding="utf-8"))
-    if _JSON in args:
+    if JSON in args:
         json.dump(metrics, sys.stdout, indent=2)
         print()
     else:
@@ -93,10 +92,10 @@ def _assignments(args: Sequence[str]) -> tuple[list[str], list[str], list[str]]:
     """Arguments without --task and --set, and the assignments that each of these means."""
     args = list(args)
     task: list[str] = []
-    if _TASK in args:
-        at = args.index(_TASK)
+    if TASK in args:
+        at = args.index(TASK)
         if at + 1 == len(args) or args[at + 1].startswith("-"):
-            raise ConfigurationError(f"{_TASK}: MODULE:CLASS is missing")
+            raise ConfigurationError(f"{TASK}: MODULE:CLASS is missing")
         module = args[at + 1].partition(":")[0]
         task = [f'task.kind="{args[at + 1]}"', f'name="{module.rpartition(".")[2]}"']
         del args[at : at + 2]
@@ -104,7 +103,7 @@ def _assignments(args: Sequence[str]) -> tuple[list[str], list[str], list[str]]:
     values: list[str] = []
     into = rest
     for arg in args:
-        if arg == _SET:
+        if arg == SET:
             into = values
             continue
         if arg.startswith("--"):

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, NamedTuple, Self
 
 import numpy as np
 
@@ -112,16 +112,33 @@ def unjudged_levels(recording: "Recording", forces: Sequence[float]) -> tuple[st
     if not forces or length == 0.0:
         return ()
     steps = ForceSteps.of(recording)
-    level = np.minimum((s / length * len(forces)).astype(int), len(forces) - 1)
+    part = np.minimum((s / length * len(forces)).astype(int), len(forces) - 1)
 
-    lines = []
-    for number, force in enumerate(forces):
-        rows = steps.settled & (level == number) & (np.abs(steps.force - force) < 1e-6)
+    lines, asked = [], levels(forces)
+    for number, level in enumerate(asked, 1):
+        there = (part >= level.first) & (part < level.end)
+        rows = steps.settled & there & (np.abs(steps.force - level.force) < 1e-6)
         judged_s = float(rows.sum() * recording.timestep)
         if not long_enough(judged_s):
-            which = f"level {number + 1} of {len(forces)}"
-            lines.append(f"set force of {force:g} N, {which}: judged for {judged_s:.2f} s, less than {JUDGED:g} s")
+            which = f"level {number} of {len(asked)}"
+            lines.append(
+                f"set force of {level.force:g} N, {which}: judged for {judged_s:.2f} s, less than {JUDGED:g} s"
+            )
     return tuple(lines)
+
+
+class Level(NamedTuple):
+    """Set force on neighbouring parts of a path."""
+
+    force: float  # [N]
+    first: int  # number of the first of these parts
+    end: int  # number of the part after the last
+
+
+def levels(forces: Sequence[float]) -> list[Level]:
+    """Set forces on consecutive parts of a path as levels; equal neighbours are one."""
+    starts = [k for k, force in enumerate(forces) if k == 0 or force != forces[k - 1]]
+    return [Level(forces[k], k, end) for k, end in zip(starts, [*starts[1:], len(forces)], strict=True)]
 
 
 def tangential(recording: "RecordedSeries", name: str) -> Array:

@@ -7,8 +7,9 @@ import numpy as np
 
 from controllers.planning.trajectories import SLOWEST, Progress
 from controllers.tasks.contact_phases import FollowLimits
-from sim.evaluation.force_levels import JUDGED, long_enough, unsettled
+from sim.evaluation.force_levels import JUDGED, levels, long_enough, unsettled
 from sim.evaluation.metrics import Bounds
+from sim.evaluation.tool_speed import AT_SPEED
 from sim.interfaces.errors import ConfigurationError
 
 _FARTHEST = 1e3  # [m] no longer path is proposed
@@ -31,16 +32,16 @@ class WorkTime:
         return Progress(self.length, self.speed, limits.ramp).duration + limits.linger
 
     def judged(self) -> tuple[float, ...]:
-        """Time [s] for which the error of each set force counts; negative where it ends before it has settled."""
-        limits, count = FollowLimits(), len(self.forces)
+        """Time [s] for which the error of each level of force counts; negative where it ends before it has settled."""
+        limits, asked = FollowLimits(), levels(self.forces)
         progress = Progress(self.length, self.speed, limits.ramp)
-        passed = [progress.time(self.length * k / count) for k in range(count + 1)]
+        passed = [progress.time(self.length * level.end / len(self.forces)) for level in asked]
         passed[-1] += limits.linger
 
-        # The first force has settled before the tool moves; one that is equal to the last goes on.
-        changes = np.abs(np.diff(self.forces, prepend=self.forces[:1]))
-        lost = [unsettled(change / self.force_rate) if change else 0.0 for change in changes.tolist()]
-        return tuple(float(lasting - gone) for lasting, gone in zip(np.diff(passed), lost, strict=True))
+        # The first force has settled before the tool moves.
+        changes = np.abs(np.diff([level.force for level in asked]))
+        lost = [0.0, *(unsettled(change / self.force_rate) for change in changes.tolist())]
+        return tuple(float(lasting - gone) for lasting, gone in zip(np.diff(passed, prepend=0.0), lost, strict=True))
 
     def check(self) -> None:
         """Refuses work that is too short for its forces or its speed; the line says what would do.
@@ -66,12 +67,13 @@ class WorkTime:
             return "the tool hardly comes to that speed"
         k = int(np.argmin(judged))
         return (
-            f"the set force of {self.forces[k]:g} N, {k + 1} of {len(self.forces)}, could be judged for "
+            f"the set force of {levels(self.forces)[k].force:g} N, {k + 1} of {len(judged)}, could be judged for "
             f"{max(judged[k], 0.0):.2f} s only, of {JUDGED:g} s at least"
         )
 
     def _is_judged(self) -> bool:
-        at_speed = self.speed * FollowLimits().ramp <= Bounds().off_speed * self.length
+        below = AT_SPEED**2 * self.speed * FollowLimits().ramp  # [m] of both ramps
+        at_speed = below <= Bounds().off_speed * self.length
         return at_speed and (not self.forces or long_enough(min(self.judged())))
 
     def _slower(self) -> float:

@@ -32,7 +32,7 @@ def test_time_judged_of_each_force():
     work = replace(QUICK, length=2.0, speed=0.1)
     assert work.judged() == pytest.approx([third + 0.5, third - 1.0, third + 0.5 + 0.5 - 1.0])
     alike = replace(work, forces=(60.0, 60.0, 90.0))
-    assert alike.judged() == pytest.approx([third + 0.5, third, third + 0.5 + 0.5 - 1.0])
+    assert alike.judged() == pytest.approx([2.0 * third + 0.5, third + 0.5 + 0.5 - 1.0])
     slowly = replace(work, force_rate=10.0)  # 3 s, and half a second more
     assert slowly.judged()[1] == pytest.approx(third - 3.5)
 
@@ -45,6 +45,7 @@ def test_time_judged_of_each_force():
         replace(QUICK, forces=(40.0, 50.0) * 8),
         replace(QUICK, force_rate=3.0),
         replace(QUICK, forces=(), speed=0.3),
+        replace(QUICK, forces=(60.0,), length=0.02),
     ],
 )
 def test_what_a_refusal_proposes_would_do(work: WorkTime):

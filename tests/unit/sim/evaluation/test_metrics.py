@@ -437,6 +437,7 @@ def test_a_level_of_force_that_ends_before_it_has_settled_is_named():
     short = recorded(set_force=levels_of((60.0, third + late), (90.0, third - late), (60.0, third)))
     assert unjudged_levels(short, forces) == ("set force of 90 N, level 2 of 3: judged for 0.25 s, less than 0.5 s",)
     assert [segment.judged for segment in contact_figures(short).segments] == [True, False, True]
+    assert unjudged_levels(recorded(set_force=np.full(STEPS, 60.0)), (60.0,) * 40) == ()  # one level
     assert unjudged_levels(recorded(set_force=levels_of((60.0, 1.0))), forces) == (
         "set force of 90 N, level 2 of 3: judged for 0.00 s, less than 0.5 s",
     )

@@ -69,6 +69,7 @@ class TrueObject:
     path: str  # name of the tool path on it
     X_WT: Array  # (4, 4)
     contactless: float | None = None  # [m] commanded distance from its surface; None: contact work
+    deformed: bool = False  # growth and dents lie between its surface and the paths, which are those of the clean one
 
     def __post_init__(self) -> None:
         self.model.path(self.path)  # raises ConfigurationError for an unknown name
@@ -408,13 +409,32 @@ def true_path_deviation(recording: "Recording", truth: TrueObject) -> float | No
 
 
 def _on_ideal_path(recording: "Recording", truth: TrueObject) -> tuple[Array, Array]:
-    """Distance (N,) [m] of the true tip from the ideal path at work, and arc length (N,) [m] of the point nearest."""
+    """Distance (N,) [m] of the true tip from the ideal path at work, and arc length (N,) [m] of the point nearest.
+
+    On a deformed object the ideal path is that of the clean one, laid on the true surface along its tool axes. The
+    distance then is that from the path across these axes, and that from the true surface.
+    """
     rows = np.flatnonzero(recording.within(WorkState.WORK))
     tip_T = _in_object(recording, truth, rows, _path_pose(recording, truth))[0]
     path = truth.model.path(truth.path)
+    p, a = np.asarray(path.p), np.asarray(path.a)
     off = truth.contactless or 0.0  # the ideal path of a tool that keeps a distance lies above the surface
-    ideal, arc = closest_on_curve(tip_T, np.asarray(path.p) - off * np.asarray(path.a))
-    return np.linalg.norm(tip_T - ideal, axis=1), arc
+    ideal, arc = closest_on_curve(tip_T, p - off * a)
+    away = tip_T - ideal
+    if not truth.deformed:
+        return np.linalg.norm(away, axis=1), arc
+
+    # Across the axis of the path's point nearest.
+    way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(p, axis=0), axis=1))])
+    axis = np.column_stack([np.interp(arc, way, column) for column in a.T])
+    axis /= np.linalg.norm(axis, axis=1, keepdims=True)
+    across = np.linalg.norm(away - np.sum(away * axis, axis=1, keepdims=True) * axis, axis=1)
+
+    # From the surface, at fewer rows.
+    time, tip_on_T, _ = _at_work(recording, truth)
+    surface = Surface.of(np.asarray(truth.model.vertices), truth.model.triangles)
+    above = np.linalg.norm(tip_on_T - surface.closest(tip_on_T)[0], axis=1) - off
+    return np.hypot(across, np.interp(recording["p_pad"].time[rows], time, above)), arc
 
 
 def _path_pose(recording: "Recording", truth: TrueObject) -> Array:

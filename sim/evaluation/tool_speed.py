@@ -32,8 +32,8 @@ def speed_figures(recording: "Recording", asked: float | None) -> SpeedMetrics:
     moving = commanded > STANDSTILL
     if not moving.any():
         return unmeasured(SpeedMetrics, set=asked)
-    path = recording.targets[-1].path if recording.targets else None
-    set_speed = float(commanded.max()) if asked is None else asked * (1.0 if path is None else path.pace)
+    paces = [found.path.pace for found in recording.targets if found.path is not None]
+    set_speed = float(commanded.max()) if asked is None else asked * (paces[-1] if paces else 1.0)
 
     # Way of the tip along the commanded motion, between neighbouring rows of one stretch.
     time, tip = recording["p_pad"].time[work], recording["p_pad"].value[work]

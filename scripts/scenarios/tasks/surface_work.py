@@ -130,7 +130,9 @@ class SurfaceWorkTask(Task):
             target=target,
             approach_W=approach_W,
             orientation_W=orientation_W,
-            truth=TrueObject(model=there, path=path, X_WT=X_WT, contactless=self.contactless),
+            truth=TrueObject(
+                model=there, path=path, X_WT=X_WT, contactless=self.contactless, deformed=there is not target
+            ),
         )
         self.time(target, path, placed.job().force_rate).check()  # a small arm's force changes more slowly
         return placed

@@ -489,3 +489,18 @@ def test_a_run_that_its_limit_ends_says_so():
     result = assessed(recorded(final=WorkState.WORK))
     assert result.metrics["run"]["abort"] == "time limit"
     assert result.failed[0] == "the time limit ended the run after 10.0 s, in state work (--longest)"
+
+
+def test_on_growth_the_ideal_path_lies_on_the_true_surface():
+    """The tip 30 mm above the clean path, on growth as high: only what it is beside the path, or off the growth."""
+    clean = TRUTH.model
+    grown = replace(clean, vertices=np.asarray(clean.vertices) * (1.0 + 0.03 / (0.5 * BARREL_DIAMETER)))
+    truth = replace(TRUTH, model=grown, deformed=True)
+    outward, aside = TRUTH.X_WT[:3, 2], TRUTH.X_WT[:3, 1]
+    p = recorded()["p_command"].value
+    on = true_path_deviation(recorded(p_pad=p + 0.03 * outward), truth)
+    assert on == pytest.approx(0.0, abs=2e-4)  # 1.0e-4: the barrel's facets
+    beside = true_path_deviation(recorded(p_pad=p + 0.03 * outward + 0.004 * aside), truth)
+    assert beside == pytest.approx(0.004, abs=2e-4)
+    above = true_path_deviation(recorded(p_pad=p + 0.035 * outward), truth)
+    assert above == pytest.approx(0.005, abs=2e-4)

@@ -14,7 +14,7 @@ from models.meshes.closed_shells import prism, revolve, volume
 from models.wet.choices import Choice
 from models.wet.shells import Shells, shells_of
 from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.spatial import Array
+from sim.interfaces.spatial import Array, rotation_from_quat_wxyz
 
 LARGEST = 20.0  # [m] extent of a geom from which millimetres are supposed
 _SIDES, _RINGS = 64, 33  # of round shapes
@@ -68,9 +68,6 @@ def shells_in_body(model: mujoco.MjModel, body: int, geoms: list[int]) -> Iterat
     Raises:
         ConfigurationError: a plane, a height field, another geom without an inside, or one of more than `LARGEST`.
     """
-    data = mujoco.MjData(model)
-    mujoco.mj_kinematics(model, data)
-    R_WB, p_WB = data.xmat[body].reshape(3, 3), data.xpos[body]
     meshes: dict[int, Shells] = {}
     for g in geoms:
         kind = int(model.geom_type[g])
@@ -80,8 +77,7 @@ def shells_in_body(model: mujoco.MjModel, body: int, geoms: list[int]) -> Iterat
             raise ConfigurationError(
                 f"{name}: a {what} has no volume; allowed on a body that moves: {', '.join(_SHAPES.values())}"
             )
-        R = R_WB.T @ data.geom_xmat[g].reshape(3, 3)
-        p = R_WB.T @ (data.geom_xpos[g] - p_WB)
+        R, p = _in_body(model, g, body)
         if kind == int(_KINDS.mjGEOM_MESH):
             at = int(model.geom_dataid[g])
             if at not in meshes:
@@ -105,6 +101,17 @@ def shells_in_body(model: mujoco.MjModel, body: int, geoms: list[int]) -> Iterat
             p=p,
             shells=Shells(corners=corners, said=shells.said, doubt=shells.doubt),
         )
+
+
+def _in_body(model: mujoco.MjModel, geom: int, body: int) -> tuple[Array, Array]:
+    """Rotation (3, 3) and position (3,) [m] of a geom in the body that carries it, to the bit wherever that body is."""
+    R, p = rotation_from_quat_wxyz(model.geom_quat[geom]), np.array(model.geom_pos[geom])
+    at = int(model.geom_bodyid[geom])
+    while at != body:
+        outer = rotation_from_quat_wxyz(model.body_quat[at])
+        R, p = outer @ R, outer @ p + model.body_pos[at]
+        at = int(model.body_parentid[at])
+    return R, p
 
 
 def primitive(shape: str, size: Array) -> tuple[Array, np.ndarray]:

@@ -7,7 +7,8 @@ Volume and centre are exact along lines through the union of a body's geoms. Add
 or an ellipsoid, else that of panels. Drag is from projected areas. Linear damping is not known from geometry: it is 0.
 """
 
-from dataclasses import dataclass
+import hashlib
+from dataclasses import dataclass, replace
 
 import mujoco
 import numpy as np
@@ -104,6 +105,7 @@ def wet(
         )
     bodies: dict[str, BodyHydrodynamics] = {}
     origins: list[Origin] = []
+    alike: dict[bytes, str] = {}  # a body of each shape
     dry = [f"{model.body(i).name}: fixed to the world" for i in range(1, model.nbody) if model.body_weldid[i] == 0]
     for i in moving:
         name = model.body(i).name
@@ -116,7 +118,11 @@ def wet(
         solid = [part for part in parts if len(part.shells.corners)]
         if not solid:
             raise ConfigurationError(f"{parts[0].name}: encloses no volume ({parts[0].shells.said})")
-        bodies[name], rows = _body(name, solid, _counted(len(chosen), which), density, panels)
+        first = alike.setdefault(_shape(solid, which), name)
+        if first == name:
+            bodies[name], rows = _body(name, solid, _counted(len(chosen), which), density, panels)
+        else:  # stones of a pile, links of a chain
+            bodies[name], rows = bodies[first], [replace(o, body=name) for o in origins if o.body == first]
         origins += rows
         dry += [f"{part.name}: {part.shells.said}" for part in parts if not len(part.shells.corners)]
     if not bodies:
@@ -153,6 +159,16 @@ def water_of_shells(
     if solution is None:
         raise ConfigurationError(f"panels: the surface holds {surface.held:.0%} of the volume: too thin for {panels}")
     return volume, center, solution, surface
+
+
+def _shape(parts: list[GeomShells], which: str) -> bytes:
+    """What the water of a body follows from: equal for bodies of equal geoms."""
+    digest = hashlib.sha256(which.encode())
+    for part in parts:
+        digest.update(f"{part.kind} {part.shells.said} {part.shells.doubt}".encode())
+        for numbers in (part.size, part.R, part.p, part.shells.corners):
+            digest.update(np.ascontiguousarray(numbers).tobytes())
+    return digest.digest()
 
 
 def _body(

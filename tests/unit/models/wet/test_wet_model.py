@@ -11,6 +11,7 @@ import pytest
 import models
 from models import hydrodynamics
 from models.site.scenes import vehicle_spec
+from models.wet import wetting
 from models.wet.files import read_model, write_model
 from models.wet.geoms import Choice, primitive
 from models.wet.wetting import wet
@@ -286,3 +287,18 @@ def test_bad_arguments_of_the_function():
             metacentric_height=0.1,
             panels=FAST,
         )
+
+
+def test_bodies_of_one_shape_share_their_water_wherever_they_lie(monkeypatch: pytest.MonkeyPatch):
+    """Forty alike stones cost as one; a turned geom is another shape."""
+    geom = '<geom type="box" size=".1 .2 .07" euler="{2} 0 0"/>'
+    stone = '<body name="{0}" pos="{1} 0.3 {1}" euler="{1} 20 3"><freejoint/>' + geom + "</body>"
+    many = "".join(stone.format(f"s{k}", 0.37 * k, 0) for k in range(40)) + stone.format("turned", 1.0, 30)
+    done: list[str] = []
+    one = wetting._body
+    monkeypatch.setattr(wetting, "_body", lambda name, *rest: done.append(name) or one(name, *rest))
+    made = wet(mujoco.MjSpec.from_string(f"<mujoco><worldbody>{many}</worldbody></mujoco>"), panels=200)
+    assert done == ["s0", "turned"]
+    assert all(np.array_equal(made.bodies[f"s{k}"].added_mass, made.bodies["s0"].added_mass) for k in range(40))
+    assert not np.allclose(made.bodies["turned"].added_mass, made.bodies["s0"].added_mass)
+    assert {o.body for o in made.origins} == {"turned", *(f"s{k}" for k in range(40))}

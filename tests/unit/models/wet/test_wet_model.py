@@ -297,7 +297,7 @@ def test_bodies_of_one_shape_share_their_water_wherever_they_lie(monkeypatch: py
     done: list[str] = []
     one = wetting._body
     monkeypatch.setattr(wetting, "_body", lambda name, *rest: done.append(name) or one(name, *rest))
-    made = wet(mujoco.MjSpec.from_string(f"<mujoco><worldbody>{many}</worldbody></mujoco>"), panels=200)
+    made = wet(mujoco.MjSpec.from_string(f"<mujoco><worldbody>{many}</worldbody></mujoco>"), panels=400)
     assert done == ["s0", "turned"]
     assert all(np.array_equal(made.bodies[f"s{k}"].added_mass, made.bodies["s0"].added_mass) for k in range(40))
     assert not np.allclose(made.bodies["turned"].added_mass, made.bodies["s0"].added_mass)

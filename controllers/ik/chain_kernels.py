@@ -391,8 +391,15 @@ def begin(table, X, q0, options_good, leaps, goal, work, q):
         q[i] = q0[i]
         q[i] = admit(q[i], row[LOWER], row[UPPER], leaps and row[KIND] != SLIDE, q.dtype.type(TWO_PI))
         work[i, START] = q[i]
+    return reach_fault(table, goal, 0.0)
+
+
+@jit
+def reach_fault(table, goal, slack):
+    """OUT_OF_REACH if the goal is farther from the first joint than the chain is long and `slack` [m]; else CONVERGED."""
     x, y, z = goal[0, 0] - table[0, 3], goal[0, 1] - table[0, 7], goal[0, 2] - table[0, 11]
-    return OUT_OF_REACH if math.sqrt(x * x + y * y + z * z) > table[0, REACH] else CONVERGED
+    most = table[0, REACH] + slack * table[0, SCALE]
+    return OUT_OF_REACH if math.sqrt(x * x + y * y + z * z) > most else CONVERGED
 
 
 @jit
@@ -483,31 +490,6 @@ def scatter(table, restart, work, q):
         lower = max(lower, min(work[i, START] - half, upper - 2.0 * half))
         upper = min(upper, lower + 2.0 * half)
         q[i] = lower + (upper - lower) * restart_angle(restart, i)
-
-
-@jit
-def nearest_corner(table, goal, above, work, q):
-    """Write into `q` the corner of the joint limits whose pose error is the least above `above`.
-
-    Args:
-        table: the chain.
-        goal: (4, 3) the goal.
-        above: squared error, see `errors`.
-        work: scratch values.
-        q: (n,) out.
-
-    Returns:
-        Its squared error; infinite without such a corner.
-    """
-    n = q.shape[0]
-    least, found = q.dtype.type(np.inf), 0
-    for corner in range(1 << n):
-        at_corner(table, corner, q)
-        p2, chord2 = errors(table, goal, q, work)
-        if above < p2 + chord2 < least:
-            least, found = p2 + chord2, corner
-    at_corner(table, found, q)
-    return least
 
 
 @jit

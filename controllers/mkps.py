@@ -281,7 +281,9 @@ def _settings(
             parts = PartTolerances(math.inf, math.inf)
     elif method == "priority":
         if tol_p == math.inf:
-            raise ConfigurationError('position_tolerance: "priority" puts the position first, got inf; "hybrid" need not')
+            raise ConfigurationError(
+                'position_tolerance: "priority" puts the position first, got inf; "hybrid" need not'
+            )
         if tolerances.turn is not None and turn < math.pi:
             raise ConfigurationError(f'turn_tolerance: "priority" never counts the turn, got {turn:g}; "hybrid" does')
         tol_r = axis

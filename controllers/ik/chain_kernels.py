@@ -252,6 +252,26 @@ def forward(table, q, work, X, J):
 
 
 @jit
+def skew_left(goal, tip):
+    """Skew part and angle of the rotation from the axes of `tip` to those of the goal.
+
+    Returns:
+        Rotation axis times sine, three components in base axes, and the cosine.
+    """
+    _, _, _, xx, xy, xz, yx, yy, yz, zx, zy, zz = tip
+    real = goal.dtype.type
+    half, one = real(0.5), real(1.0)
+    tx, ty, tz = goal[1, 0], goal[1, 1], goal[1, 2]
+    ux, uy, uz = goal[2, 0], goal[2, 1], goal[2, 2]
+    vx, vy, vz = goal[3, 0], goal[3, 1], goal[3, 2]
+    wx = half * (xy * tz - xz * ty + yy * uz - yz * uy + zy * vz - zz * vy)
+    wy = half * (xz * tx - xx * tz + yz * ux - yx * uz + zz * vx - zx * vz)
+    wz = half * (xx * ty - xy * tx + yx * uy - yy * ux + zx * vy - zy * vx)
+    cosine = half * (xx * tx + xy * ty + xz * tz + yx * ux + yy * uy + yz * uz + zx * vx + zy * vy + zz * vz - one)
+    return wx, wy, wz, cosine
+
+
+@jit
 def turn_left(goal, tip):
     """Orientation error from the axes of `tip` to those of the goal: rotation axis times chord, and chord^2.
 
@@ -263,15 +283,12 @@ def turn_left(goal, tip):
     """
     _, _, _, xx, xy, xz, yx, yy, yz, zx, zy, zz = tip
     real = goal.dtype.type
-    half, one = real(0.5), real(1.0)
+    one = real(1.0)
     tx, ty, tz = goal[1, 0], goal[1, 1], goal[1, 2]
     ux, uy, uz = goal[2, 0], goal[2, 1], goal[2, 2]
     vx, vy, vz = goal[3, 0], goal[3, 1], goal[3, 2]
-    wx = half * (xy * tz - xz * ty + yy * uz - yz * uy + zy * vz - zz * vy)
-    wy = half * (xz * tx - xx * tz + yz * ux - yx * uz + zz * vx - zx * vz)
-    wz = half * (xx * ty - xy * tx + yx * uy - yy * ux + zx * vy - zy * vx)
+    wx, wy, wz, cosine = skew_left(goal, tip)
     sine2 = wx * wx + wy * wy + wz * wz
-    cosine = half * (xx * tx + xy * ty + xz * tz + yx * ux + yy * uy + yz * uz + zx * vx + zy * vy + zz * vz - one)
     if cosine > real(-0.99):
         factor2 = real(2.0) / (one + cosine)  # chord^2 / sine^2
         factor = math.sqrt(factor2)

@@ -21,6 +21,7 @@ from controllers.ik.chain_kernels import (
     jit,
     partition,
     pose_error,
+    skew_left,
     squared_tolerances,
     trace,
 )
@@ -144,9 +145,7 @@ def weights_of(table, near):
         `Weights`; a part counts as the tighter of its own tolerance and that of the whole rotation.
     """
     one = table.dtype.type(1.0)
-    return scaled_weights(
-        table, one / near.p2, one / min(near.axis2, near.chord2), one / min(near.turn2, near.chord2)
-    )
+    return scaled_weights(table, one / near.p2, one / min(near.axis2, near.chord2), one / min(near.turn2, near.chord2))
 
 
 def judged_by(table, settings, parts):
@@ -224,6 +223,35 @@ def tilt_left(table, goal, z):
     return tx * factor, ty * factor, tz * factor, chord2
 
 
+@jit
+def turn_about(goal, tip, z, axis2):
+    """Turn about the tool axis that precedes the shortest rotation to the tool axis wanted.
+
+    In tip axes its sine and cosine are as R10 - R01 to R00 + R11, of the rotation R from the tip to the goal. Both
+    vanish where the axes are opposite and the turn is open; it is then 0.
+
+    Args:
+        goal: (4, 3) the goal.
+        tip: the tip, as of `trace`.
+        z: (3,) the tool axis, in base axes.
+        axis2: squared chord between the tool axes.
+
+    Returns:
+        The chord with its sign, and its square.
+    """
+    real = goal.dtype.type
+    one, two = real(1.0), real(2.0)
+    wx, wy, wz, cosine = skew_left(goal, tip)
+    s = two * (z[0] * wx + z[1] * wy + z[2] * wz)
+    c = two * cosine + real(0.5) * axis2  # trace R - R22
+    length = math.sqrt(s * s + c * c)
+    if length < real(4.0) * np.finfo(goal.dtype).eps:
+        return s - s, s - s
+    s, c = s / length, c / length
+    turn = s * math.sqrt(two / (one + c)) if c > real(OPPOSITE) else math.copysign(math.sqrt(two - two * c), s)
+    return turn, turn * turn
+
+
 def measured(table, goal, tip, weights):
     """Error from `tip` to the goal as a descent sees it, and as tolerances judge it.
 
@@ -261,23 +289,12 @@ def whole_error(goal, tip):
 def parts_error(table, goal, tip, weights):
     """`measured` with weights."""
     real = goal.dtype.type
-    (px, py, pz, rx, ry, rz), p2, chord2 = pose_error(goal, tip)
+    (px, py, pz, _, _, _), p2, chord2 = pose_error(goal, tip)
     z = tool_axis(table, tip)
     tx, ty, tz, axis2 = tilt_left(table, goal, z)
-    # In halves of the angles: the sine of the turn's is z.r / 2 over the cosine of the tilt's.
-    along = z[0] * rx + z[1] * ry + z[2] * rz
-    rest2 = max(real(1.0) - real(0.25) * axis2, np.finfo(goal.dtype).eps)
-    turn = min(max(along / math.sqrt(rest2), real(-2.0)), real(2.0))
-    turn2 = turn * turn
+    turn, turn2 = turn_about(goal, tip, z, axis2)
     a, b, c = weights.position, weights.axis, weights.turn * turn
-    error = (
-        a * px,
-        a * py,
-        a * pz,
-        b * tx + c * z[0],
-        b * ty + c * z[1],
-        b * tz + c * z[2],
-    )
+    error = (a * px, a * py, a * pz, b * tx + c * z[0], b * ty + c * z[1], b * tz + c * z[2])
     return error, a * a * p2 + b * b * axis2 + c * c, (p2, chord2, axis2, turn2)
 
 

@@ -62,12 +62,14 @@ StageAxes = Literal["joint", "tip"]
 
 _METHODS = get_args(Method)
 _MOST: dict[str, int] = {"hybrid": 4000, "jacobian_free": 12000, "plain": 4000, "priority": 400}  # sweeps are cheap
+_MOST_HYBRID = _MOST["hybrid"]
 _MOST_COUNTED = 10**9  # largest number of iterations or restarts that may be asked for
 _MOST_THREADS = 1024  # largest number of threads that may be asked for
 _MOST_KEPT = 10**6  # largest number of iterations in a history, which is allocated beforehand
 _CHUNK = 64  # targets per task of a thread in `solve_many`
 _SINGLE_MARGIN = 0.7  # share of the tolerances that errors computed in single precision must meet
-_CONVERGED = kernels.CONVERGED
+_CONVERGED, _BAD_TARGET, _NAN = kernels.CONVERGED, kernels.BAD_TARGET, math.nan
+_new, _empty = tuple.__new__, np.empty
 
 
 class IkResult(NamedTuple):  # constructing a frozen dataclass would take as long as a warm solve
@@ -82,8 +84,8 @@ class IkResult(NamedTuple):  # constructing a frozen dataclass would take as lon
     restarts: int = 0  # other starts tried; after any, the solution may lie on another branch than q0
     history: Array | None = None  # (iterations + 1, n) joint values from start to solution, if asked for
     goals: Array | None = None  # (iterations + 1, 3) F_R [m], F_alpha1, F_alpha2 [rad] of it [Danilov 2021, eq. 6]
-    # [rad] of the orientation error, for a pose solved for by parts: angle between the tool axes, turn about that of the
-    # tip. NaN where position and whole orientation counted alike, and with "priority".
+    # [rad] of the orientation error, for a pose solved for by parts: angle between the tool axes, turn about that of
+    # the tip. NaN where position and whole orientation counted alike, and with "priority".
     axis_error: float = math.nan
     turn_error: float = math.nan
 
@@ -163,8 +165,8 @@ def solve(
 ) -> IkResult:
     """Solve the inverse kinematics of a chain for one tip pose, starting at `q0`, within the joint limits.
 
-    A part of the pose whose tolerance is infinite does not count: `orientation_tolerance=inf` asks for a position alone,
-    `position_tolerance=inf` for an orientation, `turn_tolerance=inf` for position and tool axis.
+    A part of the pose whose tolerance is infinite does not count: `orientation_tolerance=inf` asks for a position
+    alone, `position_tolerance=inf` for an orientation, `turn_tolerance=inf` for position and tool axis.
 
     Where no solution is found, `q` is that of the nearest pose found. "Nearest" minimises the sum of the squares of
     both errors. Metres are divided by a power of two near the chain's length; the angle counts as its chord 2
@@ -199,9 +201,10 @@ def solve(
         ConfigurationError: for a target that is not a pose, a bad `q0`, a tolerance that is not positive, tolerances of
             which none counts or that the method does not know, or an unknown option.
     """
-    whole = axis_tolerance is None and turn_tolerance is None
+    whole = axis_tolerance is turn_tolerance is None
     if whole and type(method) is str and method == "hybrid" and type(options) is IkOptions and options.usual:
-        q = np.empty(chain.n)
+        # Half a microsecond counts here: names of this module are found faster than those of another.
+        q = _empty(chain.n)
         most = options.max_iterations
         try:
             outcome = _quick[branch](
@@ -210,19 +213,17 @@ def solve(
                 q0,
                 position_tolerance,
                 orientation_tolerance,
-                _MOST[method] if most is None else most,
+                _MOST_HYBRID if most is None else most,
                 options.max_restarts,
                 q,
             )
         except (TypeError, KeyError, OverflowError, ValueError):
             outcome = _NO_OUTCOME  # not yet compiled, or arguments of other types: the general way below
         code, iterations, restarts, error_p, error_r = outcome
-        if code < kernels.BAD_TARGET:
+        if code < _BAD_TARGET:
             cause = _CAUSES[code] if code or not restarts else _RESTARTED
-            done = code == kernels.CONVERGED
-            return tuple.__new__(
-                IkResult, (q, done, iterations, error_p, error_r, cause, restarts, None, None, math.nan, math.nan)
-            )
+            done = code == _CONVERGED
+            return _new(IkResult, (q, done, iterations, error_p, error_r, cause, restarts, None, None, _NAN, _NAN))
     tolerances = _Tolerances(position_tolerance, orientation_tolerance, axis_tolerance, turn_tolerance)
     settings, parts = _settings(chain, tolerances, method, branch, options)
     target, start = _as_array(X_base_tip, (4, 4), "X_base_tip"), _as_array(q0, (chain.n,), "q0")
@@ -329,8 +330,8 @@ def _solve(
     if parts is not None:
         solver = entry("parts_keep" if settings.keep else "parts", memory.dtype)
         axis, turn = (_SINGLE_MARGIN * tol for tol in parts) if single else parts
-        *outcome, axis, turn = solver(memory, target, start, used, axis, turn, trail, q)
-        split = axis, turn
+        reached = solver(memory, target, start, used, axis, turn, trail, q)
+        outcome, split = reached[:5], reached[5:]
     elif settings.method == kernels.HYBRID and not history:
         name = "keep" if settings.keep else "hybrid"
         solver = entry(name, memory.dtype)

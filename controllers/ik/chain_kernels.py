@@ -59,6 +59,7 @@ ALONG, WITHIN, THROUGH = 0, 1, 2  # treatment of the limits, see `controllers.ik
 TWO_PI = 2.0 * math.pi  # [rad]
 _WALK = 0.1  # [rad] longest step of a joint between two Jacobians that `branch_left` compares
 jit = kernel(nogil=True, error_model="numpy", fastmath={"contract"})
+inlined = kernel(nogil=True, error_model="numpy", fastmath={"contract"}, inline="always")  # into the caller's loop
 
 
 class Memory(NamedTuple):
@@ -251,7 +252,7 @@ def forward(table, q, work, X, J):
     X[0, 3], X[1, 3], X[2, 3], X[3, 3] = px / scale, py / scale, pz / scale, 1.0
 
 
-@jit
+@inlined
 def skew_left(goal, tip):
     """Skew part and angle of the rotation from the axes of `tip` to those of the goal.
 
@@ -411,9 +412,9 @@ def begin(table, X, q0, options_good, leaps, goal, work, q):
     return reach_fault(table, goal, 0.0)
 
 
-@jit
+@inlined
 def reach_fault(table, goal, slack):
-    """OUT_OF_REACH if the goal is farther from the first joint than the chain is long and `slack` [m]; else CONVERGED."""
+    """OUT_OF_REACH if the goal is farther off than the chain is long, by more than `slack` [m]; else CONVERGED."""
     x, y, z = goal[0, 0] - table[0, 3], goal[0, 1] - table[0, 7], goal[0, 2] - table[0, 11]
     most = table[0, REACH] + slack * table[0, SCALE]
     return OUT_OF_REACH if math.sqrt(x * x + y * y + z * z) > most else CONVERGED

@@ -19,6 +19,7 @@ from controllers.ik.chain_kernels import (
     KIND,
     LOWER,
     OUT_OF_REACH,
+    SCALE,
     SLIDE,
     STALLED,
     STEP,
@@ -444,7 +445,7 @@ def solve_hybrid(memory, X, q0, settings, parts, trail, out):
     views = partition(memory, out.shape[0])
     table, goal, work, q = views.table, views.goal, views.work, views.q
     limit, restarts = settings.limit, settings.restarts
-    fault = begin(table, X, q0, options_good(table, settings, parts), True, goal, work, q)
+    fault = begin(table, X, q0, options_good(table[0, SCALE], settings, parts), True, goal, work, q)
     if fault >= BAD_TARGET:
         return fault, 0, 0, 0.0, 0.0
     real = q.dtype.type
@@ -456,13 +457,12 @@ def solve_hybrid(memory, X, q0, settings, parts, trail, out):
     steps, restart, best2 = 0, 0, real(np.inf)
     while True:
         mode = WITHIN if restart % 2 == 0 else THROUGH
-        if parts is None:
-            if restart == 0 and table[1, SWEEPS] > 0.0:
-                p2, chord2 = errors(table, goal, q, work)
-                if p2 + chord2 > real(FAR):
-                    note(q, trail, steps)
-                    sweep(table, goal, real(FAR_WEIGHT), mode, q, work)
-                    steps += 1
+        if parts is None and restart == 0 and table[1, SWEEPS] > 0.0:
+            p2, chord2 = errors(table, goal, q, work)
+            if p2 + chord2 > real(FAR):
+                note(q, trail, steps)
+                sweep(table, goal, real(FAR_WEIGHT), mode, q, work)
+                steps += 1
         pace = Pace(limit - steps, LONG_STEP, mode)
         code, spent, best2, left = descend(views, near, weights, pace, best2, trail, steps)
         steps += spent
@@ -510,7 +510,7 @@ def solve_keep(memory, X, q0, settings, parts, trail, out):
     """
     views = partition(memory, out.shape[0])
     table, work, q = views.table, views.work, views.q
-    fault = begin(table, X, q0, options_good(table, settings, parts), False, views.goal, work, q)
+    fault = begin(table, X, q0, options_good(table[0, SCALE], settings, parts), False, views.goal, work, q)
     if fault >= BAD_TARGET:
         return fault, 0, 0, 0.0, 0.0
     near, weights = judged_by(table, settings, parts)

@@ -15,9 +15,11 @@ from numba.extending import overload
 from controllers.ik.chain_kernels import (
     BAD_TARGET,
     SCALE,
+    Near,
     angle_of,
     at_corner,
     chord_squared,
+    inlined,
     jit,
     partition,
     pose_error,
@@ -79,12 +81,12 @@ def count_alike(scale, tol_p, tol_r):
 _alike = jit(count_alike)
 
 
-@jit
-def options_good(table, settings, parts):
+@inlined
+def options_good(scale, settings, parts):
     """True if the options are within their ranges; without `parts`, position and rotation must count alike."""
     good = settings.tol_p > 0.0 and settings.tol_r > 0.0 and settings.limit >= 1 and settings.restarts >= 0
     if parts is None:
-        return good and _alike(table[0, SCALE], settings.tol_p, settings.tol_r)
+        return good and _alike(scale, settings.tol_p, settings.tol_r)
     return good and parts.axis > 0.0 and parts.turn > 0.0
 
 
@@ -165,11 +167,11 @@ def judged_by(table, settings, parts):
     return near, weights_of(table, near)
 
 
-@overload(judged_by)
-def _compiled_judged_by(table, settings, parts):
+@overload(judged_by, inline="always")
+def _compiled_judged_by(table, settings, parts):  # noqa: ARG001
     """Compiled `judged_by`, which has results of two types."""
     if isinstance(parts, types.NoneType):
-        return lambda table, settings, parts: (squared_tolerances(table, settings), None)
+        return lambda table, settings, parts: (squared_tolerances(table, settings), None)  # noqa: ARG005
 
     def by_parts(table, settings, parts):
         near = squared_parts(table, settings, parts)
@@ -270,15 +272,15 @@ def measured(table, goal, tip, weights):
     return whole_error(goal, tip) if weights is None else parts_error(table, goal, tip, weights)
 
 
-@overload(measured)
-def _compiled_measured(table, goal, tip, weights):
+@overload(measured, inline="always")
+def _compiled_measured(table, goal, tip, weights):  # noqa: ARG001
     """Compiled `measured`, which has results of two types."""
     if isinstance(weights, types.NoneType):
-        return lambda table, goal, tip, weights: whole_error(goal, tip)
+        return lambda table, goal, tip, weights: whole_error(goal, tip)  # noqa: ARG005
     return lambda table, goal, tip, weights: parts_error(table, goal, tip, weights)
 
 
-@jit
+@inlined
 def whole_error(goal, tip):
     """`measured` without weights."""
     error, p2, chord2 = pose_error(goal, tip)
@@ -288,7 +290,6 @@ def whole_error(goal, tip):
 @jit
 def parts_error(table, goal, tip, weights):
     """`measured` with weights."""
-    real = goal.dtype.type
     (px, py, pz, _, _, _), p2, chord2 = pose_error(goal, tip)
     z = tool_axis(table, tip)
     tx, ty, tz, axis2 = tilt_left(table, goal, z)
@@ -298,13 +299,29 @@ def parts_error(table, goal, tip, weights):
     return error, a * a * p2 + b * b * axis2 + c * c, (p2, chord2, axis2, turn2)
 
 
-@jit
 def within(left, near):
     """True if no squared error of `left` exceeds its squared tolerance in `near`."""
-    met = True
-    for k in range(len(left)):
-        met = met and left[k] <= near[k]
-    return met
+    return whole_within(left, near) if len(left) == len(Near._fields) else parts_within(left, near)
+
+
+@overload(within, inline="always")
+def _compiled_within(left, near):  # noqa: ARG001
+    """Compiled `within`: an index that varies would cost a test of its bounds."""
+    if len(left) == len(Near._fields):
+        return lambda left, near: whole_within(left, near)
+    return lambda left, near: parts_within(left, near)
+
+
+@inlined
+def whole_within(left, near):
+    """`within` for `Near`."""
+    return left[0] <= near.p2 and left[1] <= near.chord2
+
+
+@jit
+def parts_within(left, near):
+    """`within` for `PartsNear`."""
+    return left[0] <= near.p2 and left[1] <= near.chord2 and left[2] <= near.axis2 and left[3] <= near.turn2
 
 
 @jit

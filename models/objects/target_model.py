@@ -13,6 +13,7 @@ import mujoco
 import numpy as np
 from numpy.typing import ArrayLike
 
+from models.meshes.far_origin import middle_if_far
 from models.meshes.mesh_files import read_mesh
 from models.meshes.surfel_files import is_cloud_file, read_surfels
 from sim.interfaces.errors import ConfigurationError
@@ -112,14 +113,27 @@ class Symmetry:
             largest = np.maximum(largest, trace)
         return 0.5 * (largest - 1.0)
 
-    def error(self, X_AT: Array, X_AT_true: Array) -> tuple[float, float]:
-        """Error between two poses (4, 4) modulo symmetry: position of the origin [m] and least rotation angle [rad]."""
+    def error(self, X_AT: Array, X_AT_true: Array, p_T: Array | None = None) -> tuple[float, float]:
+        """Error between two poses (4, 4) modulo symmetry.
+
+        Args:
+            X_AT: pose of T in A.
+            X_AT_true: the pose that it is compared with.
+            p_T: (3,) [m] point of the shape whose displacement counts, in T; by default the origin. Far from the shape
+                it moves by much where the shape turns by little.
+
+        Returns:
+            Distance between the two places of the point [m], and least rotation angle [rad].
+        """
         R_true = X_AT_true[:3, :3]
         nearest = self.nearest_pose(X_AT, R_true)
         delta = R_true.T @ nearest[:3, :3]
         sine = 0.5 * np.linalg.norm([delta[2, 1] - delta[1, 2], delta[0, 2] - delta[2, 0], delta[1, 0] - delta[0, 1]])
         angle = float(np.arctan2(sine, 0.5 * (np.trace(delta) - 1.0)))
-        return float(np.linalg.norm(nearest[:3, 3] - X_AT_true[:3, 3])), angle
+        away = nearest[:3, 3] - X_AT_true[:3, 3]
+        if p_T is not None:
+            away = away + (nearest[:3, :3] - R_true) @ p_T
+        return float(np.linalg.norm(away)), angle
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -291,6 +305,7 @@ class TargetModel:
         """
         X = checked_pose(X_WT, "X_WT")
         body = spec.worldbody.add_body(name="target", pos=X[:3, 3], quat=quat_wxyz_from_rotation(X[:3, :3]))
+        middle = middle_if_far(self.vertices)  # MuJoCo keeps meshes in single precision
         hulls, cut = self.hulls, felt and not (self.solids or self.hulls)
         if cut:
             from models.meshes import convex_parts
@@ -299,19 +314,21 @@ class TargetModel:
         if hulls or not self.solids:
             spec.add_mesh(
                 name="target",
-                uservert=self.vertices.astype(np.float32).ravel(),
+                uservert=(self.vertices - middle).astype(np.float32).ravel(),
                 userface=self.triangles.astype(np.int32).ravel(),
                 inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL,  # a user's scan may be open
             )
-            body.add_geom(name="target", type=mujoco.mjtGeom.mjGEOM_MESH, meshname="target", contype=0, conaffinity=0)
+            body.add_geom(
+                name="target", type=mujoco.mjtGeom.mjGEOM_MESH, meshname="target", pos=middle, contype=0, conaffinity=0
+            )
         for k, hull in enumerate(hulls):
             name = f"target_hull_{k}"
             spec.add_mesh(
                 name=name,
-                uservert=hull.astype(np.float32).ravel(),
+                uservert=(hull - middle).astype(np.float32).ravel(),
                 inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL,  # some hulls are thin
             )
-            part = body.add_geom(name=name, type=mujoco.mjtGeom.mjGEOM_MESH, meshname=name)
+            part = body.add_geom(name=name, type=mujoco.mjtGeom.mjGEOM_MESH, meshname=name, pos=middle)
             _hide(part)
             if cut:
                 _soften(part, spec)

@@ -162,3 +162,14 @@ def test_files_of_surfels(tmp_path, rng: np.random.Generator) -> None:
     np.savetxt(tmp_path / "mm.xyz", 1e3 * points[8:])
     with pytest.raises(ConfigurationError, match="millimetres"):
         TargetModel.from_file(tmp_path / "mm.xyz")
+
+
+def test_where_the_origin_lies_changes_nothing(rng: np.random.Generator) -> None:
+    points = sampled(*box(SIZE, np.zeros(3)), 3000, rng)[0].round(4)
+    near = mesh_of_cloud(points)
+    for far in (np.array([20.0, -15.0, 0.0]), np.array([5.12e3, 5.403e4, 200.0])):
+        made = mesh_of_cloud(points + far)
+        assert abs(len(made.triangles) - len(near.triangles)) < 0.01 * len(near.triangles)
+        assert made.spacing == pytest.approx(near.spacing, rel=1e-6)
+        np.testing.assert_allclose(np.ptp(made.vertices, axis=0), np.ptp(near.vertices, axis=0), atol=1e-3)
+        np.testing.assert_allclose(made.vertices.mean(axis=0) - far, near.vertices.mean(axis=0), atol=1e-3)

@@ -38,6 +38,7 @@ class RayScene:
             MissingLibraryError: no engine is installed.
         """
         self._engine = engine or installed()
+        vertices = np.asarray(vertices)
         middle = middle_if_far(vertices)
         self._middle = middle if middle.any() else None
         corners = np.ascontiguousarray(vertices if self._middle is None else vertices - middle, dtype=np.float32)

@@ -144,6 +144,4 @@ def test_a_mesh_far_from_its_origin_is_hit_where_it_is(rng, within):
     hit = np.isfinite(near["t"])
     assert 100 < hit.sum() < 500
     within("distance [ray lengths]", moved["t"][hit] - near["t"][hit], 1e-5)  # measured 1e-6
-    within(
-        "distance alone", RayScene(solid + far, faces).distance(starts + far, ways)[hit] - near["t"][hit], 1e-5
-    )
+    within("distance alone", RayScene(solid + far, faces).distance(starts + far, ways)[hit] - near["t"][hit], 1e-5)

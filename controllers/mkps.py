@@ -120,7 +120,7 @@ class IkOptions:
     threads: int | None = None  # of `solve_many`; default the cores that this process may use
     # (2,) [rad] of the stages F_alpha1 and F_alpha2 of "plain". By default the whole rotation is then within
     # `orientation_tolerance`. The other methods take the smaller of the two for the whole rotation.
-    axis_tolerances: tuple[float, float] | None = None
+    stage_tolerances: tuple[float, float] | None = None
     # Axes that the stages of "plain" align. "tip": the tip's own z and x, as in [Danilov 2021]. "joint": the last
     # joint's axis and one perpendicular to it; better for a tool that is oblique to this axis, and without limits.
     stage_axes: StageAxes = "tip"
@@ -137,13 +137,13 @@ class IkOptions:
         whole_number(self.max_restarts, "max_restarts", most=_MOST_COUNTED)
         if self.threads is not None:
             whole_number(self.threads, "threads", least=1, most=_MOST_THREADS)
-        if self.axis_tolerances is not None:
-            both = real_array(self.axis_tolerances, "axis_tolerances [rad]", "two numbers")
+        if self.stage_tolerances is not None:
+            both = real_array(self.stage_tolerances, "stage_tolerances [rad]", "two numbers")
             if both.shape != (2,):
-                raise ConfigurationError(f"axis_tolerances [rad]: expected two numbers, got shape {both.shape}")
+                raise ConfigurationError(f"stage_tolerances [rad]: expected two numbers, got shape {both.shape}")
             for value in both.tolist():
-                _tolerance(value, "axis_tolerances [rad]")
-        usual = self.precision == "double" and not self.history and self.axis_tolerances is None
+                _tolerance(value, "stage_tolerances [rad]")
+        usual = self.precision == "double" and not self.history and self.stage_tolerances is None
         object.__setattr__(self, "usual", usual)
 
 
@@ -263,8 +263,8 @@ def _settings(
     turn = tol_r if tolerances.turn is None else _tolerance(tolerances.turn, "turn_tolerance [rad]")
     split = tolerances.axis is not None or tolerances.turn is not None
     tol_1 = tol_2 = tol_r * 0.5**0.5
-    if options.axis_tolerances is not None:
-        tol_1, tol_2 = map(float, options.axis_tolerances)
+    if options.stage_tolerances is not None:
+        tol_1, tol_2 = map(float, options.stage_tolerances)
         tol_r = min(tol_1, tol_2)  # a rotation error within this keeps both axes within theirs
 
     counted = {"axis_tolerance": axis, "turn_tolerance": turn} if split else {"orientation_tolerance": tol_r}

@@ -19,7 +19,6 @@ from controllers.ik.chain_kernels import (
     KIND,
     LOWER,
     OUT_OF_REACH,
-    SCALE,
     SLIDE,
     STALLED,
     STEP,
@@ -445,7 +444,7 @@ def solve_hybrid(memory, X, q0, settings, parts, trail, out):
     views = partition(memory, out.shape[0])
     table, goal, work, q = views.table, views.goal, views.work, views.q
     limit, restarts = settings.limit, settings.restarts
-    fault = begin(table, X, q0, options_good(table[0, SCALE], settings, parts), True, goal, work, q)
+    fault = begin(table, X, q0, options_good(settings, parts), True, goal, work, q)
     if fault >= BAD_TARGET:
         return fault, 0, 0, 0.0, 0.0
     real = q.dtype.type
@@ -510,7 +509,7 @@ def solve_keep(memory, X, q0, settings, parts, trail, out):
     """
     views = partition(memory, out.shape[0])
     table, work, q = views.table, views.work, views.q
-    fault = begin(table, X, q0, options_good(table[0, SCALE], settings, parts), False, views.goal, work, q)
+    fault = begin(table, X, q0, options_good(settings, parts), False, views.goal, work, q)
     if fault >= BAD_TARGET:
         return fault, 0, 0, 0.0, 0.0
     near, weights = judged_by(table, settings, parts)

@@ -14,6 +14,7 @@ from numba import types
 from numpy.typing import DTypeLike
 
 from controllers.ik.chain_kernels import (
+    BAD_OPTION,
     HYBRID,
     JACOBIAN_FREE,
     PLAIN,
@@ -26,7 +27,7 @@ from controllers.ik.chain_kernels import (
 )
 from controllers.ik.damped_descent import solve_hybrid, solve_keep
 from controllers.ik.paper_stages import solve_plain, stage_axes, three_goals
-from controllers.ik.pose_parts import PartTolerances, split
+from controllers.ik.pose_parts import PartTolerances, alike, split
 from controllers.ik.priorities import solve_priority
 from controllers.ik.sweeps import solve_jacobian_free
 from sim.interfaces.kernels import kernel
@@ -50,11 +51,15 @@ def _make_entries() -> dict[str, tuple[Any, tuple[Any, ...]]]:
     # The usual calls of `solve` take plain numbers: numba would have to take a record of settings apart at each call.
     @_holding
     def hybrid(memory, X, q0, tol_p, tol_r, limit, restarts, out):
+        if not alike(memory[SCALE], tol_p, tol_r):
+            return BAD_OPTION, 0, 0, 0.0, 0.0  # for `parts`
         settings = Settings(HYBRID, tol_p, tol_r, tol_r, tol_r, limit, restarts, False, False)
         return solve_hybrid(memory, X, q0, settings, None, memory[:0].reshape(0, 1), out)
 
     @_holding
     def keep(memory, X, q0, tol_p, tol_r, limit, restarts, out):
+        if not alike(memory[SCALE], tol_p, tol_r):
+            return BAD_OPTION, 0, 0, 0.0, 0.0  # for `parts_keep`
         settings = Settings(HYBRID, tol_p, tol_r, tol_r, tol_r, limit, restarts, True, False)
         return solve_keep(memory, X, q0, settings, None, memory[:0].reshape(0, 1), out)
 

@@ -29,7 +29,7 @@ from controllers.ik.chain_kernels import (
 )
 
 LIGHTEST = 1e-3  # least share of a weight in the largest one: the squares of both must fit into one matrix
-LOPSIDED = 100.0  # [scaled m/rad], [rad/scaled m] ratio of tolerances from which the parts of a pose have weights
+LOPSIDED = 300.0  # [scaled m/rad], [rad/scaled m] ratio of tolerances from which the parts of a pose have weights
 OPPOSITE = -0.99  # cosine under which two axes count as nearly opposite
 
 
@@ -78,15 +78,15 @@ def count_alike(scale, tol_p, tol_r):
     return tol_r < math.pi and p <= LOPSIDED * tol_r and tol_r <= LOPSIDED * p
 
 
-_alike = jit(count_alike)
+alike = jit(count_alike)  # the same, compiled
 
 
 @inlined
-def options_good(scale, settings, parts):
-    """True if the options are within their ranges; without `parts`, position and rotation must count alike."""
+def options_good(settings, parts):
+    """True if the options are within their ranges; without `parts`, position and rotation must both count."""
     good = settings.tol_p > 0.0 and settings.tol_r > 0.0 and settings.limit >= 1 and settings.restarts >= 0
     if parts is None:
-        return good and _alike(scale, settings.tol_p, settings.tol_r)
+        return good and settings.tol_p < np.inf and counts(settings.tol_r)
     return good and parts.axis > 0.0 and parts.turn > 0.0
 
 

@@ -116,9 +116,9 @@ def test_the_stages_have_their_own_tolerances() -> None:
     chain = Chain.from_dh(PUMA)
     counts = np.zeros(2)
     for target in reachable(chain, 40, 6):
-        given = IkOptions(axis_tolerances=(0.3, 1e-3), history=True, stage_axes="joint")
+        given = IkOptions(stage_tolerances=(0.3, 1e-3), history=True, stage_axes="joint")
         loose = solve(chain, target, HOME, 1e-3, 1.0, method="plain", options=given)
-        given = IkOptions(axis_tolerances=(1e-3, 1e-3), stage_axes="joint")
+        given = IkOptions(stage_tolerances=(1e-3, 1e-3), stage_axes="joint")
         tight = solve(chain, target, HOME, 1e-3, 1.0, method="plain", options=given)
         if loose.converged:
             assert loose.goals is not None

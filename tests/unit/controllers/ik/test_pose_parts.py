@@ -108,6 +108,7 @@ def test_weights_are_in_proportion_to_the_tolerances() -> None:
     [
         (1e-4, 1e-3, True),
         (1e-6, 1e-5, True),
+        (1e-4, 1e-2, True),
         (1e-4, math.inf, False),
         (1e-4, math.pi, False),
         (math.inf, 1e-3, False),

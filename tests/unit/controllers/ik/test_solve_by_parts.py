@@ -141,6 +141,11 @@ def test_one_at_a_time_equals_many(rng: np.random.Generator) -> None:
             assert (one.axis_error, one.turn_error) == (many[i].axis_error, many[i].turn_error)
     whole = solve(chain, targets[0], start)
     assert math.isnan(whole.axis_error)
+    for branch in ("free", "keep"):  # the first call and those after it go the same way
+        results = [solve(chain, targets[0], start, orientation_tolerance=0.5, branch=untyped(branch)) for _ in range(3)]
+        np.testing.assert_array_equal(results[0].q, results[1].q)
+        np.testing.assert_array_equal(results[1].q, results[2].q)
+        assert not math.isnan(results[2].axis_error)
     assert np.isnan(solve_many(chain, targets, start).turn_error).all()
 
 

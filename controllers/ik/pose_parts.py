@@ -168,10 +168,11 @@ def judged_by(table, settings, parts):
 
 
 @overload(judged_by, inline="always")
-def _compiled_judged_by(table, settings, parts):  # noqa: ARG001
+def _compiled_judged_by(table, settings, parts):
     """Compiled `judged_by`, which has results of two types."""
+    del table, settings  # of the parts alone it depends which one
     if isinstance(parts, types.NoneType):
-        return lambda table, settings, parts: (squared_tolerances(table, settings), None)  # noqa: ARG005
+        return lambda table, settings, parts: (squared_tolerances(table, settings), parts)
 
     def by_parts(table, settings, parts):
         near = squared_parts(table, settings, parts)
@@ -273,8 +274,9 @@ def measured(table, goal, tip, weights):
 
 
 @overload(measured, inline="always")
-def _compiled_measured(table, goal, tip, weights):  # noqa: ARG001
+def _compiled_measured(table, goal, tip, weights):
     """Compiled `measured`, which has results of two types."""
+    del table, goal, tip  # of the weights alone it depends which one
     if isinstance(weights, types.NoneType):
         return lambda table, goal, tip, weights: whole_error(goal, tip)  # noqa: ARG005
     return lambda table, goal, tip, weights: parts_error(table, goal, tip, weights)
@@ -305,8 +307,9 @@ def within(left, near):
 
 
 @overload(within, inline="always")
-def _compiled_within(left, near):  # noqa: ARG001
+def _compiled_within(left, near):
     """Compiled `within`: an index that varies would cost a test of its bounds."""
+    del near
     if len(left) == len(Near._fields):
         return lambda left, near: whole_within(left, near)
     return lambda left, near: parts_within(left, near)

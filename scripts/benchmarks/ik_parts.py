@@ -163,7 +163,7 @@ def of_arm(name: str, chain: Chain, count: int, rng: np.random.Generator) -> lis
     rows = []
     for kind, tolerances in KINDS.items():
         targets = reachable(chain, kind, count, rng)
-        given = {"position_tolerance": POSITION, "orientation_tolerance": ANGLE} | tolerances
+        given: dict[str, Any] = {"position_tolerance": POSITION, "orientation_tolerance": ANGLE} | tolerances
         solve_many(chain, targets[:1], start, **given)  # loads the kernel
         began = time.perf_counter()
         found = solve_many(chain, targets, start, **given, options=IkOptions(threads=1))
@@ -210,7 +210,7 @@ def straight(count: int, rng: np.random.Generator) -> list[dict[str, Any]]:
         began = time.perf_counter()
         q = np.array([solver(X, HOME[:6]) for X in targets])
         spent = time.perf_counter() - began
-        answered = np.isfinite(q).all(axis=1)
+        answered = np.asarray(np.isfinite(q).all(axis=1))
         error = errors(forward(chain, np.where(answered[:, None], q, 0.0)), targets)
         good = answered & (error["position_tolerance"] <= SLACK * POSITION)
         good &= error["orientation_tolerance"] <= SLACK * ANGLE

@@ -102,6 +102,7 @@ def test_normals_are_found_by_name_or_by_their_length(
 def test_normals_of_any_length_have_negative_components(tmp_path: Path, rng: np.random.Generator) -> None:
     points, normals = surface(rng)
     found = read_surfels(written(tmp_path / "a.xyz", np.column_stack([points, 100.0 * normals])))
+    assert found.normals is not None
     np.testing.assert_allclose(found.normals, 100.0 * normals, atol=1e-3)
 
 

@@ -42,7 +42,7 @@ KINDS: dict[str, dict[str, Any]] = {
     "position and axis": {"axis_tolerance": ANGLE, "turn_tolerance": math.inf},
     "whole pose": {},
 }
-FOUND_GOAL = 0.999
+FOUND_GOAL = 0.999  # least share of the reachable targets of a kind
 ROUNDING = 1e-9  # [m], [rad] by which two kinematics may differ
 ELBOW = math.radians(2.0)  # [rad] of a nearly straight arm
 USED_UP = 0.9  # largest share of each tolerance that the displacement of a nearly straight target uses

@@ -8,6 +8,7 @@ This module is the public interface. Chains are built in `controllers.ik.chain`,
 (jacobian_free), `paper_stages` (plain).
 """
 
+import math
 import os
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
@@ -18,9 +19,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from controllers.ik import chain_kernels as kernels
 from controllers.ik.chain import Chain
-from controllers.ik.damped_descent import SETTLE_STEPS
+from controllers.ik.damped_descent import MOST_AFTER
 from controllers.ik.entries import entry
 from controllers.ik.method import Method
+from controllers.ik.pose_parts import PartTolerances, count_alike
 from controllers.ik.tracking import Track, Tracker, TrackState, TrackStep, track
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import (
@@ -60,19 +62,21 @@ StageAxes = Literal["joint", "tip"]
 
 _METHODS = get_args(Method)
 _MOST: dict[str, int] = {"hybrid": 4000, "jacobian_free": 12000, "plain": 4000, "priority": 400}  # sweeps are cheap
+_MOST_HYBRID = _MOST["hybrid"]
 _MOST_COUNTED = 10**9  # largest number of iterations or restarts that may be asked for
 _MOST_THREADS = 1024  # largest number of threads that may be asked for
 _MOST_KEPT = 10**6  # largest number of iterations in a history, which is allocated beforehand
 _CHUNK = 64  # targets per task of a thread in `solve_many`
 _SINGLE_MARGIN = 0.7  # share of the tolerances that errors computed in single precision must meet
-_CONVERGED = kernels.CONVERGED
+_CONVERGED, _BAD_TARGET, _NAN = kernels.CONVERGED, kernels.BAD_TARGET, math.nan
+_new, _empty = tuple.__new__, np.empty
 
 
 class IkResult(NamedTuple):  # constructing a frozen dataclass would take as long as a warm solve
     """Solution of `solve`: joint values, always within the limits, and their pose errors."""
 
     q: Array  # (n,) [rad] or [m]
-    converged: bool  # both errors are within their tolerances; with branch="keep" the branch was kept too
+    converged: bool  # every error that counts is within its tolerance; with branch="keep" the branch was kept too
     iterations: int  # Levenberg-Marquardt steps or sweeps, restarts included
     position_error: float  # [m] distance from tip to target
     orientation_error: float  # [rad] angle between tip and target, by atan2
@@ -80,6 +84,10 @@ class IkResult(NamedTuple):  # constructing a frozen dataclass would take as lon
     restarts: int = 0  # other starts tried; after any, the solution may lie on another branch than q0
     history: Array | None = None  # (iterations + 1, n) joint values from start to solution, if asked for
     goals: Array | None = None  # (iterations + 1, 3) F_R [m], F_alpha1, F_alpha2 [rad] of it [Danilov 2021, eq. 6]
+    # [rad] of the orientation error, for a pose solved for by parts: angle between the tool axes, turn about that of
+    # the tip. NaN where position and whole orientation counted alike, and with "priority".
+    axis_error: float = math.nan
+    turn_error: float = math.nan
 
 
 _CAUSES = {
@@ -112,7 +120,7 @@ class IkOptions:
     threads: int | None = None  # of `solve_many`; default the cores that this process may use
     # (2,) [rad] of the stages F_alpha1 and F_alpha2 of "plain". By default the whole rotation is then within
     # `orientation_tolerance`. The other methods take the smaller of the two for the whole rotation.
-    axis_tolerances: tuple[float, float] | None = None
+    stage_tolerances: tuple[float, float] | None = None
     # Axes that the stages of "plain" align. "tip": the tip's own z and x, as in [Danilov 2021]. "joint": the last
     # joint's axis and one perpendicular to it; better for a tool that is oblique to this axis, and without limits.
     stage_axes: StageAxes = "tip"
@@ -129,13 +137,13 @@ class IkOptions:
         whole_number(self.max_restarts, "max_restarts", most=_MOST_COUNTED)
         if self.threads is not None:
             whole_number(self.threads, "threads", least=1, most=_MOST_THREADS)
-        if self.axis_tolerances is not None:
-            both = real_array(self.axis_tolerances, "axis_tolerances [rad]", "two numbers")
+        if self.stage_tolerances is not None:
+            both = real_array(self.stage_tolerances, "stage_tolerances [rad]", "two numbers")
             if both.shape != (2,):
-                raise ConfigurationError(f"axis_tolerances [rad]: expected two numbers, got shape {both.shape}")
+                raise ConfigurationError(f"stage_tolerances [rad]: expected two numbers, got shape {both.shape}")
             for value in both.tolist():
-                _tolerance(value, "axis_tolerances [rad]")
-        usual = self.precision == "double" and not self.history and self.axis_tolerances is None
+                _tolerance(value, "stage_tolerances [rad]")
+        usual = self.precision == "double" and not self.history and self.stage_tolerances is None
         object.__setattr__(self, "usual", usual)
 
 
@@ -151,12 +159,18 @@ def solve(
     method: Method = "hybrid",
     branch: Branch = "free",
     options: IkOptions = _USUAL,
+    *,
+    axis_tolerance: float | None = None,
+    turn_tolerance: float | None = None,
 ) -> IkResult:
     """Solve the inverse kinematics of a chain for one tip pose, starting at `q0`, within the joint limits.
 
+    A part of the pose whose tolerance is infinite does not count: `orientation_tolerance=inf` asks for a position
+    alone, `position_tolerance=inf` for an orientation, `turn_tolerance=inf` for position and tool axis.
+
     Where no solution is found, `q` is that of the nearest pose found. "Nearest" minimises the sum of the squares of
     both errors. Metres are divided by a power of two near the chain's length; the angle counts as its chord 2
-    sin(angle/2).
+    sin(angle/2). For a pose solved for by parts, each error is divided by its tolerance.
 
     The GIL is held during the call.
 
@@ -165,7 +179,8 @@ def solve(
         X_base_tip: (4, 4) target pose of the tip in the base frame.
         q0: (n,) [rad] or [m] start; values beyond the limits are brought within them.
         position_tolerance: [m] largest position error of a solution; with infinity it does not count.
-        orientation_tolerance: [rad] largest orientation error of a solution; with infinity it does not count.
+        orientation_tolerance: [rad] largest angle of the whole rotation error of a solution; from pi on it does not
+            count. It is the default of the next two tolerances where only one of them is given.
         method: "hybrid" (Levenberg-Marquardt), "jacobian_free" (accelerated sweeps), "plain" ([Danilov 2021]), or
             "priority": the tip's position, then its z axis, then the turn about it. A pose counts as met without that
             turn, and its orientation error is the angle of the axes. It keeps the branch of `q0` and makes no restarts,
@@ -175,16 +190,21 @@ def solve(
             which some joint moved by more than half a radian (or half the chain's length) is then tested further. It is
             refused if the straight line in joint space from `q0` to it crosses a singular configuration.
         options: limits of the iterations, precision, history, and what concerns "plain" alone.
+        axis_tolerance: [rad] largest angle between the tool axis, the tip's z, and that of the target. Where it or the
+            next is given, the two take the place of the whole rotation.
+        turn_tolerance: [rad] largest turn about the tool axis that is left. "priority" never counts it.
 
     Returns:
         The joint values with errors, counts and the reason why the iteration ended.
 
     Raises:
-        ConfigurationError: for a target that is not a pose, a bad `q0`, a tolerance that is not positive, or an unknown
-            option.
+        ConfigurationError: for a target that is not a pose, a bad `q0`, a tolerance that is not positive, tolerances of
+            which none counts or that the method does not know, or an unknown option.
     """
-    if type(method) is str and method == "hybrid" and type(options) is IkOptions and options.usual:
-        q = np.empty(chain.n)
+    whole = axis_tolerance is turn_tolerance is None
+    if whole and type(method) is str and method == "hybrid" and type(options) is IkOptions and options.usual:
+        # Half a microsecond counts here: names of this module are found faster than those of another.
+        q = _empty(chain.n)
         most = options.max_iterations
         try:
             outcome = _quick[branch](
@@ -193,20 +213,21 @@ def solve(
                 q0,
                 position_tolerance,
                 orientation_tolerance,
-                _MOST[method] if most is None else most,
+                _MOST_HYBRID if most is None else most,
                 options.max_restarts,
                 q,
             )
         except (TypeError, KeyError, OverflowError, ValueError):
             outcome = _NO_OUTCOME  # not yet compiled, or arguments of other types: the general way below
         code, iterations, restarts, error_p, error_r = outcome
-        if code < kernels.BAD_TARGET:
+        if code < _BAD_TARGET:
             cause = _CAUSES[code] if code or not restarts else _RESTARTED
-            done = code == kernels.CONVERGED
-            return tuple.__new__(IkResult, (q, done, iterations, error_p, error_r, cause, restarts, None, None))
-    settings = _settings(position_tolerance, orientation_tolerance, method, branch, options)
+            done = code == _CONVERGED
+            return _new(IkResult, (q, done, iterations, error_p, error_r, cause, restarts, None, None, _NAN, _NAN))
+    tolerances = _Tolerances(position_tolerance, orientation_tolerance, axis_tolerance, turn_tolerance)
+    settings, parts = _settings(chain, tolerances, method, branch, options)
     target, start = _as_array(X_base_tip, (4, 4), "X_base_tip"), _as_array(q0, (chain.n,), "q0")
-    return _solve(chain, target, start, settings, options)
+    return _solve(chain, target, start, settings, parts, options)
 
 
 def _tolerance(value: Any, name: str) -> float:
@@ -217,23 +238,63 @@ def _tolerance(value: Any, name: str) -> float:
     return given
 
 
+class _Tolerances(NamedTuple):
+    """Tolerances as given to `solve`."""
+
+    position: Any  # [m]
+    orientation: Any  # [rad]
+    axis: Any  # [rad] or None
+    turn: Any  # [rad] or None
+
+
 def _settings(
-    position_tolerance: float, orientation_tolerance: float, method: str, branch: str, options: IkOptions
-) -> kernels.Settings:
-    """Validated options in the terms of the compiled loops."""
+    chain: Chain, tolerances: _Tolerances, method: str, branch: str, options: IkOptions
+) -> tuple[kernels.Settings, PartTolerances | None]:
+    """Validated options in the terms of the compiled loops; None unless the pose is solved for by parts."""
     one_of(method, _METHODS, "method")
     one_of(branch, get_args(Branch), "branch")
     if not isinstance(options, IkOptions):
         raise ConfigurationError(f"options: expected IkOptions, got {shown(options)}")
     if method == "priority" and options.precision == "single":
         raise ConfigurationError('precision: "priority" iterates in double precision only, got "single"')
-    tol_p = _tolerance(position_tolerance, "position_tolerance [m]")
-    tol_r = _tolerance(orientation_tolerance, "orientation_tolerance [rad]")
+    tol_p = _tolerance(tolerances.position, "position_tolerance [m]")
+    tol_r = _tolerance(tolerances.orientation, "orientation_tolerance [rad]")
+    axis = tol_r if tolerances.axis is None else _tolerance(tolerances.axis, "axis_tolerance [rad]")
+    turn = tol_r if tolerances.turn is None else _tolerance(tolerances.turn, "turn_tolerance [rad]")
+    split = tolerances.axis is not None or tolerances.turn is not None
     tol_1 = tol_2 = tol_r * 0.5**0.5
-    if options.axis_tolerances is not None:
-        tol_1, tol_2 = map(float, options.axis_tolerances)
+    if options.stage_tolerances is not None:
+        tol_1, tol_2 = map(float, options.stage_tolerances)
         tol_r = min(tol_1, tol_2)  # a rotation error within this keeps both axes within theirs
-    return kernels.Settings(
+
+    counted = {"axis_tolerance": axis, "turn_tolerance": turn} if split else {"orientation_tolerance": tol_r}
+    if tol_p == math.inf and all(each >= math.pi for each in counted.values()):
+        raise ConfigurationError(
+            f"position_tolerance, {', '.join(counted)}: at least one must be finite (an angle below pi), or no part of"
+            " the pose counts"
+        )
+
+    parts = None
+    if method == "hybrid":
+        if split:
+            parts, tol_r = PartTolerances(axis, turn), math.inf
+        elif not count_alike(chain._scale, tol_p, tol_r):
+            parts = PartTolerances(math.inf, math.inf)
+    elif method == "priority":
+        if tol_p == math.inf:
+            raise ConfigurationError(
+                'position_tolerance: "priority" puts the position first, got inf; "hybrid" need not'
+            )
+        if tolerances.turn is not None and turn < math.pi:
+            raise ConfigurationError(f'turn_tolerance: "priority" never counts the turn, got {turn:g}; "hybrid" does')
+        tol_r = axis
+    elif split or tol_p == math.inf or tol_r >= math.pi:
+        raise ConfigurationError(
+            f'method: {method!r} solves for whole poses; "hybrid" solves for a part of a pose, which an infinite'
+            " tolerance, axis_tolerance or turn_tolerance ask for"
+        )
+
+    settings = kernels.Settings(
         method=_METHODS.index(method),
         tol_p=tol_p,
         tol_r=tol_r,
@@ -244,20 +305,34 @@ def _settings(
         keep=branch == "keep",
         tip_axes=options.stage_axes == "tip",
     )
+    return settings, parts
 
 
-def _solve(chain: Chain, target: Array, start: Array, settings: kernels.Settings, options: IkOptions) -> IkResult:
+def _solve(
+    chain: Chain,
+    target: Array,
+    start: Array,
+    settings: kernels.Settings,
+    parts: PartTolerances | None,
+    options: IkOptions,
+) -> IkResult:
     history, single = bool(options.history), options.precision == "single"
     memory = chain.single() if single else chain._memory
     q = np.empty(chain.n)
-    rows = settings.limit + SETTLE_STEPS + 1 if history else 0
+    rows = settings.limit + MOST_AFTER + 1 if history else 0
     trail = np.empty((rows, chain.n))
     used = settings
     if single:
         p, r, one, two = (_SINGLE_MARGIN * tol for tol in settings[1:5])
         used = settings._replace(tol_p=p, tol_r=r, tol_1=one, tol_2=two)
     outcome: tuple[int, int, int, float, float]
-    if settings.method == kernels.HYBRID and not history:
+    split = math.nan, math.nan
+    if parts is not None:
+        solver = entry("parts_keep" if settings.keep else "parts", memory.dtype)
+        axis, turn = (_SINGLE_MARGIN * tol for tol in parts) if single else parts
+        reached = solver(memory, target, start, used, axis, turn, trail, q)
+        outcome, split = reached[:5], reached[5:]
+    elif settings.method == kernels.HYBRID and not history:
         name = "keep" if settings.keep else "hybrid"
         solver = entry(name, memory.dtype)
         _quick["keep" if settings.keep else "free"] = solver
@@ -271,8 +346,11 @@ def _solve(chain: Chain, target: Array, start: Array, settings: kernels.Settings
         _refuse(code, target, start, "")
     cause = _cause(code, restarts)
     if single:
-        error_p, error_r = _errors(chain, q, target)
-        if code == _CONVERGED and not (error_p <= settings.tol_p and error_r <= settings.tol_r):
+        error_p, error_r, axis, turn = _errors(chain, q, target)
+        met = error_p <= settings.tol_p and error_r <= settings.tol_r
+        if parts is not None:
+            met, split = met and axis <= parts.axis and turn <= parts.turn, (axis, turn)
+        if code == _CONVERGED and not met:
             code, cause = kernels.STALLED, _COARSE
     path = goals = None
     if history:
@@ -280,7 +358,7 @@ def _solve(chain: Chain, target: Array, start: Array, settings: kernels.Settings
         trail, goals = trail[: iterations + 1], np.empty((iterations + 1, 3))
         entry("goals")(chain._memory, target, settings.tip_axes, trail, goals)
         path, goals = readonly(trail), readonly(goals)
-    return IkResult(q, code == _CONVERGED, iterations, error_p, error_r, cause, restarts, path, goals)
+    return IkResult(q, code == _CONVERGED, iterations, error_p, error_r, cause, restarts, path, goals, *split)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -296,6 +374,8 @@ class IkBatch:
     position_error: Array  # (N,) [m]
     orientation_error: Array  # (N,) [rad]
     restarts: NDArray[np.int64]  # (N,)
+    axis_error: Array  # (N,) [rad], as in `IkResult`
+    turn_error: Array  # (N,) [rad], as in `IkResult`
     codes: NDArray[np.int64]  # (N,) why each ended, a code of `controllers.ik.chain_kernels`
 
     def __len__(self) -> int:
@@ -311,6 +391,8 @@ class IkBatch:
             float(self.orientation_error[i]),
             _cause(int(self.codes[i]), restarts),
             restarts,
+            axis_error=float(self.axis_error[i]),
+            turn_error=float(self.turn_error[i]),
         )
 
 
@@ -323,6 +405,9 @@ def solve_many(
     method: Method = "hybrid",
     branch: Branch = "free",
     options: IkOptions = _USUAL,
+    *,
+    axis_tolerance: float | None = None,
+    turn_tolerance: float | None = None,
 ) -> IkBatch:
     """Solve the inverse kinematics for many tip poses in parallel, on all cores.
 
@@ -337,6 +422,8 @@ def solve_many(
         method: as in `solve`.
         branch: as in `solve`.
         options: as in `solve`, without history and in double precision; iterations and restarts are per target.
+        axis_tolerance: [rad] as in `solve`.
+        turn_tolerance: [rad] as in `solve`.
 
     Returns:
         One row per target.
@@ -353,18 +440,19 @@ def solve_many(
     if starts.shape not in ((chain.n,), (count, chain.n)):
         raise ConfigurationError(f"q0: expected shape ({chain.n},) or ({count}, {chain.n}), got {starts.shape}")
     starts = np.ascontiguousarray(np.broadcast_to(starts, (count, chain.n)))
-    settings = _settings(position_tolerance, orientation_tolerance, method, branch, options)
+    tolerances = _Tolerances(position_tolerance, orientation_tolerance, axis_tolerance, turn_tolerance)
+    settings, parts = _settings(chain, tolerances, method, branch, options)
     if options.history or options.precision == "single":
         raise ConfigurationError("options: `solve_many` is without history and in double precision")
     threads = options.threads
     if threads is None:
         threads = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    q, out = np.empty((count, chain.n)), np.empty((count, 5))
-    many = entry("many")
+    q, out = np.empty((count, chain.n)), np.full((count, 7), np.nan)
+    many = entry("many" if parts is None else "many_parts")
 
     def work(first: int) -> None:
         last = min(first + _CHUNK, count)
-        many(chain._memory.copy(), targets, starts, settings, first, last, q, out)
+        many(chain._memory.copy(), targets, starts, settings, *(parts or ()), first, last, q, out)
 
     with ThreadPoolExecutor(threads) as pool:
         list(pool.map(work, range(0, count, _CHUNK)))
@@ -378,6 +466,8 @@ def solve_many(
         position_error=out[:, 3].copy(),
         orientation_error=out[:, 4].copy(),
         restarts=out[:, 2].astype(np.int64),
+        axis_error=out[:, 5].copy(),
+        turn_error=out[:, 6].copy(),
         codes=codes,
     )
     for name in batch.__slots__:
@@ -390,11 +480,14 @@ def _cause(code: int, restarts: int) -> str:
     return _RESTARTED if restarts and code == _CONVERGED else _CAUSES[code]
 
 
-def _errors(chain: Chain, q: Array, target: Array) -> tuple[float, float]:
-    """Position [m] and orientation [rad] error of `q`, in double precision."""
+def _errors(chain: Chain, q: Array, target: Array) -> tuple[float, float, float, float]:
+    """Position [m], orientation, axis and turn [rad] error of `q`, in double precision."""
     X = chain.forward(q)
-    turn = log_so3(X[:3, :3].T @ target[:3, :3])
-    return float(np.linalg.norm(X[:3, 3] - target[:3, 3])), float(np.linalg.norm(turn))
+    R = X[:3, :3].T @ target[:3, :3]
+    whole, tilt = log_so3(R), np.arctan2(np.hypot(R[0, 2], R[1, 2]), R[2, 2])
+    half = 0.5 * float(np.linalg.norm(whole))
+    turn = 0.0 if half == 0.0 else 2.0 * abs(np.arctan2(np.sin(half) * whole[2] / (2.0 * half), np.cos(half)))
+    return float(np.linalg.norm(X[:3, 3] - target[:3, 3])), 2.0 * half, float(tilt), float(turn)
 
 
 def _refuse(code: int, target: Array, start: Array, row: str) -> NoReturn:

@@ -122,7 +122,7 @@ def track_tool(tracking, motion, target, since, displaced, X_WB, hull, tip):
         error_p, error_r = errors[0], errors[1]
     else:
         settings = Settings(HYBRID, _POSITION, _ORIENTATION, _ORIENTATION, _ORIENTATION, _STEPS, 0, True, False)
-        code, _, _, error_p, error_r = solve_keep(out.chain, resolved.X_AG, out.q, settings, trail, q)
+        code, _, _, error_p, error_r = solve_keep(out.chain, resolved.X_AG, out.q, settings, None, trail, q)
     if code >= BAD_TARGET:
         return False, resolved.X_AG
     if out.holding[0]:  # the hull stands a little off the place that the held angles were computed for

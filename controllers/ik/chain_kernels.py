@@ -59,6 +59,7 @@ ALONG, WITHIN, THROUGH = 0, 1, 2  # treatment of the limits, see `controllers.ik
 TWO_PI = 2.0 * math.pi  # [rad]
 _WALK = 0.1  # [rad] longest step of a joint between two Jacobians that `branch_left` compares
 jit = kernel(nogil=True, error_model="numpy", fastmath={"contract"})
+inlined = kernel(nogil=True, error_model="numpy", fastmath={"contract"}, inline="always")  # into the caller's loop
 
 
 class Memory(NamedTuple):
@@ -251,6 +252,26 @@ def forward(table, q, work, X, J):
     X[0, 3], X[1, 3], X[2, 3], X[3, 3] = px / scale, py / scale, pz / scale, 1.0
 
 
+@inlined
+def skew_left(goal, tip):
+    """Skew part and angle of the rotation from the axes of `tip` to those of the goal.
+
+    Returns:
+        Rotation axis times sine, three components in base axes, and the cosine.
+    """
+    _, _, _, xx, xy, xz, yx, yy, yz, zx, zy, zz = tip
+    real = goal.dtype.type
+    half, one = real(0.5), real(1.0)
+    tx, ty, tz = goal[1, 0], goal[1, 1], goal[1, 2]
+    ux, uy, uz = goal[2, 0], goal[2, 1], goal[2, 2]
+    vx, vy, vz = goal[3, 0], goal[3, 1], goal[3, 2]
+    wx = half * (xy * tz - xz * ty + yy * uz - yz * uy + zy * vz - zz * vy)
+    wy = half * (xz * tx - xx * tz + yz * ux - yx * uz + zz * vx - zx * vz)
+    wz = half * (xx * ty - xy * tx + yx * uy - yy * ux + zx * vy - zy * vx)
+    cosine = half * (xx * tx + xy * ty + xz * tz + yx * ux + yy * uy + yz * uz + zx * vx + zy * vy + zz * vz - one)
+    return wx, wy, wz, cosine
+
+
 @jit
 def turn_left(goal, tip):
     """Orientation error from the axes of `tip` to those of the goal: rotation axis times chord, and chord^2.
@@ -263,15 +284,12 @@ def turn_left(goal, tip):
     """
     _, _, _, xx, xy, xz, yx, yy, yz, zx, zy, zz = tip
     real = goal.dtype.type
-    half, one = real(0.5), real(1.0)
+    one = real(1.0)
     tx, ty, tz = goal[1, 0], goal[1, 1], goal[1, 2]
     ux, uy, uz = goal[2, 0], goal[2, 1], goal[2, 2]
     vx, vy, vz = goal[3, 0], goal[3, 1], goal[3, 2]
-    wx = half * (xy * tz - xz * ty + yy * uz - yz * uy + zy * vz - zz * vy)
-    wy = half * (xz * tx - xx * tz + yz * ux - yx * uz + zz * vx - zx * vz)
-    wz = half * (xx * ty - xy * tx + yx * uy - yy * ux + zx * vy - zy * vx)
+    wx, wy, wz, cosine = skew_left(goal, tip)
     sine2 = wx * wx + wy * wy + wz * wz
-    cosine = half * (xx * tx + xy * ty + xz * tz + yx * ux + yy * uy + yz * uz + zx * vx + zy * vy + zz * vz - one)
     if cosine > real(-0.99):
         factor2 = real(2.0) / (one + cosine)  # chord^2 / sine^2
         factor = math.sqrt(factor2)
@@ -391,8 +409,15 @@ def begin(table, X, q0, options_good, leaps, goal, work, q):
         q[i] = q0[i]
         q[i] = admit(q[i], row[LOWER], row[UPPER], leaps and row[KIND] != SLIDE, q.dtype.type(TWO_PI))
         work[i, START] = q[i]
+    return reach_fault(table, goal, 0.0)
+
+
+@inlined
+def reach_fault(table, goal, slack):
+    """OUT_OF_REACH if the goal is farther off than the chain is long, by more than `slack` [m]; else CONVERGED."""
     x, y, z = goal[0, 0] - table[0, 3], goal[0, 1] - table[0, 7], goal[0, 2] - table[0, 11]
-    return OUT_OF_REACH if math.sqrt(x * x + y * y + z * z) > table[0, REACH] else CONVERGED
+    most = table[0, REACH] + slack * table[0, SCALE]
+    return OUT_OF_REACH if math.sqrt(x * x + y * y + z * z) > most else CONVERGED
 
 
 @jit
@@ -483,31 +508,6 @@ def scatter(table, restart, work, q):
         lower = max(lower, min(work[i, START] - half, upper - 2.0 * half))
         upper = min(upper, lower + 2.0 * half)
         q[i] = lower + (upper - lower) * restart_angle(restart, i)
-
-
-@jit
-def nearest_corner(table, goal, above, work, q):
-    """Write into `q` the corner of the joint limits whose pose error is the least above `above`.
-
-    Args:
-        table: the chain.
-        goal: (4, 3) the goal.
-        above: squared error, see `errors`.
-        work: scratch values.
-        q: (n,) out.
-
-    Returns:
-        Its squared error; infinite without such a corner.
-    """
-    n = q.shape[0]
-    least, found = q.dtype.type(np.inf), 0
-    for corner in range(1 << n):
-        at_corner(table, corner, q)
-        p2, chord2 = errors(table, goal, q, work)
-        if above < p2 + chord2 < least:
-            least, found = p2 + chord2, corner
-    at_corner(table, found, q)
-    return least
 
 
 @jit

@@ -3,6 +3,9 @@
 Arrays are those of `controllers.ik.chain_kernels`.
 """
 
+import math
+from typing import NamedTuple
+
 import numpy as np
 
 from controllers.ik.chain_kernels import (
@@ -33,14 +36,24 @@ from controllers.ik.chain_kernels import (
     fold,
     hand_over,
     jit,
-    nearest_corner,
     note,
     partition,
-    pose_error,
-    recall,
+    reach_fault,
     scatter,
-    squared_tolerances,
     trace,
+)
+from controllers.ik.pose_parts import (
+    PartsNear,
+    Weights,
+    judged_by,
+    measured,
+    nearest_corner,
+    options_good,
+    parts_at,
+    scaled_weights,
+    tool_axis,
+    weighted_column,
+    within,
 )
 from controllers.ik.sweeps import sweep
 
@@ -54,10 +67,25 @@ FAR_WEIGHT = 0.1  # [1/rad^2] weight of the tool axes against the scaled positio
 STALL_WINDOW, STALL_FACTOR = 4, 0.5  # [steps], [1] a descent stalls if its error does not halve in four steps
 SETTLE_STEPS = 200  # largest number of steps of `settle`
 SETTLE_GAIN = 1e-7  # relative gain in squared error, under which a step of `settle` counts as quiet
+TRADES = 12  # largest number of times that `trade` changes the weights
+LEAST_RATIO = 1e-2  # least factor of the square of a weight in one trade
+ALLOWED = 1.2  # times the weighted tolerances, that a sum of squares may be which `settle` left near its least value
+MOST_AFTER = (1 + TRADES) * SETTLE_STEPS  # largest number of steps after the iterations have ended
+KEPT = 0  # column of `past` in which `trade` keeps joint values
+
+
+class Pace(NamedTuple):
+    """Steps that a descent may take."""
+
+    limit: int  # largest number
+    cap: float  # [rad] or [m] longest step of a joint
+    # ALONG moves within the limits without jumps. WITHIN also jumps by whole turns. THROUGH lets hinges pass their
+    # limits on the way; only the solution must lie within them.
+    mode: int
 
 
 @jit
-def damped_step(views, limited, damping, tip, error):
+def damped_step(views, limited, damping, tip, error, weights):
     """Levenberg-Marquardt step dq = J^T (J J^T + damping)^-1 e into `work[:, STEP]`.
 
     A joint that stands on a limit and would leave its range is removed from the problem: its column is set to zero.
@@ -67,7 +95,8 @@ def damped_step(views, limited, damping, tip, error):
         limited: the limits of hinges count; those of slides always do.
         damping: added to the diagonal of J J^T.
         tip: the tip at the joint values of `views`.
-        error: e, as of `pose_error`.
+        error: e, as of `measured`.
+        weights: of the parts of the error, or None.
 
     Returns:
         Largest absolute entry of the step.
@@ -78,10 +107,15 @@ def damped_step(views, limited, damping, tip, error):
     n = q.shape[0]
     # Lower half of J J^T, row by row. Scalars stay in registers: twice as fast as an array.
     none = damping - damping
+    z = none, none, none
+    if weights is not None:
+        z = tool_axis(table, tip)
     a10 = a20 = a21 = a30 = a31 = a32 = a40 = a41 = a42 = a43 = a50 = a51 = a52 = a53 = a54 = none
     a00 = a11 = a22 = a33 = a44 = a55 = damping
     for i in range(n):
         c0, c1, c2, c3, c4, c5 = column(table, work, i, px, py, pz)
+        if weights is not None:
+            c0, c1, c2, c3, c4, c5 = weighted_column((c0, c1, c2, c3, c4, c5), z, weights)
         if limited or table[HEAD + i, KIND] == SLIDE:
             slope = c0 * ex + c1 * ey + c2 * ez + c3 * wx + c4 * wy + c5 * wz
             if (slope < none and q[i] <= table[HEAD + i, LOWER]) or (slope > none and q[i] >= table[HEAD + i, UPPER]):
@@ -210,29 +244,27 @@ def take_step(table, cap, largest, mode, work, q):
 
 
 @jit
-def descend(views, near, limit, cap, mode, best2, trail, row):
-    """Levenberg-Marquardt steps from `views.q` until the pose is met, the error stalls, or `limit` steps are spent.
+def descend(views, near, weights, pace, best2, trail, row):
+    """Levenberg-Marquardt steps from `views.q` until the pose is met, the error stalls, or the steps are spent.
 
     A stall is a squared error that does not fall to STALL_FACTOR times itself in STALL_WINDOW steps.
 
     Args:
-        views: memory of the chain. Its `q` is the start, on return the joint values of the last two results. Column
-            BEST of its work takes joint values whose error is under `best2` and which are within the limits.
-        near: errors within which the pose is met.
-        limit: largest number of steps.
-        cap: [rad] or [m] longest step of a joint.
-        mode: ALONG moves within the limits without jumps. WITHIN also jumps by whole turns. THROUGH lets hinges pass
-            their limits on the way; only the solution must lie within them.
+        views: memory of the chain. Its `q` is the start, on return the joint values of the last result. Column BEST of
+            its work takes joint values whose error is under `best2` and which are within the limits.
+        near: errors within which the pose is met, `Near` or `PartsNear`.
+        weights: of the parts of the error; None where `near` is `Near`.
+        pace: most steps, their length, and the treatment of the limits.
         best2: least squared error so far.
         trail: (rows, n) takes the joint values of every step that it has a row for.
         row: first row of `trail` to write.
 
     Returns:
-        (code, steps, least squared error, squared position error, squared chord).
+        (code, steps, least squared error, squared errors as in `near`).
     """
     table, goal, work, q = views.table, views.goal, views.work, views.q
     real = q.dtype.type
-    limited = mode != THROUGH
+    limited = pace.mode != THROUGH
     # The damping must exceed the rounding of J J^T, or a singular J J^T is no longer positive definite.
     floor = real(4.0) * np.finfo(q.dtype).eps
     mark = real(np.inf)
@@ -240,39 +272,39 @@ def descend(views, near, limit, cap, mode, best2, trail, row):
     while True:
         note(q, trail, row + steps)
         tip = trace(table, q, work)
-        error, p2, chord2 = pose_error(goal, tip)
-        error2 = p2 + chord2
-        if p2 <= near.p2 and chord2 <= near.chord2:
+        error, error2, left = measured(table, goal, tip, weights)
+        if within(left, near):
             code = CONVERGED if limited or fold(table, q) else STALLED
-            return code, steps, best2, p2, chord2
+            return code, steps, best2, left
         if limited and error2 < best2:
             best2 = error2
             for i in range(q.shape[0]):
                 work[i, BEST] = q[i]
         if steps % STALL_WINDOW == 0:
             if not error2 < real(STALL_FACTOR) * mark:
-                return STALLED, steps, best2, p2, chord2
+                return STALLED, steps, best2, left
             mark = error2
-        if steps >= limit:
-            return EXHAUSTED, steps, best2, p2, chord2
+        if steps >= pace.limit:
+            return EXHAUSTED, steps, best2, left
         damping = real(DAMPING) * error2 + floor
-        largest = damped_step(views, limited, damping, tip, error)
-        take_step(table, cap, largest, mode, work, q)
+        largest = damped_step(views, limited, damping, tip, error, weights)
+        take_step(table, pace.cap, largest, pace.mode, work, q)
         steps += 1
 
 
 @jit
-def settle(views, near, trail, row):
+def settle(views, near, weights, trail, row):
     """Descend from the best joint values so far to the nearest local minimum within the limits; the error never grows.
 
     Args:
         views: memory of the chain; column BEST of its work holds the best joint values, `q` takes the result.
-        near: errors within which the pose is met.
+        near: errors within which the pose is met, `Near` or `PartsNear`.
+        weights: of the parts of the error; None where `near` is `Near`.
         trail: (rows, n) takes the joint values of every step that it has a row for.
         row: first row of `trail` to write.
 
     Returns:
-        (code, steps, squared position error, squared chord).
+        (code, steps, squared errors as in `near`).
     """
     table, goal, work, q = views.table, views.goal, views.work, views.q
     real = q.dtype.type
@@ -285,10 +317,9 @@ def settle(views, near, trail, row):
     while steps < SETTLE_STEPS and quiet < 4 and share < real(1e6):
         note(q, trail, row + steps)
         tip = trace(table, q, work)
-        error, p2, chord2 = pose_error(goal, tip)
-        error2 = p2 + chord2
-        if p2 <= near.p2 and chord2 <= near.chord2:
-            return CONVERGED, steps, p2, chord2
+        error, error2, left = measured(table, goal, tip, weights)
+        if within(left, near):
+            return CONVERGED, steps, left
         if error2 < best2:
             quiet = quiet + 1 if error2 > (real(1.0) - real(SETTLE_GAIN)) * best2 else 0
             best2 = error2
@@ -300,17 +331,99 @@ def settle(views, near, trail, row):
             for i in range(n):
                 q[i] = work[i, BEST]
             tip = trace(table, q, work)
-            error, p2, chord2 = pose_error(goal, tip)
+            error, _, _ = measured(table, goal, tip, weights)
         damping = share * best2 + real(4.0) * np.finfo(q.dtype).eps
-        largest = damped_step(views, True, damping, tip, error)
+        largest = damped_step(views, True, damping, tip, error, weights)
         take_step(table, SHORT_STEP, largest, ALONG, work, q)
         steps += 1
-    p2, chord2 = recall(table, goal, work, q)
-    return STALLED, steps, p2, chord2
+    for i in range(n):
+        q[i] = work[i, BEST]
+    return STALLED, steps, measured(table, goal, trace(table, q, work), weights)[2]
 
 
 @jit
-def solve_hybrid(memory, X, q0, settings, trail, out):
+def trade(views, near, weights, trail, row):
+    """Trade one part of the error against another at the edge of reach, until each is within its tolerance.
+
+    The least sum of squares may exceed one tolerance where another is not used up. Lawson's rule for a least largest
+    error [Lawson 1961] is to multiply the square of a weight by the error over its tolerance and to minimise again. A
+    weighted sum of squares whose least value exceeds that of the tolerances themselves proves that no pose nearby is
+    within all of them.
+
+    Args:
+        views: memory of the chain. Column BEST of its work holds joint values of the least sum of squares; `q` takes
+            the result, which without success are the same joint values.
+        near: `PartsNear`.
+        weights: of the sum of squares that is the least at BEST.
+        trail: (rows, n) takes the joint values of every step that it has a row for.
+        row: first row of `trail` to write.
+
+    Returns:
+        (code, steps, squared errors as in `near`).
+    """
+    table, goal, work, past, q = views.table, views.goal, views.work, views.past, views.q
+    real = q.dtype.type
+    none, one, least = real(0.0), real(1.0), real(LEAST_RATIO)
+    for i in range(q.shape[0]):
+        past[i, KEPT] = q[i] = work[i, BEST]
+    left = first = parts_at(table, goal, q, work)
+
+    # Squares of tolerances and weights: position, tool axis (or the whole rotation), turn.
+    whole = near.chord2 < real(np.inf)
+    near_p, near_a, near_t = near.p2, near.chord2 if whole else near.axis2, one if whole else near.turn2
+    p, a, t = weights.position**2, weights.axis**2, none if whole else weights.turn**2
+    near_p, near_a, near_t = near_p if p > none else one, near_a if a > none else one, near_t if t > none else one
+
+    steps = 0
+    for _ in range(TRADES):
+        a2, t2 = left[1] if whole else left[2], left[3]
+        if p * left[0] + a * a2 + t * t2 > real(ALLOWED) * (p * near_p + a * near_a + t * near_t):
+            break
+        p *= max(math.sqrt(left[0] / near_p), least)
+        a *= max(math.sqrt(a2 / near_a), least)
+        t *= max(math.sqrt(t2 / near_t), least)
+        traded = scaled_weights(table, p, a, a if whole else t)
+        code, spent, left = settle(views, near, traded, trail, row + steps)
+        steps += spent
+        if code == CONVERGED:
+            return CONVERGED, steps, left
+
+    for i in range(q.shape[0]):
+        work[i, BEST] = q[i] = past[i, KEPT]
+    return STALLED, steps, first
+
+
+@jit
+def finish(views, near, weights, trail, row):
+    """End a search without success: at the nearest pose, or within the tolerances at the edge of reach.
+
+    Args:
+        views: memory of the chain; column BEST of its work holds the best joint values, `q` takes the result.
+        near: errors within which the pose is met, `Near` or `PartsNear`.
+        weights: of the parts of the error; None where `near` is `Near`.
+        trail: (rows, n) takes the joint values of every step that it has a row for.
+        row: first row of `trail` to write.
+
+    Returns:
+        (code, steps, squared position error, squared chord of the whole rotation).
+    """
+    code, steps, left = settle(views, near, weights, trail, row)
+    p2, chord2 = left[0], left[1]
+    if code == CONVERGED:
+        return code, steps, p2, chord2
+    real = views.q.dtype.type
+    if weights is None:
+        one, any_ = real(1.0), real(np.inf)
+        code, spent, left = trade(
+            views, PartsNear(near.p2, near.chord2, any_, any_), Weights(one, one, one), trail, row + steps
+        )
+    else:
+        code, spent, left = trade(views, near, weights, trail, row + steps)
+    return code, steps + spent, left[0], left[1]
+
+
+@jit
+def solve_hybrid(memory, X, q0, settings, parts, trail, out):
     """Hybrid method: a combined sweep from a far start, Levenberg-Marquardt, then restarts.
 
     Every second restart lets hinges pass their limits on the way (THROUGH). A solution not far beyond the limits is
@@ -321,6 +434,7 @@ def solve_hybrid(memory, X, q0, settings, trail, out):
         X: (4, 4) target pose of the tip in the base frame, [m].
         q0: (n,) [rad] or [m] start.
         settings: tolerances and limits of the iterations.
+        parts: `PartTolerances`, for a pose of which not all counts alike; else None.
         trail: (rows, n) takes the joint values of every step that it has a row for.
         out: (n,) takes the solution.
 
@@ -330,29 +444,30 @@ def solve_hybrid(memory, X, q0, settings, trail, out):
     views = partition(memory, out.shape[0])
     table, goal, work, q = views.table, views.goal, views.work, views.q
     limit, restarts = settings.limit, settings.restarts
-    options_good = settings.tol_p > 0.0 and settings.tol_r > 0.0 and limit >= 1 and restarts >= 0
-    fault = begin(table, X, q0, options_good, True, goal, work, q)
+    fault = begin(table, X, q0, options_good(settings, parts), True, goal, work, q)
     if fault >= BAD_TARGET:
         return fault, 0, 0, 0.0, 0.0
     real = q.dtype.type
-    near = squared_tolerances(table, settings)
+    near, weights = judged_by(table, settings, parts)
+    if parts is not None:
+        fault = reach_fault(table, goal, settings.tol_p)
     if fault == OUT_OF_REACH:
         restarts = min(restarts, 4)
     steps, restart, best2 = 0, 0, real(np.inf)
     while True:
         mode = WITHIN if restart % 2 == 0 else THROUGH
-        if restart == 0 and table[1, SWEEPS] > 0.0:
+        if parts is None and restart == 0 and table[1, SWEEPS] > 0.0:
             p2, chord2 = errors(table, goal, q, work)
             if p2 + chord2 > real(FAR):
                 note(q, trail, steps)
                 sweep(table, goal, real(FAR_WEIGHT), mode, q, work)
                 steps += 1
-        code, spent, best2, p2, chord2 = descend(views, near, limit - steps, LONG_STEP, mode, best2, trail, steps)
+        pace = Pace(limit - steps, LONG_STEP, mode)
+        code, spent, best2, left = descend(views, near, weights, pace, best2, trail, steps)
         steps += spent
-        met = p2 <= near.p2 and chord2 <= near.chord2  # beyond limits, if not converged
-        if code == STALLED and met and drawn_in(table, q, real(BEYOND)):
-            left = limit - steps
-            code, spent, best2, p2, chord2 = descend(views, near, left, SHORT_STEP, ALONG, best2, trail, steps)
+        if code == STALLED and within(left, near) and drawn_in(table, q, real(BEYOND)):  # met, but beyond limits
+            pace = Pace(limit - steps, SHORT_STEP, ALONG)
+            code, spent, best2, left = descend(views, near, weights, pace, best2, trail, steps)
             steps += spent
         if code == CONVERGED or steps >= limit or restart >= restarts:
             break
@@ -360,15 +475,16 @@ def solve_hybrid(memory, X, q0, settings, trail, out):
         scatter(table, restart, work, q)
     corner, above = 0, real(-1.0)
     while code == STALLED and corner < CORNERS and q.shape[0] <= CORNERED and fault != OUT_OF_REACH:
-        above = nearest_corner(table, goal, above, work, q)
+        above = nearest_corner(table, goal, weights, above, work, q)
         if not above < real(np.inf) or steps >= limit:
             break
-        left = limit - steps
-        code, spent, best2, p2, chord2 = descend(views, near, left, SHORT_STEP, ALONG, best2, trail, steps)
+        pace = Pace(limit - steps, SHORT_STEP, ALONG)
+        code, spent, best2, left = descend(views, near, weights, pace, best2, trail, steps)
         steps += spent
         corner += 1
+    p2, chord2 = left[0], left[1]
     if code != CONVERGED:
-        code, spent, p2, chord2 = settle(views, near, trail, steps)
+        code, spent, p2, chord2 = finish(views, near, weights, trail, steps)
         if code != CONVERGED:
             code = OUT_OF_REACH if fault == OUT_OF_REACH else EXHAUSTED if steps >= limit else STALLED
         steps += spent
@@ -376,7 +492,7 @@ def solve_hybrid(memory, X, q0, settings, trail, out):
 
 
 @jit
-def solve_keep(memory, X, q0, settings, trail, out):
+def solve_keep(memory, X, q0, settings, parts, trail, out):
     """Branch-keeping method: Levenberg-Marquardt by short steps from `q0`, without jumps or restarts.
 
     Args:
@@ -384,6 +500,7 @@ def solve_keep(memory, X, q0, settings, trail, out):
         X: (4, 4) target pose of the tip in the base frame, [m].
         q0: (n,) [rad] or [m] start.
         settings: tolerances and limit of the steps; the restarts are only validated.
+        parts: `PartTolerances`, for a pose of which not all counts alike; else None.
         trail: (rows, n) takes the joint values of every step that it has a row for.
         out: (n,) takes the solution.
 
@@ -392,16 +509,19 @@ def solve_keep(memory, X, q0, settings, trail, out):
     """
     views = partition(memory, out.shape[0])
     table, work, q = views.table, views.work, views.q
-    limit = settings.limit
-    options_good = settings.tol_p > 0.0 and settings.tol_r > 0.0 and limit >= 1 and settings.restarts >= 0
-    fault = begin(table, X, q0, options_good, False, views.goal, work, q)
+    fault = begin(table, X, q0, options_good(settings, parts), False, views.goal, work, q)
     if fault >= BAD_TARGET:
         return fault, 0, 0, 0.0, 0.0
-    near, unknown = squared_tolerances(table, settings), q.dtype.type(np.inf)
-    code, steps, _, p2, chord2 = descend(views, near, limit, SHORT_STEP, ALONG, unknown, trail, 0)
+    near, weights = judged_by(table, settings, parts)
+    if parts is not None:
+        fault = reach_fault(table, views.goal, settings.tol_p)
+    unknown = q.dtype.type(np.inf)
+    pace = Pace(settings.limit, SHORT_STEP, ALONG)
+    code, steps, _, left = descend(views, near, weights, pace, unknown, trail, 0)
+    p2, chord2 = left[0], left[1]
     if code != CONVERGED:
         stopped = EXHAUSTED if code == EXHAUSTED else STALLED
-        code, spent, p2, chord2 = settle(views, near, trail, steps)
+        code, spent, p2, chord2 = finish(views, near, weights, trail, steps)
         steps += spent
         if code != CONVERGED:
             code = OUT_OF_REACH if fault == OUT_OF_REACH else stopped

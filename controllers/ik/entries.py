@@ -14,6 +14,7 @@ from numba import types
 from numpy.typing import DTypeLike
 
 from controllers.ik.chain_kernels import (
+    BAD_OPTION,
     HYBRID,
     JACOBIAN_FREE,
     PLAIN,
@@ -26,6 +27,7 @@ from controllers.ik.chain_kernels import (
 )
 from controllers.ik.damped_descent import solve_hybrid, solve_keep
 from controllers.ik.paper_stages import solve_plain, stage_axes, three_goals
+from controllers.ik.pose_parts import PartTolerances, alike, split
 from controllers.ik.priorities import solve_priority
 from controllers.ik.sweeps import solve_jacobian_free
 from sim.interfaces.kernels import kernel
@@ -49,21 +51,35 @@ def _make_entries() -> dict[str, tuple[Any, tuple[Any, ...]]]:
     # The usual calls of `solve` take plain numbers: numba would have to take a record of settings apart at each call.
     @_holding
     def hybrid(memory, X, q0, tol_p, tol_r, limit, restarts, out):
+        if not alike(memory[SCALE], tol_p, tol_r):
+            return BAD_OPTION, 0, 0, 0.0, 0.0  # for `parts`
         settings = Settings(HYBRID, tol_p, tol_r, tol_r, tol_r, limit, restarts, False, False)
-        return solve_hybrid(memory, X, q0, settings, memory[:0].reshape(0, 1), out)
+        return solve_hybrid(memory, X, q0, settings, None, memory[:0].reshape(0, 1), out)
 
     @_holding
     def keep(memory, X, q0, tol_p, tol_r, limit, restarts, out):
+        if not alike(memory[SCALE], tol_p, tol_r):
+            return BAD_OPTION, 0, 0, 0.0, 0.0  # for `parts_keep`
         settings = Settings(HYBRID, tol_p, tol_r, tol_r, tol_r, limit, restarts, True, False)
-        return solve_keep(memory, X, q0, settings, memory[:0].reshape(0, 1), out)
+        return solve_keep(memory, X, q0, settings, None, memory[:0].reshape(0, 1), out)
 
     @_holding
     def traced_hybrid(memory, X, q0, settings, trail, out):
-        return solve_hybrid(memory, X, q0, settings, trail, out)
+        return solve_hybrid(memory, X, q0, settings, None, trail, out)
 
     @_holding
     def traced_keep(memory, X, q0, settings, trail, out):
-        return solve_keep(memory, X, q0, settings, trail, out)
+        return solve_keep(memory, X, q0, settings, None, trail, out)
+
+    @_holding
+    def parts(memory, X, q0, settings, axis, turn, trail, out):
+        outcome = solve_hybrid(memory, X, q0, settings, PartTolerances(axis, turn), trail, out)
+        return *outcome, *split(memory, outcome[0], out)
+
+    @_holding
+    def parts_keep(memory, X, q0, settings, axis, turn, trail, out):
+        outcome = solve_keep(memory, X, q0, settings, PartTolerances(axis, turn), trail, out)
+        return *outcome, *split(memory, outcome[0], out)
 
     @_holding
     def jacobian_free(memory, X, q0, settings, trail, out):
@@ -107,24 +123,41 @@ def _make_entries() -> dict[str, tuple[Any, tuple[Any, ...]]]:
             elif settings.method == PRIORITY:
                 outcome = solve_priority(memory, X[i], q0[i], settings, trail, q[i])
             elif settings.keep:
-                outcome = solve_keep(memory, X[i], q0[i], settings, trail, q[i])
+                outcome = solve_keep(memory, X[i], q0[i], settings, None, trail, q[i])
             else:
-                outcome = solve_hybrid(memory, X[i], q0[i], settings, trail, q[i])
+                outcome = solve_hybrid(memory, X[i], q0[i], settings, None, trail, q[i])
             out[i, 0], out[i, 1], out[i, 2], out[i, 3], out[i, 4] = outcome
+
+    @_releasing
+    def many_parts(memory, X, q0, settings, axis, turn, first, last, q, out):
+        """As `many` for poses by parts; the angles of `split` are two more numbers in `out` (N, 7)."""
+        trail = memory[:0].reshape(0, 1)
+        for i in range(first, last):
+            tolerances = PartTolerances(axis, turn)
+            if settings.keep:
+                outcome = solve_keep(memory, X[i], q0[i], settings, tolerances, trail, q[i])
+            else:
+                outcome = solve_hybrid(memory, X[i], q0[i], settings, tolerances, trail, q[i])
+            out[i, 0], out[i, 1], out[i, 2], out[i, 3], out[i, 4] = outcome
+            out[i, 5], out[i, 6] = split(memory, outcome[0], q[i])
 
     usual = (_GIVEN[2], _GIVEN[1], _REAL, _REAL, _COUNT, _COUNT, _VECTOR)
     traced = (_GIVEN[2], _GIVEN[1], _SETTINGS, _TABLE, _VECTOR)
+    by_parts = (_GIVEN[2], _GIVEN[1], _SETTINGS, _REAL, _REAL, _TABLE, _VECTOR)
     return {
         "kinematics": (kinematics, (_GIVEN[1], _TABLE, _TABLE)),
         "hybrid": (hybrid, usual),
         "keep": (keep, usual),
         "traced_hybrid": (traced_hybrid, traced),
         "traced_keep": (traced_keep, traced),
+        "parts": (parts, by_parts),
+        "parts_keep": (parts_keep, by_parts),
         "jacobian_free": (jacobian_free, traced),
         "plain": (plain, traced),
         "priority": (priority, traced),
         "goals": (goals, (_GIVEN[2], _FLAG, _TABLE, _TABLE)),
         "many": (many, (_GIVEN[3], _GIVEN[2], _SETTINGS, _COUNT, _COUNT, _TABLE, _TABLE)),
+        "many_parts": (many_parts, (_GIVEN[3], _GIVEN[2], _SETTINGS, _REAL, _REAL, _COUNT, _COUNT, _TABLE, _TABLE)),
     }
 
 

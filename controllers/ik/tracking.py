@@ -27,6 +27,7 @@ from controllers.ik import chain_kernels as kernels
 from controllers.ik.chain import Chain, memory_of, set_limits
 from controllers.ik.entries import entry
 from controllers.ik.method import Method
+from controllers.ik.pose_parts import count_alike
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array, checked, not_a_pose, number, one_of, readonly, real_array, whole_number
 
@@ -124,6 +125,10 @@ class Tracker:
         for name, value in ((name, number(value, name)) for name, value in given.items()):
             if not (value > 0.0 and (np.isfinite(value) or name == "near")):
                 raise ConfigurationError(f"{name}: must be positive and finite, got {value}")
+        if not orientation_tolerance < np.pi:
+            raise ConfigurationError(
+                f"orientation_tolerance: must be under pi, for the whole pose is tracked, got {orientation_tolerance:g}"
+            )
         speeds = real_array(speed_limits, "speed_limits")
         speeds = checked(
             np.broadcast_to(speeds, (chain.n,)) if speeds.ndim == 0 else speeds, (chain.n,), "speed_limits"
@@ -144,7 +149,9 @@ class Tracker:
             kinds.get(method, kernels.HYBRID), tol_p, tol_r, axis, axis, _STEPS, 0, True, False
         )
         self._memory = memory_of(chain, _LEAD * chain._scale)
-        self._entry = entry("keep" if method == "hybrid" else method)
+        # The entry of usual calls leaves tolerances that differ very much to another one.
+        self._usual = method == "hybrid" and count_alike(_LEAD * chain._scale, tol_p, tol_r)
+        self._entry = entry("keep" if self._usual else "traced_keep" if method == "hybrid" else method)
         self._rank = _generic_rank(chain)
 
     def init(self, q0: ArrayLike) -> TrackState:
@@ -211,7 +218,7 @@ class Tracker:
         set_limits(memory, kernels.LOWER, limits[:, 0])
         set_limits(memory, kernels.UPPER, limits[:, 1])
         q = np.empty(chain.n)
-        if self.method == "hybrid":
+        if self._usual:
             outcome = self._entry(memory, target, q0, *self._tolerances, _STEPS, 0, q)
         else:
             outcome = self._entry(memory, target, q0, self._settings, chain._no_trail, q)

@@ -14,6 +14,7 @@ from scipy.sparse.csgraph import breadth_first_order, connected_components, mini
 from scipy.spatial import Delaunay, QhullError, cKDTree
 
 from models.meshes.closed_shells import sphere
+from models.meshes.far_origin import middle_if_far
 from models.meshes.ray_casting import RayScene
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array
@@ -67,7 +68,8 @@ def mesh_of_cloud(points: Array, normals: Array | None = None) -> CloudMesh:
     Raises:
         ConfigurationError: for fewer than FEWEST distinct points, or points that form no surface.
     """
-    given = len(points)
+    middle = middle_if_far(points)  # about which all squares of lengths are exact
+    given, points = len(points), points - middle
     points, first = np.unique(points, axis=0, return_index=True)
     if len(points) < FEWEST:
         raise ConfigurationError(f"cloud: a model needs at least {FEWEST} distinct points, got {len(points)}")
@@ -90,11 +92,11 @@ def mesh_of_cloud(points: Array, normals: Array | None = None) -> CloudMesh:
     fewer = f", averaged to {len(points)}" if len(points) < len(first) else ""
     ends = "open: what lies behind it, and beyond its borders, counts as unknown" if is_open else "all around"
     return CloudMesh(
-        vertices=vertices,
+        vertices=vertices + middle,
         triangles=triangles,
         spacing=spacing,
         is_open=is_open,
-        border=_ends(points, axes, spacing) if is_open else np.zeros((0, 3)),
+        border=_ends(points, axes, spacing) + middle if is_open else np.zeros((0, 3)),
         note=f"meshed from a cloud of {given} points{fewer}, {1e3 * spacing:.1f} mm apart, normals {how}; {ends}",
     )
 

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from models.meshes import open3d_loader
+from models.meshes.far_origin import middle_if_far
 from sim.interfaces.errors import MissingLibraryError
 
 Engine = Literal["embree", "open3d"]
@@ -23,13 +24,13 @@ _NO_HIT = 9e36  # Embree's rays start with a length of 1e37; one without a hit k
 class RayScene:
     """A triangle mesh prepared for ray casting."""
 
-    __slots__ = ("_engine", "_scene")
+    __slots__ = ("_engine", "_middle", "_scene")
 
     def __init__(self, vertices: ArrayLike, triangles: ArrayLike, engine: Engine | None = None) -> None:
         """Build the scene; triangles without area, or with a vertex that is not finite, are never hit.
 
         Args:
-            vertices: (V, 3) [m], stored in single precision, so best near the origin.
+            vertices: (V, 3) [m], stored in single precision about their middle if that lies far from the origin.
             triangles: (T, 3) indices.
             engine: None takes the installed one.
 
@@ -37,7 +38,10 @@ class RayScene:
             MissingLibraryError: no engine is installed.
         """
         self._engine = engine or installed()
-        corners = np.ascontiguousarray(vertices, dtype=np.float32)
+        vertices = np.asarray(vertices)
+        middle = middle_if_far(vertices)
+        self._middle = middle if middle.any() else None
+        corners = np.ascontiguousarray(vertices if self._middle is None else vertices - middle, dtype=np.float32)
         if self._engine == "open3d":
             self._scene = open3d_loader.load().t.geometry.RaycastingScene()
             self._scene.add_triangles(corners, np.ascontiguousarray(triangles, dtype=np.uint32))
@@ -64,7 +68,7 @@ class RayScene:
             `t` (N,) in units of the direction's length (inf without a hit), `triangle` (N,) index, and `normal` (N, 3)
             unit normal of the triangle by its winding. Without a hit the latter two are undefined.
         """
-        starts, ways = _rays(origins, directions)
+        starts, ways = self._rays(origins, directions)
         if self._engine == "open3d":
             rays = np.concatenate([starts, ways], axis=-1)
             hit = self._scene.cast_rays(open3d_loader.load().core.Tensor.from_numpy(rays))
@@ -99,10 +103,17 @@ class RayScene:
         """
         if self._engine == "open3d":
             return self.cast(origins, directions)["t"]
-        starts, ways = _rays(origins, directions)
+        starts, ways = self._rays(origins, directions)
         t = self._scene.run(starts.reshape(-1, 3), ways.reshape(-1, 3), query="DISTANCE")
         t[t > _NO_HIT] = np.inf
         return t.reshape(ways.shape[:-1])
+
+    def _rays(self, origins: ArrayLike, directions: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
+        """Origins about the middle, one for each direction, and directions, in single precision."""
+        ways = np.ascontiguousarray(directions, dtype=np.float32)
+        starts = np.empty_like(ways)
+        starts[...] = origins if self._middle is None else np.asarray(origins) - self._middle
+        return starts, ways
 
 
 class OneSidedScene(RayScene):
@@ -120,14 +131,6 @@ class OneSidedScene(RayScene):
     def distance(self, origins: ArrayLike, directions: ArrayLike) -> np.ndarray:
         """As `RayScene.distance`."""
         return self.cast(origins, directions)["t"]
-
-
-def _rays(origins: ArrayLike, directions: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
-    """Origins, one for each direction, and directions, in single precision."""
-    ways = np.ascontiguousarray(directions, dtype=np.float32)
-    starts = np.empty_like(ways)
-    starts[...] = origins
-    return starts, ways
 
 
 @cache

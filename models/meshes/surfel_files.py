@@ -1,25 +1,45 @@
-"""Reader of a model given as a point cloud: points, and normals where the file has them."""
+"""The one reader of point cloud files, of models and of scans: points, and normals where the file has them."""
 
+from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-
 from models.meshes.ply_files import read_ply_normals
+from models.meshes.text_clouds import read_text_cloud
 from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.files import bytes_of, text_of
+from sim.interfaces.files import bytes_of, existing_file, text_of
 from sim.interfaces.spatial import Array
 
-TEXT = ("xyz", "txt", "asc", "csv")  # endings of text files, three or six numbers a line
+TEXT = ("xyz", "txt", "asc", "csv", "pts", "xyzn", "xyzrgb")  # endings of text files
+KINDS = "what goes is PLY, PCD, or text with x y z a line"
+# Files of other programs: how they begin, their endings, and how to convert them.
+_FOREIGN = {
+    "NumPy": (b"\x93NUMPY", ("npy", "npz"), 'numpy.savetxt("cloud.xyz", points) writes such text'),
+    "LAS": (b"LASF", ("las", "laz"), "pdal translate FILE cloud.ply, or CloudCompare, converts it"),
+    "E57": (b"ASTM-E57", ("e57",), "pdal translate FILE cloud.ply, or CloudCompare, converts it"),
+}
+_HEAD = 20_000  # [bytes] that hold the header of a PCD file
+_HEAD_LINES = 50  # of a text, by which it is known
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Surfels:
+    """Content of a point cloud file, in its unit and order."""
+
+    points: Array  # (n, 3), n > 0, NaN kept
+    normals: Array | None  # (n, 3) as they are in the file
+    shape: tuple[int, int] | None  # rows and columns of an organised cloud, which only PCD files can hold
+    notes: tuple[str, ...]  # what was made of its columns, in words
 
 
 def is_cloud_file(file: Path) -> bool:
     """Whether a file holds a cloud: PCD or text by its ending, PLY if it has no faces.
 
     Raises:
-        ConfigurationError: the file cannot be read.
+        ConfigurationError: the file cannot be read, or is a cloud of a format that is not read here.
     """
     kind = file.suffix.lower().removeprefix(".")
     if kind != "ply":
+        _refuse_foreign(file, "target cloud")
         return kind == "pcd" or kind in TEXT
     try:
         points, _, triangles = read_ply_normals(bytes_of(file, "target cloud"))
@@ -28,41 +48,69 @@ def is_cloud_file(file: Path) -> bool:
     return len(points) > 0 and not len(triangles)
 
 
-def read_surfels(file: Path) -> tuple[Array, Array | None]:
-    """Points (n, 3) in the unit of the file, and normals (n, 3) or None; points that are not finite are left out.
+def read_surfels(file: str | Path, what: str = "cloud") -> Surfels:
+    """Read a point cloud file: PLY or PCD by its ending, else text.
+
+    Args:
+        file: Path of the file.
+        what: Begins the error messages: "cloud" or "target cloud".
 
     Raises:
-        ConfigurationError: the file is malformed.
+        ConfigurationError: the file is missing, empty, malformed or of another format.
     """
-    match file.suffix.lower():
+    path = existing_file(file, what)
+    match path.suffix.lower():
         case ".pcd":
             from models.meshes.pcd_files import read_pcd  # brings numba, which few objects need
 
-            points, normals, _ = read_pcd(file)
+            points, normals, shape = read_pcd(path)
+            return Surfels(points=points, normals=normals, shape=shape, notes=())
         case ".ply":
             try:
-                points, normals, _ = read_ply_normals(bytes_of(file, "target cloud"))
+                points, normals, _ = read_ply_normals(bytes_of(path, what))
             except ValueError as error:
-                raise ConfigurationError(f"target cloud {str(file)!r}: it cannot be read as PLY: {error}") from error
+                raise ConfigurationError(f"{what} {path}: no points can be read from this PLY file: {error}") from error
+            if not len(points):
+                raise ConfigurationError(f"{what} {path}: there are no points in this PLY file")
+            return Surfels(points=points, normals=normals, shape=None, notes=())
         case _:
-            points, normals = _read_text(file)
-    finite = np.isfinite(points).all(axis=1)
-    return points[finite], None if normals is None else normals[finite]
+            found = read_text_cloud(_text(path, what), f"{what} {path}")
+            return Surfels(points=found.points, normals=found.normals, shape=None, notes=found.notes)
 
 
-def _read_text(file: Path) -> tuple[Array, Array | None]:
-    lines = [line.partition("#")[0].replace(",", " ").replace(";", " ") for line in _lines(file)]
+def check_surfels(file: str | Path, what: str = "cloud") -> None:
+    """Refuse a file that is no cloud by its beginning: neither PLY nor PCD nor text with points.
+
+    Raises:
+        ConfigurationError: It is missing, empty or of another kind.
+    """
+    path = existing_file(file, what)
+    match path.suffix.lower():
+        case ".ply" if not bytes_of(path, what).lstrip().startswith(b"ply"):
+            raise ConfigurationError(f"{what} {path}: it is no PLY file; {KINDS}")
+        case ".pcd" if b"FIELDS" not in bytes_of(path, what)[:_HEAD]:
+            raise ConfigurationError(f"{what} {path}: it is no PCD file; {KINDS}")
+        case ".ply" | ".pcd":
+            return
+        case _:
+            read_text_cloud(_text(path, what), f"{what} {path}", _HEAD_LINES)
+
+
+def _text(path: Path, what: str) -> str:
+    """Text of a cloud that is neither PLY nor PCD; says what goes where it is none."""
+    _refuse_foreign(path, what)
     try:
-        values = np.loadtxt(lines, dtype=np.float64, ndmin=2)
-    except ValueError:
-        values = np.zeros((0, 0))
-    if values.shape[1] not in (3, 6):
-        raise ConfigurationError(
-            f"target cloud {str(file)!r}: every line must hold 3 numbers (x y z) or 6 (x y z nx ny nz); "
-            f"the first is {next((line for line in lines if line.strip()), '')[:60].strip()!r}"
-        )
-    return values[:, :3], values[:, 3:] if values.shape[1] == 6 else None
+        text = text_of(path, what)
+    except ConfigurationError as error:
+        raise ConfigurationError(f"{error}; {KINDS}") from error
+    if "\0" in text:
+        raise ConfigurationError(f"{what} {path}: it is binary; {KINDS}")
+    return text
 
 
-def _lines(file: Path) -> list[str]:
-    return text_of(file, "target cloud").splitlines()
+def _refuse_foreign(path: Path, what: str) -> None:
+    """Refuse a cloud of another program by its ending or its first bytes, and say how to convert it."""
+    ending = path.suffix.lower().removeprefix(".")
+    for name, (start, endings, way) in _FOREIGN.items():
+        if ending in endings or bytes_of(path, what).startswith(start):
+            raise ConfigurationError(f"{what} {path}: {name} files are not read; {KINDS}: {way}")

@@ -3,7 +3,7 @@
 Frame T is the model's own frame. Triangles wind counter-clockwise seen from outside.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import MappingProxyType
@@ -13,6 +13,7 @@ import mujoco
 import numpy as np
 from numpy.typing import ArrayLike
 
+from models.meshes.far_origin import middle_if_far
 from models.meshes.mesh_files import read_mesh
 from models.meshes.surfel_files import is_cloud_file, read_surfels
 from sim.interfaces.errors import ConfigurationError
@@ -112,14 +113,27 @@ class Symmetry:
             largest = np.maximum(largest, trace)
         return 0.5 * (largest - 1.0)
 
-    def error(self, X_AT: Array, X_AT_true: Array) -> tuple[float, float]:
-        """Error between two poses (4, 4) modulo symmetry: position of the origin [m] and least rotation angle [rad]."""
+    def error(self, X_AT: Array, X_AT_true: Array, p_T: Array | None = None) -> tuple[float, float]:
+        """Error between two poses (4, 4) modulo symmetry.
+
+        Args:
+            X_AT: pose of T in A.
+            X_AT_true: the pose that it is compared with.
+            p_T: (3,) [m] point of the shape whose displacement counts, in T; by default the origin. Far from the shape
+                it moves by much where the shape turns by little.
+
+        Returns:
+            Distance between the two places of the point [m], and least rotation angle [rad].
+        """
         R_true = X_AT_true[:3, :3]
         nearest = self.nearest_pose(X_AT, R_true)
         delta = R_true.T @ nearest[:3, :3]
         sine = 0.5 * np.linalg.norm([delta[2, 1] - delta[1, 2], delta[0, 2] - delta[2, 0], delta[1, 0] - delta[0, 1]])
         angle = float(np.arctan2(sine, 0.5 * (np.trace(delta) - 1.0)))
-        return float(np.linalg.norm(nearest[:3, 3] - X_AT_true[:3, 3])), angle
+        away = nearest[:3, 3] - X_AT_true[:3, 3]
+        if p_T is not None:
+            away = away + (nearest[:3, :3] - R_true) @ p_T
+        return float(np.linalg.norm(away)), angle
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -291,6 +305,7 @@ class TargetModel:
         """
         X = checked_pose(X_WT, "X_WT")
         body = spec.worldbody.add_body(name="target", pos=X[:3, 3], quat=quat_wxyz_from_rotation(X[:3, :3]))
+        middle = middle_if_far(self.vertices)  # MuJoCo keeps meshes in single precision
         hulls, cut = self.hulls, felt and not (self.solids or self.hulls)
         if cut:
             from models.meshes import convex_parts
@@ -299,19 +314,21 @@ class TargetModel:
         if hulls or not self.solids:
             spec.add_mesh(
                 name="target",
-                uservert=self.vertices.astype(np.float32).ravel(),
+                uservert=(self.vertices - middle).astype(np.float32).ravel(),
                 userface=self.triangles.astype(np.int32).ravel(),
                 inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL,  # a user's scan may be open
             )
-            body.add_geom(name="target", type=mujoco.mjtGeom.mjGEOM_MESH, meshname="target", contype=0, conaffinity=0)
+            body.add_geom(
+                name="target", type=mujoco.mjtGeom.mjGEOM_MESH, meshname="target", pos=middle, contype=0, conaffinity=0
+            )
         for k, hull in enumerate(hulls):
             name = f"target_hull_{k}"
             spec.add_mesh(
                 name=name,
-                uservert=hull.astype(np.float32).ravel(),
+                uservert=(hull - middle).astype(np.float32).ravel(),
                 inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL,  # some hulls are thin
             )
-            part = body.add_geom(name=name, type=mujoco.mjtGeom.mjGEOM_MESH, meshname=name)
+            part = body.add_geom(name=name, type=mujoco.mjtGeom.mjGEOM_MESH, meshname=name, pos=middle)
             _hide(part)
             if cut:
                 _soften(part, spec)
@@ -340,7 +357,8 @@ class TargetModel:
     ) -> "TargetModel":
         """Load a target from a mesh file (STL, PLY, OBJ, OFF, glTF or GLB) or a cloud (PLY without faces, PCD, text).
 
-        A cloud is meshed as by `from_cloud`; text files hold x y z, or x y z and the outward normal, a line.
+        A cloud is meshed as by `from_cloud`. Text files hold x y z a line, and perhaps the outward normal; a first line
+        may name the columns. Other columns, such as colours, are left out, and `cloud.note` says so.
 
         Args:
             file: path.
@@ -359,10 +377,14 @@ class TargetModel:
         path = existing_file(file, "target mesh")
         if scale is not None:
             scale = finite_number(scale, "target mesh: scale", least=1e-9, most=1e9)
-        normals, triangles = None, np.zeros((0, 3), dtype=np.int64)
+        normals, triangles, notes = None, np.zeros((0, 3), dtype=np.int64), ()
         is_cloud = is_cloud_file(path)
         if is_cloud:
-            vertices, normals = read_surfels(path)
+            surfels = read_surfels(path, "target cloud")
+            finite = np.isfinite(surfels.points).all(axis=1)
+            vertices, normals = surfels.points[finite], surfels.normals
+            normals = None if normals is None else normals[finite]
+            notes = surfels.notes
         else:
             vertices, triangles = read_mesh(path)
         vertices = vertices * (1.0 if scale is None else scale)
@@ -373,7 +395,7 @@ class TargetModel:
                 "scale (0.001 for mm, 1 if it is so large)"
             )
         if is_cloud:
-            return cls.from_cloud(vertices, normals, name or path.stem, symmetry, paths)
+            return _noted(cls.from_cloud(vertices, normals, name or path.stem, symmetry, paths), notes)
         return cls(
             name=name or path.stem,
             vertices=vertices,
@@ -398,7 +420,8 @@ class TargetModel:
 
         Args:
             points: (n, 3) [m] on the surface, in T, in any order; rows that are not finite are left out.
-            normals: (n, 3) outward, of any length but 0; None: found from the points.
+            normals: (n, 3) outward, of any length; None: found from the points. Points whose normal is zero or not
+                finite are left out, and `cloud.note` says so. Where no normal is usable, all are found from the points.
             name: of the target.
             symmetry: by default none.
             paths: tool paths by name.
@@ -411,27 +434,36 @@ class TargetModel:
         if values.ndim != 2 or values.shape[1] != 3:
             raise ConfigurationError(f"{what}: points must be (n, 3) numbers [m], got shape {values.shape}")
         finite = np.isfinite(values).all(axis=1)
-        outward = None
+        outward, notes = None, list[str]()
         if normals is not None:
             outward = real_array(normals, f"{what}: normals", "(n, 3) numbers")
             if outward.shape != values.shape:
                 raise ConfigurationError(
                     f"{what}: normals must be {values.shape}, one for each point, got {outward.shape}"
                 )
-            finite &= np.isfinite(outward).all(axis=1)
             largest = np.abs(outward).max(axis=1, initial=0.0, where=np.isfinite(outward))
-            if not np.all(largest[finite] > 0.0):
-                raise ConfigurationError(f"{what}: a normal must not be zero, {int((largest == 0.0).sum())} are")
-            outward = outward[finite] / largest[finite, None]  # the square of a very long one overflows
+            usable = np.isfinite(outward).all(axis=1) & (largest > 0.0)
+            unusable = int((finite & ~usable).sum())
+            if not (finite & usable).any():
+                outward = None
+                notes.append("its normals are all zero or not finite, and taken as none")
+            else:
+                if unusable:
+                    notes.append(
+                        f"{unusable} of {int(finite.sum())} points left out: their normal is zero or not finite"
+                    )
+                finite &= usable
+                outward = outward[finite] / largest[finite, None]  # the square of a very long one overflows
         if finite.any() and not np.abs(values[finite]).max() <= FARTHEST_VERTEX:
             farthest = float(np.abs(values[finite]).max())
             raise ConfigurationError(
-                f"{what}: points must lie within {FARTHEST_VERTEX:g} m of its origin, got {farthest:g}"
+                f"{what}: points must lie within {FARTHEST_VERTEX:g} m of its origin, got {farthest:g}; subtract their "
+                f"middle, about {' '.join(f'{v:.0f}' for v in np.median(values[finite], axis=0))}"
             )
         from models.meshes.cloud_mesh import mesh_of_cloud
 
         made = mesh_of_cloud(values[finite], outward)
-        return cls(
+        target = cls(
             name=name,
             vertices=made.vertices,
             triangles=made.triangles,
@@ -439,6 +471,15 @@ class TargetModel:
             paths=paths or {},
             cloud=made,
         )
+        return _noted(target, notes)
+
+
+def _noted(target: TargetModel, notes: Sequence[str]) -> TargetModel:
+    """The target of a cloud with more notes on how it was made."""
+    cloud = target.cloud
+    if cloud is None or not notes:
+        return target
+    return replace(target, cloud=replace(cloud, note="; ".join([cloud.note, *notes])))
 
 
 def _hide(geom: mujoco.MjsGeom) -> None:

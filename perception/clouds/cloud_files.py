@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from perception.clouds.point_files import read_organised_cloud
+from models.meshes.surfel_files import read_surfels
 from perception.clouds.scan import row_hash
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.files import existing_file
@@ -21,11 +21,11 @@ class CloudFile:
     """Cleaned cloud of a file."""
 
     points: Array  # (n, 3) [m] in S, without duplicates; or organised (h, w, 3), NaN where left out
-    notes: tuple[str, ...]  # points left out, in words
+    notes: tuple[str, ...]  # points and columns left out, in words
 
 
 def load_cloud(file: str | Path, scale: float | None = None) -> CloudFile:
-    """Load the cloud of a PLY, PCD or text file (three numbers a line), in the sensor's frame S.
+    """Load the cloud of a PLY, PCD or text file (x y z a line, and perhaps other columns), in the sensor's frame S.
 
     Points that are not finite, at the origin (no return) or duplicates are left out. The pixels of an organised PCD
     file keep their places.
@@ -42,12 +42,13 @@ def load_cloud(file: str | Path, scale: float | None = None) -> CloudFile:
     file = existing_file(file, "cloud")
     if scale is not None:
         scale = finite_number(scale, f"cloud {file}: scale", least=1e-9, most=1e9)
-    points, shape = read_organised_cloud(file)
+    surfels = read_surfels(file)
+    points, shape = surfels.points, surfels.shape
     if len(points) > MOST:
         raise ConfigurationError(f"cloud {file}: at most {MOST} points are allowed, it holds {len(points)}")
     points = np.where(np.abs(points) < _NO_POINT, points, np.nan) * (1.0 if scale is None else scale)
     kept = np.ones(len(points), dtype=bool)
-    notes: list[str] = []
+    notes = list(surfels.notes)
 
     def leave_out(those: np.ndarray, what: str) -> None:
         those = those & kept

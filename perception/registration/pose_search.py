@@ -293,8 +293,11 @@ def _finished(evidence: Evidence, surface: ModelSurface, candidate: _Candidate) 
 
 
 def _differ(surface: ModelSurface, A: Array, B: Array) -> bool:
-    """True if two poses (4, 4) are not the same up to the declared symmetry and the ends of ICP's valley."""
-    off, angle = surface.symmetry.error(A, B)
+    """True if two poses (4, 4) are not the same up to the declared symmetry and the ends of ICP's valley.
+
+    What is displaced is the model's centre: the origin of its file may lie anywhere.
+    """
+    off, angle = surface.symmetry.error(A, B, surface.center)
     return bool(off > 2.0 * surface.spacing or angle > np.deg2rad(5.0))
 
 

@@ -99,7 +99,7 @@ def solved(chain: Chain, row: Array, q: Array, method: Method, *, track: bool) -
         ANGLE,
         method=method,
         branch="keep" if track else "free",
-        options=IkOptions(history=True, axis_tolerances=(ANGLE, ANGLE)),
+        options=IkOptions(history=True, stage_tolerances=(ANGLE, ANGLE)),
     )
 
 

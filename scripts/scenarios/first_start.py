@@ -110,7 +110,7 @@ def encoded(kind: Any) -> Any:
         return {"box": encoded(kind.field_dict["record"])}
     if isinstance(kind, types.Literal):
         return {"literal": kind.literal_value}
-    if isinstance(kind, (types.Number, types.Boolean)):
+    if isinstance(kind, (types.Number, types.Boolean, types.NoneType)):
         return str(kind)
     raise UuvError(f"no word for numba's type {kind}")
 

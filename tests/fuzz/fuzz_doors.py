@@ -613,7 +613,7 @@ def _python_doors() -> Iterator[Door]:
             "max_iterations": 300,
             "max_restarts": 3,
             "precision": "double",
-            "axis_tolerances": None,
+            "stage_tolerances": None,
             "stage_axes": "joint",
         },
     )

@@ -9,9 +9,10 @@ from controllers.ik.chain import Chain, memory_of
 from sim.interfaces.spatial import Array, exp_so3, pose
 from uncompiled import uncompiled
 
-kernels, sweeps, descent, stages = uncompiled(
+kernels, sweeps, parts, descent, stages = uncompiled(
     "controllers.ik.chain_kernels",
     "controllers.ik.sweeps",
+    "controllers.ik.pose_parts",
     "controllers.ik.damped_descent",
     "controllers.ik.paper_stages",
 )

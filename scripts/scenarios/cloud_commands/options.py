@@ -14,7 +14,7 @@ class IdentificationOptions:
 
     object: str = "barrel"
     """A name of models.objects.targets.available(), a mesh file (STL, PLY, OBJ, OFF, glTF), or a cloud of the surface
-    (PLY, PCD, text with x y z or x y z nx ny nz a line), which is meshed."""
+    (PLY, PCD, text with x y z a line, and perhaps a normal), which is meshed."""
     among: tuple[str, ...] = ()
     """Names, mesh or cloud files, and folders of them: which of these is it? --object is then only what the simulated
     scene shows."""
@@ -60,11 +60,11 @@ def check_inputs(options: IdentificationOptions) -> None:
     Raises:
         ConfigurationError: Which one, what is allowed, and what was given.
     """
+    from models.meshes.surfel_files import check_surfels
     from models.objects import targets
-    from perception.clouds.point_files import check_cloud
 
     if options.cloud is not None:
-        check_cloud(options.cloud)
+        check_surfels(options.cloud)
     names = options.among or (options.object,)
     if options.among and options.cloud is None:
         names = (*names, options.object)

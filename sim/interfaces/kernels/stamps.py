@@ -151,7 +151,10 @@ def _plain(function: FunctionType, used: list[FunctionType]) -> str:
     if _is_told_by_version(function.__module__):
         return name
     closure = [cell.cell_contents for cell in function.__closure__ or ()]
-    return f"{name} {_file(function.__code__.co_filename)} {_value(closure, used)}"
+    known = (function.__globals__.get(called) for called in sorted(set(_names(function.__code__))))
+    kernels = [value for value in known if hasattr(value, "targetoptions")]  # which may lie in other files
+    called = f" {_value(kernels, used)}" if kernels else ""
+    return f"{name} {_file(function.__code__.co_filename)} {_value(closure, used)}{called}"
 
 
 def _class(kind: type) -> str:

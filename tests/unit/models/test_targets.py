@@ -167,3 +167,14 @@ def test_files_that_are_no_mesh_are_refused(tmp_path):
 def test_impossible_targets_are_refused(make, words: str):
     with pytest.raises(ConfigurationError, match=words):
         make()
+
+
+def test_a_point_of_the_shape_may_stand_for_its_place(within):
+    """Far from the shape, the origin moves by metres where the shape turns by a degree about its middle."""
+    middle = np.array([12.0, 16.0, 1.0])
+    X = pose(exp_so3([0.4, 0.1, 0.2]), [0.3, -0.2, 0.5])
+    moved = X @ pose(p=middle) @ pose(exp_so3([0.0, 0.0, 0.02]), [0.003, 0.0, 0.0]) @ pose(p=-middle)
+    off, angle = Symmetry().error(moved, X, middle)
+    within("point [m]", off - 0.003, 1e-12)
+    within("angle [rad]", angle - 0.02, 1e-12)
+    assert Symmetry().error(moved, X)[0] > 0.3

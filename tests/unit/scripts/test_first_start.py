@@ -118,5 +118,6 @@ def test_a_worker_compiles_says_what_fails_and_may_die(jobs):
 def test_what_has_no_word_is_refused():
     import numba
 
-    with pytest.raises(first_start.UuvError, match="no word for numba's type none"):
-        encoded(numba.types.none)
+    with pytest.raises(first_start.UuvError, match="no word for numba's type unicode_type"):
+        encoded(numba.types.unicode_type)
+    assert first_start.decoded(encoded(numba.types.none)) == numba.types.none

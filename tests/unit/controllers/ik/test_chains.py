@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from controllers.ik import chain_kernels, damped_descent, paper_stages, sweeps
+from controllers.ik import chain_kernels, damped_descent, paper_stages, pose_parts, sweeps
 from controllers.mkps import Chain, IkOptions, Method, solve, solve_many
 from models.arms import published_arms
 from sim.interfaces.errors import ConfigurationError
@@ -71,7 +71,10 @@ def test_single_precision_is_single_throughout() -> None:
     chain_kernels.trace(table, q, work)
     tip = (one,) * 12
     chain_kernels.turn_left(goal, tip)
-    damped_descent.damped_step(views, True, one, tip, (one,) * 6)
+    damped_descent.damped_step(views, True, one, tip, (one,) * 6, None)
+    weights = pose_parts.Weights(one, one, one)
+    damped_descent.damped_step(views, True, one, tip, (one,) * 6, weights)
+    pose_parts.parts_error(table, goal, tip, weights)
     sweeps.sweep(table, goal, one, chain_kernels.WITHIN, q, work)
     paper_stages.place(table, goal, one, q, work)
     paper_stages.align(table, (one,) * 3, (one,) * 3, one, q, work)
@@ -79,6 +82,7 @@ def test_single_precision_is_single_throughout() -> None:
         chain_kernels.trace,
         chain_kernels.turn_left,
         damped_descent.damped_step,
+        pose_parts.parts_error,
         sweeps.sweep,
         paper_stages.place,
         paper_stages.align,
@@ -112,9 +116,9 @@ def test_the_stages_have_their_own_tolerances() -> None:
     chain = Chain.from_dh(PUMA)
     counts = np.zeros(2)
     for target in reachable(chain, 40, 6):
-        given = IkOptions(axis_tolerances=(0.3, 1e-3), history=True, stage_axes="joint")
+        given = IkOptions(stage_tolerances=(0.3, 1e-3), history=True, stage_axes="joint")
         loose = solve(chain, target, HOME, 1e-3, 1.0, method="plain", options=given)
-        given = IkOptions(axis_tolerances=(1e-3, 1e-3), stage_axes="joint")
+        given = IkOptions(stage_tolerances=(1e-3, 1e-3), stage_axes="joint")
         tight = solve(chain, target, HOME, 1e-3, 1.0, method="plain", options=given)
         if loose.converged:
             assert loose.goals is not None

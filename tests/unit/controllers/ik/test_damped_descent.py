@@ -19,7 +19,7 @@ def jacobian(it: Plain, q: Array) -> Array:
 def step(it: Plain, q: Array, error: Array, damping: float, limited: bool = True) -> Array:
     it.q[:] = q
     tip = kernels.trace(it.table, it.q, it.work)
-    largest = descent.damped_step(it.views, limited, damping, tip, error)
+    largest = descent.damped_step(it.views, limited, damping, tip, error, None)
     dq = it.work[:, kernels.STEP].copy()
     assert largest == np.abs(dq).max()
     return dq
@@ -83,10 +83,11 @@ def test_a_descent_meets_a_near_pose_and_says_what_it_did(mode: int, rng: np.ran
     trail = np.full((300, 6), np.nan)
     it.q[:] = start
 
-    def run(limit: int, best2: float = math.inf) -> tuple[int, int, float, float, float]:
-        return descent.descend(it.views, kernels.Near(1e-14, 1e-14), limit, 1.5, mode, best2, trail, 2)
+    def run(limit: int, best2: float = math.inf) -> tuple[int, int, float, tuple[float, float]]:
+        pace = descent.Pace(limit, 1.5, mode)
+        return descent.descend(it.views, kernels.Near(1e-14, 1e-14), None, pace, best2, trail, 2)
 
-    code, steps, best2, p2, chord2 = run(100)
+    code, steps, best2, (p2, chord2) = run(100)
     assert (code, p2 <= 1e-14, chord2 <= 1e-14) == (kernels.CONVERGED, True, True)
     np.testing.assert_allclose(it.errors(it.q), [p2, chord2], atol=1e-18)
     went = trail[2 : 3 + steps]
@@ -109,7 +110,7 @@ def test_a_descent_ends_where_the_error_no_longer_halves(rng: np.random.Generato
     it = plain(drawn_chain(rng, "rrrr"))
     it.aim(pose(exp_so3([1.0, 0.0, 2.0]), [0.2, 0.3, 0.4]))
     code, steps, *_ = descent.descend(
-        it.views, kernels.Near(1e-12, 1e-12), 500, 0.5, kernels.ALONG, math.inf, np.empty((0, 4)), 0
+        it.views, kernels.Near(1e-12, 1e-12), None, descent.Pace(500, 0.5, kernels.ALONG), math.inf, np.empty((0, 4)), 0
     )
     assert code == kernels.STALLED
     assert 0 < steps < 200
@@ -125,7 +126,7 @@ def test_settling_ends_in_a_minimum_no_worse_than_the_start(rng: np.random.Gener
         it.aim(by_exponentials(it.chain, q) @ missed)
         it.work[:, kernels.BEST] = start = q + rng.uniform(-0.3, 0.3, it.chain.n)
         best = sum(it.errors(start))
-        code, steps, p2, chord2 = descent.settle(it.views, kernels.Near(1e-12, 1e-12), np.empty((0, 4)), 0)
+        code, steps, (p2, chord2) = descent.settle(it.views, kernels.Near(1e-12, 1e-12), None, np.empty((0, 4)), 0)
         assert code == kernels.STALLED
         assert 4 <= steps <= descent.SETTLE_STEPS
         np.testing.assert_allclose([p2, chord2], it.errors(it.q), rtol=1e-9)
@@ -145,7 +146,7 @@ def test_settling_from_within_reach_converges(rng: np.random.Generator) -> None:
     it.aim(by_exponentials(it.chain, q))
     it.work[:, kernels.BEST] = q + 0.05
     trail = np.full((60, 6), np.nan)
-    code, steps, p2, chord2 = descent.settle(it.views, kernels.Near(1e-14, 1e-14), trail, 3)
+    code, steps, (p2, chord2) = descent.settle(it.views, kernels.Near(1e-14, 1e-14), None, trail, 3)
     assert code == kernels.CONVERGED
     assert steps < 20
     assert np.isnan(trail[:3]).all()
@@ -159,7 +160,7 @@ def solve(it: Plain, X: Array, q0: Array, limit: int, restarts: int, keep: bool 
     out, solver = np.full(it.chain.n, np.nan), descent.solve_keep if keep else descent.solve_hybrid
     trail = np.full((600, it.chain.n), np.nan)
     with np.errstate(over="ignore"):
-        found = solver(it.memory, X, q0, settings(tolerances["p"], tolerances["r"], limit, restarts), trail, out)
+        found = solver(it.memory, X, q0, settings(tolerances["p"], tolerances["r"], limit, restarts), None, trail, out)
     return *found, out, trail
 
 
@@ -199,7 +200,7 @@ def test_restarts_are_taken_until_the_pose_is_met(rng: np.random.Generator) -> N
         code, steps, restarts, *_, out, _ = solve(it, X, np.zeros(6), 400, 12)
         solved.append(code == kernels.CONVERGED)
         assert restarts <= 12
-        assert steps <= 400 + descent.SETTLE_STEPS
+        assert steps <= 400 + descent.MOST_AFTER
         assert np.all((out >= it.chain.limits[:, 0]) & (out <= it.chain.limits[:, 1]))
     assert sum(solved) >= 3
 

@@ -500,8 +500,8 @@ def test_bad_calls_are_refused(change: dict[str, object], names: str) -> None:
         ({"history": 1}, "history: "),
         ({"precision": "other"}, "precision: .*other"),
         ({"stage_axes": "other"}, "stage_axes: .*other"),
-        ({"axis_tolerances": (1e-3, 0.0)}, "axis_tolerances .*positive"),
-        ({"axis_tolerances": (1e-3,)}, "axis_tolerances .*two numbers"),
+        ({"stage_tolerances": (1e-3, 0.0)}, "stage_tolerances .*positive"),
+        ({"stage_tolerances": (1e-3,)}, "stage_tolerances .*two numbers"),
     ],
 )
 def test_bad_options_are_refused(change: dict[str, object], names: str) -> None:

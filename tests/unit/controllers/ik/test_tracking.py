@@ -176,6 +176,7 @@ def test_tracking_keeps_joint_limits() -> None:
         ({"method": "magic"}, "method: allowed hybrid"),
         ({"near": np.nan}, "near"),
         ({"position_tolerance": 0.0}, "position_tolerance"),
+        ({"orientation_tolerance": 3.2}, "orientation_tolerance: must be under pi"),
         ({"q0": np.full(6, 9.0)}, "q0: joint1"),
         ({"X_base_tip": np.eye(4)}, "X_base_tip"),
         ({"X_base_tip": np.ones((2, 4, 4))}, "X_base_tip.*pose"),
@@ -187,6 +188,14 @@ def test_bad_tracking_is_refused(change: dict[str, object], names: str) -> None:
     arguments: dict[str, object] = {"X_base_tip": poses[:3], "q0": q0, "period": PERIOD} | change
     with pytest.raises(ConfigurationError, match=names):
         track(chain, **untyped(arguments))
+
+
+def test_tolerances_that_differ_very_much_are_tracked() -> None:
+    chain = Chain.from_dh(PUMA, limits=np.tile([-3, 3], (6, 1)))
+    q0, poses = through_the_wrist_lock(chain, 0.02)
+    result = track(chain, poses[:3], q0, PERIOD, position_tolerance=1e-3, orientation_tolerance=1e-7)
+    assert result.converged.all()
+    assert result.orientation_error.max() <= 1e-7
 
 
 def test_keep_refuses_answers_beyond_a_singular_configuration_of_seven_joints() -> None:

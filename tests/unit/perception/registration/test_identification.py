@@ -212,6 +212,23 @@ def test_same_input_same_answer(surface: ModelSurface, frame: DepthImage, found:
     assert np.array_equal(again.X_sensor_target, found.X_sensor_target)
 
 
+@pytest.mark.parametrize("far", [20.0, 1e4])
+def test_the_origin_of_a_model_may_lie_anywhere(far: float, within):
+    """As in files of a survey: found, and not refused for poses that move the origin and leave the object."""
+    known, away = bracket(), far * np.array([0.6, 0.0, -0.8])
+    moved = TargetModel(name="moved", vertices=known.vertices + away, triangles=known.triangles)
+    X_WC = seen_from(np.array([0.35, -0.55, 0.5]))
+    scan = Scan.from_depth(look(known, X_WC, np.random.default_rng(5)))
+    start = X_WC[:3, 3] + X_WC[:3, :3] @ known.center + 0.05, exp_so3([0.1, -0.1, 0.1]) @ X_WC[:3, :3]
+    near, found = (identify(scan, each, *start) for each in (known, moved))
+    assert near.accepted
+    assert found.accepted, found.reason
+    place, other = (
+        transform_points(each.X_sensor_target, p) for each, p in ((near, known.center), (found, moved.center))
+    )
+    within("place [m]", np.linalg.norm(place - other), 1e-4)  # measured 2e-6
+
+
 def test_wrong_poses_are_refused(surface: ModelSurface, found: Identification):
     """2 cm along any axis; 5 deg about any axis that can be seen."""
     assert found.evidence is not None

@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 
 import perception
+from models.meshes.surfel_files import read_surfels
 from models.objects.targets import TargetModel
-from perception.clouds.point_files import read_organised_cloud
 from perception.clouds.scan import Scan
 from sim.interfaces.messages import DepthImage
 from sim.interfaces.spatial import exp_so3, rotation_angle, transform_points
@@ -40,7 +40,8 @@ pytestmark = pytest.mark.skipif(not SCENE.is_file(), reason=f"no real scan in {D
 
 @cache
 def doors() -> dict[str, Scan | np.ndarray]:
-    points, shape = read_organised_cloud(SCENE)
+    scene = read_surfels(SCENE)
+    points, shape = scene.points, scene.shape
     assert shape is not None
     organised = points.reshape(*shape, 3)
     image = DepthImage(time=0.0, depth=organised[..., 2], K=K, X_BC=np.eye(4))

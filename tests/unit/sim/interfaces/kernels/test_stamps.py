@@ -123,6 +123,27 @@ def test_a_plain_function_stands_for_its_file(tmp_path):
     assert of("def helper(x): ...\nA = 1") != of("def helper(x): ...\nA = 1.5")
 
 
+def test_a_plain_function_brings_the_kernels_that_it_names():
+    """An overload may call a kernel of another file: an edit there changes the stamps of all that call the overload."""
+
+    def of(inner: float) -> str:
+        @numba.njit
+        def elsewhere(x: float) -> float:
+            return x + inner
+
+        names: dict[str, Any] = {"__name__": "plain", "elsewhere": elsewhere}
+        exec(compile("def helper(x): return elsewhere(x)", __file__, "exec"), names)
+        helper = names["helper"]
+
+        def kernel(x: float) -> float:
+            return helper(x)
+
+        return stamp(kernel)
+
+    assert of(1.0) == of(1.0)
+    assert of(1.0) != of(2.0)
+
+
 def _forget(file: Any) -> None:
     from sim.interfaces.kernels import stamps as module
 

@@ -1,0 +1,183 @@
+"""Reader of point clouds as text: one point a line, with or without a line that names the columns.
+
+Without names, the columns after x, y and z tell by their values what they are: three of unit length are a normal;
+colours, intensities and whatever else a scanner writes are left out.
+"""
+
+import re
+from dataclasses import dataclass
+
+import numpy as np
+
+from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.spatial import Array
+
+_BLANKS = str.maketrans({",": " ", ";": " ", "\t": " "})
+_COMMENTS = ("#", "//", "%")
+_DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+(e[+-]?\d+)?", re.IGNORECASE)
+_POINT = (("x", "y", "z"), ("points:0", "points:1", "points:2"), ("points_0", "points_1", "points_2"))
+_NORMAL = (
+    ("nx", "ny", "nz"),
+    ("n_x", "n_y", "n_z"),
+    ("normal_x", "normal_y", "normal_z"),
+    ("normalx", "normaly", "normalz"),
+    ("normals:0", "normals:1", "normals:2"),
+    ("normals_0", "normals_1", "normals_2"),
+)
+_UNIT = 0.02  # by which the length of a rounded unit vector may differ from 1
+_MOSTLY = 0.95  # share of the rows that hold one, from which on the columns are a normal
+_SHOWN = 60  # characters of a line in an error
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class TextCloud:
+    """Points of a text file, in its unit and order."""
+
+    points: Array  # (n, 3), NaN kept
+    normals: Array | None  # (n, 3) as they are in the file
+    notes: tuple[str, ...]  # what was made of its columns, in words
+
+
+def read_text_cloud(text: str, where: str, most_lines: int | None = None) -> TextCloud:
+    """Read the points of a text.
+
+    Columns are separated by blanks, commas or semicolons; `#`, `//` and `%` begin a comment. A comma may be the decimal
+    sign where something else separates the columns.
+
+    Args:
+        text: Content of the file, not empty.
+        where: Begins the error messages: "cloud FILE".
+        most_lines: Read the first lines only, to see whether it is a cloud.
+
+    Raises:
+        ConfigurationError: No points, or a line with other columns; the message names it.
+    """
+    lines = text.splitlines()[:most_lines]
+    names, first = _head(lines, where)
+    if first == len(lines):
+        raise ConfigurationError(f"{where}: there is no point in it")
+    notes: list[str] = []
+    if _has_decimal_commas(lines[first]):
+        lines = [line.replace(",", ".") for line in lines]
+        notes.append("commas are taken for decimal signs")
+    values = _values(lines, first, where)
+    width = values.shape[1]
+    if names and len(names) != width:
+        raise ConfigurationError(
+            f"{where}: {len(names)} columns are named ({' '.join(names)[:_SHOWN]}), line {first + 1} holds {width}"
+        )
+    if width < 3:
+        raise ConfigurationError(
+            f"{where}, line {first + 1}: expected x y z, and perhaps more columns, got {width}: "
+            f"{lines[first][:_SHOWN].strip()!r}"
+        )
+
+    point, normal = _named(names) if names else ([0, 1, 2], _normal_columns(values))
+    others = [k for k in range(width) if k not in (*point, *(normal or ()))]
+    if others:
+        what = " ".join(names[k] for k in others) if names else ", ".join(str(k + 1) for k in others)
+        notes.append(f"columns left out: {what}" + ("" if names or normal else " (no unit normals)"))
+    return TextCloud(points=values[:, point], normals=None if normal is None else values[:, normal], notes=tuple(notes))
+
+
+def _head(lines: list[str], where: str) -> tuple[list[str], int]:
+    """Names of the columns, none without a line of names, and the index of the first line with numbers."""
+    names: list[str] = []
+    for i, line in enumerate(lines):
+        content = line.strip()
+        comment = next((mark for mark in _COMMENTS if content.startswith(mark)), "")
+        words = _words(content.removeprefix(comment))
+        if not words or (comment and not _is_head(words)):
+            continue
+        if comment or not _are_numbers(_numbers_of(line)):
+            if names or not _is_head(words):
+                raise ConfigurationError(
+                    f"{where}, line {i + 1}: expected 3 numbers (x y z), or a line that names the columns, x, y and z "
+                    f"among them, got {content[:_SHOWN]!r}"
+                )
+            names = words
+        elif len(words) > 1 or not words[0].isdigit():  # one whole number: the count of points, as PTS files begin
+            return names, i
+    return names, len(lines)
+
+
+def _words(line: str) -> list[str]:
+    """Names in a line, in lower case, without quotes and units in brackets."""
+    return re.sub(r"\[[^\]]*\]|\([^)]*\)|[\"']", " ", line).translate(_BLANKS).lower().split()
+
+
+def _is_head(words: list[str]) -> bool:
+    return any(set(trio) <= set(words) for trio in _POINT)
+
+
+def _named(names: list[str]) -> tuple[list[int], list[int] | None]:
+    """Columns of the point, and those of the normal if it has one."""
+    point = next(trio for trio in _POINT if set(trio) <= set(names))
+    normal = next((trio for trio in _NORMAL if set(trio) <= set(names)), None)
+    return [names.index(name) for name in point], normal and [names.index(name) for name in normal]
+
+
+def _numbers_of(line: str) -> list[str]:
+    """Words of a line with numbers, without a comment at its end."""
+    for mark in _COMMENTS:
+        line = line.partition(mark)[0]
+    return (line.replace(",", ".") if _has_decimal_commas(line) else line).translate(_BLANKS).split()
+
+
+def _are_numbers(words: list[str]) -> bool:
+    try:
+        [float(word) for word in words]
+    except ValueError:
+        return False
+    return bool(words)
+
+
+def _has_decimal_commas(line: str) -> bool:
+    """Whether commas are decimal signs in a line: each column between blanks or semicolons has one within."""
+    words = line.replace(";", " ").split()
+    with_comma = [word for word in words if "," in word]
+    return len(words) >= 3 and bool(with_comma) and all(_DECIMAL_COMMA.fullmatch(word) for word in with_comma)
+
+
+def _values(lines: list[str], first: int, where: str) -> Array:
+    """Numbers (n, columns) of the lines from `first` on."""
+    rows = [_numbers_only(line) for line in lines[first:]]
+    try:
+        values = np.loadtxt(rows, dtype=np.float64, ndmin=2)
+        if len(values):
+            return values
+    except ValueError:
+        pass
+    width = len(rows[0].split())
+    for i, row in enumerate(rows, start=first + 1):
+        words = row.split()
+        if words and (len(words) != width or not _are_numbers(words)):
+            raise ConfigurationError(f"{where}, line {i}: expected {width} numbers, got {row[:_SHOWN].strip()!r}")
+    return np.array([[float(word) for word in row.split()] for row in rows if row.split()])
+
+
+def _numbers_only(line: str) -> str:
+    for mark in _COMMENTS:
+        if mark in line:
+            line = line.partition(mark)[0]
+    return line.translate(_BLANKS)
+
+
+def _normal_columns(values: Array) -> list[int] | None:
+    """Three columns beyond the first three that hold normals; None without any.
+
+    Normals are of unit length, in all rows but a few, or have negative components. Colours have neither.
+    """
+    for start in range(3, values.shape[1] - 2):
+        trio = values[:, start : start + 3]
+        usable = np.isfinite(trio).all(axis=1) & trio.any(axis=1)
+        if usable.any():
+            length = np.linalg.norm(trio[usable], axis=1)
+            if (np.abs(length - 1.0) < _UNIT).mean() >= _MOSTLY:
+                return [start, start + 1, start + 2]
+    if values.shape[1] != 6:
+        return None
+    trio = values[:, 3:]
+    finite = trio[np.isfinite(trio).all(axis=1)]
+    zero = not finite.any()  # that a normal is there, though unknown, is said where the model is made
+    return [3, 4, 5] if zero or (finite < 0.0).any() else None

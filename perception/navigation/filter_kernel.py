@@ -19,6 +19,9 @@ faster to pass from Python.
 
 import numpy as np
 
+from perception.navigation.rate_check import ATTITUDE as ATTITUDE_FAULT
+from perception.navigation.rate_check import GYRO as GYRO_FAULT
+from perception.navigation.rate_check import RATE_CHECK, compare_rate
 from sim.interfaces.kernels import kernel
 from sim.interfaces.records import EstimateRecord, ImuRecord, JointRecord
 from sim.interfaces.spatial import GRAVITY
@@ -47,6 +50,9 @@ HISTORY = 512  # IMU samples stored: largest delay of vision
 TILT_CLIP = 5e-3  # [rad] error of one attitude reading is clipped to this, so that an outlier turns R by little
 IMU_REPEATS = 25  # equal samples in a row by which the IMU is found frozen
 IMU_SILENCE = 0.05  # [s] without a sample, after which the filter runs without the IMU
+NO_GYRO = 3e-3  # [rad/s/sqrt(s)] random walk of a rate that the attitude alone tells of, about 30 rad/s fast
+REGAINED = 5e-3  # [rad/s] standard deviation of the rate taken at the loss of a gyro: the usual one before
+UNUSED = 1e6  # [rad^2] variance of an attitude that is not used
 BLIND = 2.5e-3  # [(m/s^2)^2 s] spectral density of the hull's unmeasured acceleration
 
 FILTER = np.dtype(
@@ -77,6 +83,7 @@ FILTER = np.dtype(
             ("gyro", np.float64, 3),  # covariance of angle and gyro bias, see `turn`
             ("rate_bias", np.float64, 3),  # [rad/s]
             ("turning", np.float64, 3),  # `variances` of `turn`
+            ("check", RATE_CHECK),  # of the gyro against the attitude
             # Mean, covariance, output
             ("x", np.float64, MOST_STATES),
             ("P", np.float64, (MOST_STATES, MOST_STATES)),
@@ -444,8 +451,43 @@ def take_imu(memory, sample):
             frozen = f.repeats >= IMU_REPEATS
     for i in range(3):
         f.seen_force[i], f.seen_w[i] = force[i], w[i]
-    if not frozen and advance(f, dt, force, w, sample.R_WB, 0.0):
+    if not frozen and advance(f, dt, force, _believed(f, w), sample.R_WB, 0.0):
         f.imu_time = sample.time[0]
+        if f.check.on:
+            verdict = compare_rate(f, dt, w, sample.R_WB)
+            if verdict == GYRO_FAULT:
+                _leave_gyro(f, sample.R_WB)
+            elif verdict == ATTITUDE_FAULT:  # from now on the gyro alone turns the hull
+                f.check.on, f.attitude, f.turning[1] = 0, UNUSED, UNUSED
+
+
+@kernel
+def _believed(f, w_B):
+    """Rates (3,) [rad/s] of the gyro, zero about an axis that is wrong: its bias then is the rate, with its sign turned."""
+    off = f.check.gyro_off
+    if off[0] == 0.0 and off[1] == 0.0 and off[2] == 0.0:
+        return w_B
+    believed = w_B.copy()
+    for i in range(3):
+        if off[i] != 0.0:
+            believed[i] = 0.0
+    return believed
+
+
+@kernel
+def _leave_gyro(f, R_meas):
+    """Go on without the axes of the gyro that are wrong: their rates come from the attitude `R_meas` (3, 3) alone."""
+    check = f.check
+    f.R_WB[:] = R_meas
+    worst = 0.0
+    for i in range(3):
+        if check.gyro_off[i] != 0.0:
+            f.w_B[i] = 0.0
+            if not check.left[i]:
+                f.rate_bias[i], check.left[i] = -check.before[0, i], 1
+                worst = max(worst, abs(check.moved[1, i] / check.lasting[i]))
+    f.gyro[0], f.gyro[1], f.gyro[2] = f.turning[1], 0.0, REGAINED**2 + worst**2
+    f.rate_walk = f.turning[2] = NO_GYRO**2
 
 
 @kernel
@@ -500,6 +542,7 @@ def put_out(memory, joints, out):
         out.a_WB_B[i] = a_B[i]
         place = x[i] + x[track + i] if track >= 0 else x[i]
         out.X_WB[i, 3] = place - held[0, i] + lag * (x[3 + i] - held[1, i])
+        out.gyro_off_B[i], out.attitude_off_B[i] = f.check.gyro_off[i], f.check.attitude_off[i]
         out.position_sigma[i] = np.sqrt(P[i, i] + held[0, i] ** 2)
         v = 0.0
         for j in range(3):

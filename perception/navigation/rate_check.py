@@ -1,0 +1,194 @@
+"""Check of the gyro against the attitude reference: two fields of one message that must tell of the same turning.
+
+The angle by which the attitude has turned beyond what the gyro says, about each axis of the hull, is the noise of the
+attitude alone; it is kept by the filter's own gains, so that its innovation is white. Three parts follow each other:
+
+- *Alarm.* A cumulative sum of the innovation, two-sided [Page 1954], exceeds its limit, and so does the angle itself.
+- *Blame.* At the onset, where the sum left zero, one of the two changed its ways and the other did not. The attitude is
+  blamed if it alone turned as it had not before. In every other case it is the gyro: a drift that comes slowly shows in
+  neither, and gyros drift. Readings that repeat bit by bit since the onset are blamed before all else.
+- *Size.* The rate that the gyro is off is the slope of the angle since the onset.
+
+A small time between the two fields is allowed for, and a scale and an alignment that are not perfect. These make angles
+in step with the turning.
+"""
+
+import numpy as np
+
+from sim.interfaces.kernels import kernel
+
+NONE, GYRO, ATTITUDE = 0, 1, 2  # verdicts
+
+SLACK = 0.5  # [-] standard deviations by which the mean of an innovation may be off
+LIMIT = 30.0  # [-] of the cumulative sum; white noise exceeds it once in exp(30) samples
+CLIP = 8.0  # [-] largest innovation counted, so that a single reading raises no alarm
+CLEAR = 5.0  # [-] standard deviations of an attitude reading that the angle must exceed
+LONGEST = 0.5  # [s] of a sum above zero, after which it starts anew: what grows slower is below the least rate
+LEAST_RATE = 4.0  # [-] times the gyro's noise per sample: smallest rate that is a fault
+FINEST_RATE, FINEST_ANGLE = 1.2e-4, 5e-5  # [rad/s], [rad] smallest standard deviations believed
+TIMING = 2e-3  # [s] between the two fields, beside one sample
+SCALE = 1e-3  # [-] error of the gyro's scale
+USUAL = 0.2  # [s] time constant of the usual rates, with which those since the onset are compared
+STEADY = 0.25  # [-] share of the angle since the onset by which a rate that did not change may have moved
+CHANGED = 0.5  # [-] and the least by which one that did has
+REPEATS = 5  # readings in a row by which one is frozen, or is no rotation
+ANGLE_CLIP = 5e-3  # [rad] angle whose correction is taken whole, against single outliers
+NO_ROTATION = 1e-2  # [-] by which the columns of an attitude may miss being orthonormal
+
+RATE_CHECK = np.dtype(
+    (
+        np.record,
+        [
+            ("on", np.int64),  # 1: both are compared
+            ("misaligned", np.float64),  # [rad] largest angle between the axes of the two that is stated
+            ("compared", np.float64),  # [s] for which both have been compared; 0: the next sample is the first
+            ("R_last", np.float64, (3, 3)),  # last attitude
+            ("w_last", np.float64, 3),  # [rad/s] last rate
+            ("same", np.int64, 4),  # equal readings in a row, less one: of each axis of the gyro, of the attitude
+            ("improper", np.int64),  # attitudes in a row that are no rotations
+            ("angle", np.float64, 3),  # [rad] of the attitude ahead of the gyro, corrected by the filter's gain
+            ("sums", np.float64, (2, 3)),  # [-] cumulative sums, for either sign
+            # Since the onset, about each axis
+            ("lasting", np.float64, 3),  # [s]
+            ("corrected", np.float64, 3),  # [rad] what the filter's gain took off `angle`
+            ("slope", np.float64, (2, 3)),  # sums of angle times time [rad s], and of time squared [s^2]
+            ("moved", np.float64, (2, 3)),  # [rad] turned beyond the usual rate: gyro, attitude
+            ("usual", np.float64, (2, 3)),  # [rad/s] usual rates up to now: gyro, attitude
+            ("before", np.float64, (2, 3)),  # [rad/s] those at the onset
+            # Findings
+            ("gyro_off", np.float64, 3),  # [rad/s] 0: sound
+            ("left", np.int64, 3),  # 1: the filter goes on without this axis
+            ("attitude_off", np.float64, 3),  # [rad] 0: sound; NaN: no rotation
+        ],
+    ),
+    align=True,
+)
+
+
+@kernel
+def compare_rate(f, dt, w_B, R_meas):
+    """Compare one sample of the gyro with the attitude of the same message.
+
+    Args:
+        f: record of `filter_kernel.FILTER` that has taken the sample; its `check` is updated.
+        dt: [s] since the last sample.
+        w_B: (3,) [rad/s] rates of the gyro.
+        R_meas: (3, 3) attitude of the reference.
+
+    Returns:
+        NONE, GYRO or ATTITUDE; `gyro_off` or `attitude_off` of the check then say about which axes, and by how much.
+    """
+    check = f.check
+    if not _proper(R_meas):
+        check.improper, check.compared = check.improper + 1, 0.0
+        if check.improper < REPEATS:
+            return NONE
+        check.attitude_off[:] = np.nan
+        return ATTITUDE
+    check.improper = 0
+    if check.compared == 0.0 or dt > 1.5 * f.interval:  # the first sample, or the first after a gap
+        check.compared, check.angle[:], check.sums[:], check.lasting[:] = dt, 0.0, 0.0, 0.0
+        check.usual[0], check.usual[1], check.R_last[:], check.w_last[:] = w_B, w_B, R_meas, w_B
+        return NONE
+    check.compared += dt
+    _count_repeats(check, w_B, R_meas)
+    gain, share = f.gyro[0] / f.turning[1], min(1.0, dt / USUAL)
+    turning = np.sqrt((check.usual[0] ** 2).sum())
+    variance = max(f.turning[1], FINEST_ANGLE**2) + ((TIMING + f.interval) * turning) ** 2
+    least_rate = LEAST_RATE * max(np.sqrt(f.rate), FINEST_RATE) + (SCALE + check.misaligned) * turning
+    verdict = NONE
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        turned = 0.0
+        for m in range(3):  # vee of the antisymmetric part of the rotation since the last sample
+            turned += 0.5 * (check.R_last[m, k] * R_meas[m, j] - check.R_last[m, j] * R_meas[m, k])
+        if check.gyro_off[i] != 0.0:  # there is nothing to compare any more
+            continue
+        innovation = check.angle[i] + turned - (w_B[i] - f.rate_bias[i]) * dt
+        correction = gain * min(max(innovation, -ANGLE_CLIP), ANGLE_CLIP)
+        check.angle[i] = innovation - correction
+        if _summed(check, i, innovation * np.sqrt((1.0 - gain) / variance)):
+            off = innovation + check.corrected[i]
+            _follow(check, i, dt, off, (w_B[i], turned))
+            check.corrected[i] += correction
+            if max(check.sums[0, i], check.sums[1, i]) > LIMIT and abs(off) > CLEAR * np.sqrt(variance):
+                rate = check.slope[0, i] / check.slope[1, i]
+                if abs(rate) > least_rate:
+                    if _attitude_is_wrong(check, i, off, dt):
+                        check.attitude_off[i], verdict = off, ATTITUDE
+                    else:
+                        check.gyro_off[i], verdict = -rate, max(verdict, GYRO)
+        check.usual[0, i] += share * (w_B[i] - check.usual[0, i])
+        check.usual[1, i] += share * (turned / dt - check.usual[1, i])
+    check.R_last[:], check.w_last[:] = R_meas, w_B
+    return verdict
+
+
+@kernel
+def _proper(R):
+    """True if the columns of R (3, 3) are orthonormal but for NO_ROTATION, and right-handed."""
+    worst = 0.0
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        own, other, next_ = 0.0, 0.0, 0.0
+        for m in range(3):
+            n, o = (m + 1) % 3, (m + 2) % 3
+            own += R[m, i] * R[m, i]
+            other += R[m, i] * R[m, j]
+            next_ += (R[n, i] * R[o, j] - R[o, i] * R[n, j]) * R[m, k]
+        worst = max(worst, abs(own - 1.0), abs(other), abs(next_ - 1.0))
+    return worst <= NO_ROTATION
+
+
+@kernel
+def _count_repeats(check, w_B, R_meas):
+    """Count equal readings in a row: of each axis of the gyro, and of the attitude."""
+    equal = True
+    for i in range(3):
+        check.same[i] = check.same[i] + 1 if w_B[i] == check.w_last[i] else 0
+        for j in range(3):
+            equal = equal and R_meas[i, j] == check.R_last[i, j]
+    check.same[3] = check.same[3] + 1 if equal else 0
+
+
+@kernel
+def _summed(check, i, z):
+    """Add an innovation `z` in standard deviations to the sums about axis `i`; False if they are zero, or start anew.
+
+    What counts from the onset on is then zero too.
+    """
+    z = min(max(z, -CLIP), CLIP)
+    up, down = max(0.0, check.sums[0, i] + z - SLACK), max(0.0, check.sums[1, i] - z - SLACK)
+    if check.lasting[i] > LONGEST:
+        up = down = 0.0
+    check.sums[0, i], check.sums[1, i] = up, down
+    if up > 0.0 or down > 0.0:
+        return True
+    check.lasting[i] = check.corrected[i] = 0.0
+    for k in range(2):
+        check.slope[k, i] = check.moved[k, i] = 0.0
+        check.before[k, i] = check.usual[k, i]
+    return False
+
+
+@kernel
+def _follow(check, i, dt, off, seen):
+    """Take a sample since the onset: angle `off` [rad], rate of the gyro [rad/s] and angle of the attitude [rad]."""
+    w, turned = seen
+    check.lasting[i] += dt
+    check.slope[0, i] += off * check.lasting[i]
+    check.slope[1, i] += check.lasting[i] ** 2
+    check.moved[0, i] += (w - check.before[0, i]) * dt
+    check.moved[1, i] += turned - check.before[1, i] * dt
+
+
+@kernel
+def _attitude_is_wrong(check, i, off, dt):
+    """True if the attitude, not the gyro, makes an angle `off` [rad] about axis `i`; samples come every `dt` [s]."""
+    repeats = max(REPEATS, round(check.lasting[i] / dt) - 1)
+    if check.same[3] >= repeats:
+        return True
+    if check.same[i] >= repeats or check.compared < 2.0 * USUAL:
+        return False
+    steady, changed = STEADY * abs(off), CHANGED * abs(off)
+    return abs(check.moved[0, i]) < steady and abs(check.moved[1, i]) > changed

@@ -50,6 +50,8 @@ HISTORY = 512  # IMU samples stored: largest delay of vision
 TILT_CLIP = 5e-3  # [rad] error of one attitude reading is clipped to this, so that an outlier turns R by little
 IMU_REPEATS = 25  # equal samples in a row by which the IMU is found frozen
 IMU_SILENCE = 0.05  # [s] without a sample, after which the filter runs without the IMU
+JUMPS = 0.05  # [rad/s] by which no hull turns faster from one sample of the gyro to the next but in an impact
+HOLD = 8  # samples for which such a rate is not used
 NO_GYRO = 3e-3  # [rad/s/sqrt(s)] random walk of a rate that the attitude alone tells of, about 30 rad/s fast
 REGAINED = 5e-3  # [rad/s] standard deviation of the rate taken at the loss of a gyro: the usual one before
 UNUSED = 1e6  # [rad^2] variance of an attitude that is not used
@@ -463,14 +465,20 @@ def take_imu(memory, sample):
 
 @kernel
 def _believed(f, w_B):
-    """Rates (3,) [rad/s] of the gyro, zero about an axis that is wrong: its bias then is the rate, with its sign turned."""
-    off = f.check.gyro_off
-    if off[0] == 0.0 and off[1] == 0.0 and off[2] == 0.0:
-        return w_B
-    believed = w_B.copy()
+    """Rates (3,) [rad/s] of the gyro as they are used.
+
+    One that jumps is not used for HOLD samples, until its check can tell. About an axis that is wrong the rate is zero:
+    the bias of the gyro then is the hull's rate, with its sign turned.
+    """
+    check, believed = f.check, w_B
     for i in range(3):
-        if off[i] != 0.0:
-            believed[i] = 0.0
+        jumped = abs(w_B[i] - f.w_B[i]) > JUMPS and check.on == 1
+        check.held[i] = check.held[i] + 1 if jumped else 0
+        wrong = check.gyro_off[i] != 0.0
+        if wrong or (jumped and check.held[i] <= HOLD):
+            if believed is w_B:
+                believed = w_B.copy()
+            believed[i] = 0.0 if wrong else f.w_B[i]
     return believed
 
 
@@ -484,8 +492,8 @@ def _leave_gyro(f, R_meas):
         if check.gyro_off[i] != 0.0:
             f.w_B[i] = 0.0
             if not check.left[i]:
-                f.rate_bias[i], check.left[i] = -check.before[0, i], 1
-                worst = max(worst, abs(check.moved[1, i] / check.lasting[i]))
+                f.rate_bias[i], check.left[i] = -check.rate[i], 1
+                worst = max(worst, check.doubt[i])
     f.gyro[0], f.gyro[1], f.gyro[2] = f.turning[1], 0.0, REGAINED**2 + worst**2
     f.rate_walk = f.turning[2] = NO_GYRO**2
 

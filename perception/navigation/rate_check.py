@@ -21,7 +21,7 @@ NONE, GYRO, ATTITUDE = 0, 1, 2  # verdicts
 
 SLACK = 0.5  # [-] standard deviations by which the mean of an innovation may be off
 LIMIT = 30.0  # [-] of the cumulative sum; white noise exceeds it once in exp(30) samples
-CLIP = 8.0  # [-] largest innovation counted, so that a single reading raises no alarm
+CLIP = 20.0  # [-] largest innovation counted, so that a single reading raises no alarm
 CLEAR = 5.0  # [-] standard deviations of an attitude reading that the angle must exceed
 LONGEST = 0.5  # [s] of a sum above zero, after which it starts anew: what grows slower is below the least rate
 LEAST_RATE = 4.0  # [-] times the gyro's noise per sample: smallest rate that is a fault
@@ -48,15 +48,18 @@ RATE_CHECK = np.dtype(
             ("improper", np.int64),  # attitudes in a row that are no rotations
             ("angle", np.float64, 3),  # [rad] of the attitude ahead of the gyro, corrected by the filter's gain
             ("sums", np.float64, (2, 3)),  # [-] cumulative sums, for either sign
-            # Since the onset, about each axis
-            ("lasting", np.float64, 3),  # [s]
-            ("corrected", np.float64, 3),  # [rad] what the filter's gain took off `angle`
-            ("slope", np.float64, (2, 3)),  # sums of angle times time [rad s], and of time squared [s^2]
-            ("moved", np.float64, (2, 3)),  # [rad] turned beyond the usual rate: gyro, attitude
             ("usual", np.float64, (2, 3)),  # [rad/s] usual rates up to now: gyro, attitude
-            ("before", np.float64, (2, 3)),  # [rad/s] those at the onset
+            # Since the onset, for either sign and about each axis
+            ("lasting", np.float64, (2, 3)),  # [s]
+            ("corrected", np.float64, (2, 3)),  # [rad] what the filter's gain took off `angle`
+            ("slope", np.float64, (2, 3, 2)),  # sums of angle times time [rad s], and of time squared [s^2]
+            ("moved", np.float64, (2, 3, 2)),  # [rad] turned beyond the usual rate: gyro, attitude
+            ("before", np.float64, (2, 3, 2)),  # [rad/s] usual rates at the onset: gyro, attitude
             # Findings
+            ("held", np.int64, 3),  # samples for which a rate that jumped is not used
             ("gyro_off", np.float64, 3),  # [rad/s] 0: sound
+            ("rate", np.float64, 3),  # [rad/s] that the gyro showed before it went wrong
+            ("doubt", np.float64, 3),  # [rad/s] by which the hull's own may have changed since
             ("left", np.int64, 3),  # 1: the filter goes on without this axis
             ("attitude_off", np.float64, 3),  # [rad] 0: sound; NaN: no rotation
         ],
@@ -107,17 +110,21 @@ def compare_rate(f, dt, w_B, R_meas):
         innovation = check.angle[i] + turned - (w_B[i] - f.rate_bias[i]) * dt
         correction = gain * min(max(innovation, -ANGLE_CLIP), ANGLE_CLIP)
         check.angle[i] = innovation - correction
-        if _summed(check, i, innovation * np.sqrt((1.0 - gain) / variance)):
-            off = innovation + check.corrected[i]
-            _follow(check, i, dt, off, (w_B[i], turned))
-            check.corrected[i] += correction
-            if max(check.sums[0, i], check.sums[1, i]) > LIMIT and abs(off) > CLEAR * np.sqrt(variance):
-                rate = check.slope[0, i] / check.slope[1, i]
-                if abs(rate) > least_rate:
-                    if _attitude_is_wrong(check, i, off, dt):
-                        check.attitude_off[i], verdict = off, ATTITUDE
-                    else:
-                        check.gyro_off[i], verdict = -rate, max(verdict, GYRO)
+        z = innovation * np.sqrt((1.0 - gain) / variance)
+        for side in range(2):
+            if not _summed(check, side, i, z if side == 0 else -z):
+                continue
+            off = innovation + check.corrected[side, i]
+            rate = _follow(check, side, i, dt, off, (w_B[i], turned))
+            check.corrected[side, i] += correction
+            clear = abs(off) > CLEAR * np.sqrt(variance) and abs(rate) > least_rate
+            if not clear or check.sums[side, i] <= LIMIT:
+                continue
+            if _attitude_is_wrong(check, side, i, dt, off):
+                check.attitude_off[i], verdict = off, ATTITUDE
+            else:
+                verdict = max(verdict, GYRO)
+                _blame_gyro(check, side, i, w_B[i], rate)
         check.usual[0, i] += share * (w_B[i] - check.usual[0, i])
         check.usual[1, i] += share * (turned / dt - check.usual[1, i])
     check.R_last[:], check.w_last[:] = R_meas, w_B
@@ -152,43 +159,63 @@ def _count_repeats(check, w_B, R_meas):
 
 
 @kernel
-def _summed(check, i, z):
-    """Add an innovation `z` in standard deviations to the sums about axis `i`; False if they are zero, or start anew.
+def _summed(check, side, i, z):
+    """Add an innovation `z` in standard deviations to a sum about axis `i`; False if it is zero, or starts anew.
 
     What counts from the onset on is then zero too.
     """
-    z = min(max(z, -CLIP), CLIP)
-    up, down = max(0.0, check.sums[0, i] + z - SLACK), max(0.0, check.sums[1, i] - z - SLACK)
-    if check.lasting[i] > LONGEST:
-        up = down = 0.0
-    check.sums[0, i], check.sums[1, i] = up, down
-    if up > 0.0 or down > 0.0:
+    total = max(0.0, check.sums[side, i] + min(max(z, -CLIP), CLIP) - SLACK)
+    if check.lasting[side, i] > LONGEST:
+        total = 0.0
+    check.sums[side, i] = total
+    if total > 0.0:
         return True
-    check.lasting[i] = check.corrected[i] = 0.0
+    check.lasting[side, i] = check.corrected[side, i] = 0.0
     for k in range(2):
-        check.slope[k, i] = check.moved[k, i] = 0.0
-        check.before[k, i] = check.usual[k, i]
+        check.slope[side, i, k] = check.moved[side, i, k] = 0.0
+        check.before[side, i, k] = check.usual[k, i]
     return False
 
 
 @kernel
-def _follow(check, i, dt, off, seen):
-    """Take a sample since the onset: angle `off` [rad], rate of the gyro [rad/s] and angle of the attitude [rad]."""
+def _follow(check, side, i, dt, off, seen):
+    """Take a sample since the onset, and return the slope of the angle since then [rad/s].
+
+    Args:
+        check: the record.
+        side: 0: the attitude is ahead, 1: it is behind.
+        i: axis.
+        dt: [s] since the last sample.
+        off: [rad] angle since the onset.
+        seen: rate of the gyro [rad/s], angle of the attitude since the last sample [rad].
+    """
     w, turned = seen
-    check.lasting[i] += dt
-    check.slope[0, i] += off * check.lasting[i]
-    check.slope[1, i] += check.lasting[i] ** 2
-    check.moved[0, i] += (w - check.before[0, i]) * dt
-    check.moved[1, i] += turned - check.before[1, i] * dt
+    check.lasting[side, i] += dt
+    slope, moved, before = check.slope[side, i], check.moved[side, i], check.before[side, i]
+    slope[0] += off * check.lasting[side, i]
+    slope[1] += check.lasting[side, i] ** 2
+    moved[0] += (w - before[0]) * dt
+    moved[1] += turned - before[1] * dt
+    return slope[0] / slope[1]
 
 
 @kernel
-def _attitude_is_wrong(check, i, off, dt):
+def _attitude_is_wrong(check, side, i, dt, off):
     """True if the attitude, not the gyro, makes an angle `off` [rad] about axis `i`; samples come every `dt` [s]."""
-    repeats = max(REPEATS, round(check.lasting[i] / dt) - 1)
+    repeats = max(REPEATS, round(check.lasting[side, i] / dt) - 1)
     if check.same[3] >= repeats:
         return True
     if check.same[i] >= repeats or check.compared < 2.0 * USUAL:
         return False
-    steady, changed = STEADY * abs(off), CHANGED * abs(off)
-    return abs(check.moved[0, i]) < steady and abs(check.moved[1, i]) > changed
+    gyro, attitude = check.moved[side, i, 0], check.moved[side, i, 1]
+    return abs(gyro) < STEADY * abs(off) and abs(attitude) > CHANGED * abs(off)
+
+
+@kernel
+def _blame_gyro(check, side, i, w, rate):
+    """Note that the gyro is off about axis `i`: it says `w` [rad/s], and the attitude turns faster by `rate` [rad/s]."""
+    before = check.before[side, i, 0]
+    jump = w - before  # one that sticks has not changed
+    check.gyro_off[i] = jump if abs(jump) > abs(rate) else -rate
+    check.rate[i] = before
+    check.doubt[i] = abs(check.moved[side, i, 1] / check.lasting[side, i])

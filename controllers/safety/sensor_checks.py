@@ -7,7 +7,7 @@ figures. A new check is a field of the estimate, zero while its sensor is sound,
 | sensor | field | statistic | limit |
 |---|---|---|---|
 | gyro | rate against the change of the attitude in the same messages | cumulative sum of the innovation | `rate_check` |
-| attitude reference | the same; it alone changed its ways at the onset | the same | the same |
+| attitude reference | the same; it changed at the onset and the rate did not | the same | the same |
 | accelerometer | velocity against the Doppler log | mean innovation | `fixes` |
 
 The limits are in `perception.navigation`, in the modules of these names.
@@ -51,18 +51,22 @@ def _gyro(estimate: StateEstimate) -> Iterator[Finding]:
     """Axes of the gyro that are off the change of the attitude."""
     for i, off in enumerate(estimate.gyro_off_B.tolist()):
         if off:
-            said = f"{math.degrees(off):+.2f} deg/s off the change of the attitude"
+            either = ", unless the attitude drifts" if estimate.attitude_off_B[i] else ""
+            said = f"{math.degrees(off):+.2f} deg/s off the change of the attitude{either}"
             yield Finding(_AXES[i], i, estimate.time, said)
 
 
 def _attitude(estimate: StateEstimate) -> Iterator[Finding]:
     """An attitude that is off the integral of the rates."""
     off = estimate.attitude_off_B.tolist()
-    turned = [f"{math.degrees(angle):+.2f} deg about {axis}" for axis, angle in zip(_AXES, off, strict=True) if angle]
     if any(map(math.isnan, off)):
         yield Finding("", -1, estimate.time, "no rotation")
-    elif turned:
-        yield Finding("", -1, estimate.time, f"{', '.join(turned)} off the integral of the rate")
+        return
+    axes = [i for i in range(3) if off[i]]
+    if axes:
+        turned = ", ".join(f"{math.degrees(off[i]):+.2f} deg about {_AXES[i]}" for i in axes)
+        either = ", unless the gyro does" if estimate.gyro_off_B[axes].any() else ""
+        yield Finding("", -1, estimate.time, f"leaves the integral of the rate by {turned}{either}")
 
 
 def _accelerometer(estimate: StateEstimate) -> Iterator[Finding]:

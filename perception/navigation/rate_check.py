@@ -1,12 +1,12 @@
 """Check of the gyro against the attitude reference: two fields of one message that must tell of the same turning.
 
 The angle by which the attitude has turned beyond what the gyro says, about each axis of the hull, is the noise of the
-attitude alone; it is kept by the filter's own gains, so that its innovation is white. Three parts follow each other:
+attitude and the integral of the gyro's. A steady Kalman filter of it has a white innovation. Three parts follow:
 
 - *Alarm.* A cumulative sum of the innovation, two-sided [Page 1954], exceeds its limit, and so does the angle itself.
-- *Blame.* At the onset, where the sum left zero, one of the two changed its ways and the other did not. The attitude is
-  blamed if it alone turned as it had not before. In every other case it is the gyro: a drift that comes slowly shows in
-  neither, and gyros drift. Readings that repeat bit by bit since the onset are blamed before all else.
+- *Blame.* At the onset, where the sum left zero, one of the two changed its ways and the other did not. That can be told
+  where the change is well above what the hull's own rate did before. Else it may be either, as it may with a drift that
+  comes slowly. Readings that repeat bit by bit since the onset are blamed before all else.
 - *Size.* The rate that the gyro is off is the slope of the angle since the onset.
 
 A small time between the two fields is allowed for, and a scale and an alignment that are not perfect. These make angles
@@ -17,20 +17,22 @@ import numpy as np
 
 from sim.interfaces.kernels import kernel
 
-NONE, GYRO, ATTITUDE = 0, 1, 2  # verdicts
+NONE, GYRO, ATTITUDE, EITHER = 0, 1, 2, 3  # verdicts
 
 SLACK = 0.5  # [-] standard deviations by which the mean of an innovation may be off
 LIMIT = 30.0  # [-] of the cumulative sum; white noise exceeds it once in exp(30) samples
 CLIP = 20.0  # [-] largest innovation counted, so that a single reading raises no alarm
 CLEAR = 5.0  # [-] standard deviations of an attitude reading that the angle must exceed
 LONGEST = 0.5  # [s] of a sum above zero, after which it starts anew: what grows slower is below the least rate
-LEAST_RATE = 4.0  # [-] times the gyro's noise per sample: smallest rate that is a fault
+LEAST_RATE = 4.0  # [-] standard deviations of a sample of the gyro, and of its bias: smallest rate that is a fault
 FINEST_RATE, FINEST_ANGLE = 1.2e-4, 5e-5  # [rad/s], [rad] smallest standard deviations believed
 TIMING = 2e-3  # [s] between the two fields, beside one sample
 SCALE = 1e-3  # [-] error of the gyro's scale
 USUAL = 0.2  # [s] time constant of the usual rates, with which those since the onset are compared
-STEADY = 0.25  # [-] share of the angle since the onset by which a rate that did not change may have moved
-CHANGED = 0.5  # [-] and the least by which one that did has
+RESTLESS = 1.0  # [s] time constant of the mean square by which the gyro moves about its usual rate
+DISTINCT = 4.0  # [-] times its root, above which a change is not the hull's own
+GUILTY = 0.6  # [-] share of the angle since the onset that one of the two has turned beyond its usual rate, to be blamed
+INNOCENT = 0.25  # [-] and the most of it that the gyro has turned if it is the attitude
 REPEATS = 5  # readings in a row by which one is frozen, or is no rotation
 ANGLE_CLIP = 5e-3  # [rad] angle whose correction is taken whole, against single outliers
 NO_ROTATION = 1e-2  # [-] by which the columns of an attitude may miss being orthonormal
@@ -46,22 +48,23 @@ RATE_CHECK = np.dtype(
             ("w_last", np.float64, 3),  # [rad/s] last rate
             ("same", np.int64, 4),  # equal readings in a row, less one: of each axis of the gyro, of the attitude
             ("improper", np.int64),  # attitudes in a row that are no rotations
-            ("angle", np.float64, 3),  # [rad] of the attitude ahead of the gyro, corrected by the filter's gain
+            ("angle", np.float64, 3),  # [rad] of the attitude ahead of the gyro, after the filter's correction
             ("sums", np.float64, (2, 3)),  # [-] cumulative sums, for either sign
             ("usual", np.float64, (2, 3)),  # [rad/s] usual rates up to now: gyro, attitude
+            ("restless", np.float64, 3),  # [rad^2/s^2] mean square of the gyro about its usual rate
             # Since the onset, for either sign and about each axis
             ("lasting", np.float64, (2, 3)),  # [s]
-            ("corrected", np.float64, (2, 3)),  # [rad] what the filter's gain took off `angle`
+            ("corrected", np.float64, (2, 3)),  # [rad] what the filter took off `angle`
             ("slope", np.float64, (2, 3, 2)),  # sums of angle times time [rad s], and of time squared [s^2]
             ("moved", np.float64, (2, 3, 2)),  # [rad] turned beyond the usual rate: gyro, attitude
-            ("before", np.float64, (2, 3, 2)),  # [rad/s] usual rates at the onset: gyro, attitude
-            # Findings
+            ("before", np.float64, (2, 3, 3)),  # at the onset: usual rates of gyro and attitude [rad/s], `restless`
             ("held", np.int64, 3),  # samples for which a rate that jumped is not used
+            # Findings
             ("gyro_off", np.float64, 3),  # [rad/s] 0: sound
             ("rate", np.float64, 3),  # [rad/s] that the gyro showed before it went wrong
             ("doubt", np.float64, 3),  # [rad/s] by which the hull's own may have changed since
             ("left", np.int64, 3),  # 1: the filter goes on without this axis
-            ("attitude_off", np.float64, 3),  # [rad] 0: sound; NaN: no rotation
+            ("attitude_off", np.float64, 3),  # [rad] 0: sound, NaN: no rotation; about an axis of a gyro off: either
         ],
     ),
     align=True,
@@ -79,7 +82,8 @@ def compare_rate(f, dt, w_B, R_meas):
         R_meas: (3, 3) attitude of the reference.
 
     Returns:
-        NONE, GYRO or ATTITUDE; `gyro_off` or `attitude_off` of the check then say about which axes, and by how much.
+        NONE, GYRO or ATTITUDE: what to go on without. `gyro_off` and `attitude_off` of the check say about which axes it
+        is off, and by how much; both where it may be either.
     """
     check = f.check
     if not _proper(R_meas):
@@ -92,13 +96,16 @@ def compare_rate(f, dt, w_B, R_meas):
     if check.compared == 0.0 or dt > 1.5 * f.interval:  # the first sample, or the first after a gap
         check.compared, check.angle[:], check.sums[:], check.lasting[:] = dt, 0.0, 0.0, 0.0
         check.usual[0], check.usual[1], check.R_last[:], check.w_last[:] = w_B, w_B, R_meas, w_B
+        check.restless[:] = 0.0
         return NONE
     check.compared += dt
     _count_repeats(check, w_B, R_meas)
-    gain, share = f.gyro[0] / f.turning[1], min(1.0, dt / USUAL)
+    white, noise, share = max(f.turning[1], FINEST_ANGLE**2), max(np.sqrt(f.rate), FINEST_RATE), min(1.0, dt / USUAL)
+    ratio = (noise * dt) ** 2 / white
+    gain = max(0.5 * (np.sqrt(ratio**2 + 4.0 * ratio) - ratio), dt / check.compared)
     turning = np.sqrt((check.usual[0] ** 2).sum())
-    variance = max(f.turning[1], FINEST_ANGLE**2) + ((TIMING + f.interval) * turning) ** 2
-    least_rate = LEAST_RATE * max(np.sqrt(f.rate), FINEST_RATE) + (SCALE + check.misaligned) * turning
+    variance = white + ((TIMING + f.interval) * turning) ** 2
+    least_rate = LEAST_RATE * (noise + np.sqrt(f.gyro[2])) + (SCALE + check.misaligned) * turning
     verdict = NONE
     for i in range(3):
         j, k = (i + 1) % 3, (i + 2) % 3
@@ -120,11 +127,13 @@ def compare_rate(f, dt, w_B, R_meas):
             clear = abs(off) > CLEAR * np.sqrt(variance) and abs(rate) > least_rate
             if not clear or check.sums[side, i] <= LIMIT:
                 continue
-            if _attitude_is_wrong(check, side, i, dt, off):
-                check.attitude_off[i], verdict = off, ATTITUDE
-            else:
-                verdict = max(verdict, GYRO)
-                _blame_gyro(check, side, i, w_B[i], rate)
+            blamed = _blamed(check, side, i, dt, off)
+            if blamed != GYRO:
+                check.attitude_off[i] = off
+            if blamed != ATTITUDE:
+                _leave_out(check, side, i, w_B[i], rate)
+            verdict = max(verdict, GYRO if blamed == EITHER else blamed)
+        check.restless[i] += min(1.0, dt / RESTLESS) * ((w_B[i] - check.usual[0, i]) ** 2 - check.restless[i])
         check.usual[0, i] += share * (w_B[i] - check.usual[0, i])
         check.usual[1, i] += share * (turned / dt - check.usual[1, i])
     check.R_last[:], check.w_last[:] = R_meas, w_B
@@ -174,6 +183,7 @@ def _summed(check, side, i, z):
     for k in range(2):
         check.slope[side, i, k] = check.moved[side, i, k] = 0.0
         check.before[side, i, k] = check.usual[k, i]
+    check.before[side, i, 2] = check.restless[i]
     return False
 
 
@@ -200,22 +210,27 @@ def _follow(check, side, i, dt, off, seen):
 
 
 @kernel
-def _attitude_is_wrong(check, side, i, dt, off):
-    """True if the attitude, not the gyro, makes an angle `off` [rad] about axis `i`; samples come every `dt` [s]."""
-    repeats = max(REPEATS, round(check.lasting[side, i] / dt) - 1)
+def _blamed(check, side, i, dt, off):
+    """GYRO, ATTITUDE or EITHER as the one that makes an angle `off` [rad] about axis `i`; samples come every `dt` [s]."""
+    lasting = check.lasting[side, i]
+    repeats = max(REPEATS, round(lasting / dt) - 1)
     if check.same[3] >= repeats:
-        return True
-    if check.same[i] >= repeats or check.compared < 2.0 * USUAL:
-        return False
-    gyro, attitude = check.moved[side, i, 0], check.moved[side, i, 1]
-    return abs(gyro) < STEADY * abs(off) and abs(attitude) > CHANGED * abs(off)
+        return ATTITUDE
+    if check.same[i] >= repeats:
+        return GYRO
+    if check.compared < RESTLESS or abs(off) < DISTINCT * np.sqrt(check.before[side, i, 2]) * lasting:
+        return EITHER
+    gyro, attitude = abs(check.moved[side, i, 0] / off), abs(check.moved[side, i, 1] / off)
+    if gyro > GUILTY:
+        return GYRO
+    return ATTITUDE if gyro < INNOCENT and attitude > GUILTY else EITHER
 
 
 @kernel
-def _blame_gyro(check, side, i, w, rate):
+def _leave_out(check, side, i, w, rate):
     """Note that the gyro is off about axis `i`: it says `w` [rad/s], and the attitude turns faster by `rate` [rad/s]."""
-    before = check.before[side, i, 0]
-    jump = w - before  # one that sticks has not changed
-    check.gyro_off[i] = jump if abs(jump) > abs(rate) else -rate
+    before, restless = check.before[side, i, 0], np.sqrt(check.before[side, i, 2])
+    jump = w - before
+    check.gyro_off[i] = jump if abs(jump) > DISTINCT * restless and -rate * jump > 0.0 else -rate
     check.rate[i] = before
     check.doubt[i] = abs(check.moved[side, i, 1] / check.lasting[side, i])

@@ -276,8 +276,8 @@ class StateEstimate:
     # camera on the arm tracks; zero: not beyond doubt
     gyro_off_B: Array = field(default_factory=lambda: _STILL)  # (3,) [rad/s] by which the gyro was found to be off; zero
     # about an axis that is not
-    attitude_off_B: Array = field(default_factory=lambda: _STILL)  # (3,) [rad] the same for the attitude reference; NaN:
-    # it is no rotation
+    attitude_off_B: Array = field(default_factory=lambda: _STILL)  # (3,) [rad] the same for the attitude reference; about an
+    # axis of a gyro that is off: either of the two; NaN: it is no rotation
     ground: GroundPlane | None = None  # under the hull; None: not known
 
 

@@ -86,6 +86,7 @@ FILTER = np.dtype(
             ("rate_bias", np.float64, 3),  # [rad/s]
             ("turning", np.float64, 3),  # `variances` of `turn`
             ("check", RATE_CHECK),  # of the gyro against the attitude
+            ("lone", np.float64, (3, 3)),  # for each axis the covariance as in `gyro`, without a gyro; 0: there is one
             # Mean, covariance, output
             ("x", np.float64, MOST_STATES),
             ("P", np.float64, (MOST_STATES, MOST_STATES)),
@@ -125,27 +126,40 @@ def turn(R, R_meas, w_B, dt, rate_bias, gyro, variances):
         gyro: (3,) covariance of angle, angle and bias, bias, changed in place.
         variances: (3,) of the angle by gyro noise in one second, of one attitude reading, of the bias in one second.
     """
-    gyro[0] += dt * (dt * gyro[2] - 2.0 * gyro[1]) + variances[0] * dt
-    gyro[1] -= dt * gyro[2]
-    gyro[2] += variances[2] * dt
-    s = gyro[0] + variances[1]
-    k_angle, k_bias = gyro[0] / s, gyro[1] / s
-    gyro[2] -= k_bias * gyro[1]
-    gyro[1] *= 1.0 - k_angle
-    gyro[0] *= 1.0 - k_angle
+    k_angle, k_bias = _gains(gyro, variances[0], variances[1], variances[2], dt)
     angle = np.empty(3)
     for i in range(3):
         angle[i] = (w_B[i] - rate_bias[i]) * dt
     rotate(R, angle)
     for i in range(3):
-        j, k = (i + 1) % 3, (i + 2) % 3
-        err = 0.0
-        for m in range(3):  # vee of the antisymmetric part of R^T R_meas: small-angle error in B
-            err += 0.5 * (R[m, k] * R_meas[m, j] - R[m, j] * R_meas[m, k])
-        err = min(max(err, -TILT_CLIP), TILT_CLIP)
+        err = min(max(_ahead(R, R_meas, i), -TILT_CLIP), TILT_CLIP)
         angle[i] = k_angle * err
         rate_bias[i] += k_bias * err
     rotate(R, angle)
+
+
+@kernel
+def _gains(gyro, rate, attitude, walk, dt):
+    """Gains of angle and gyro bias for one reading, with their covariance `gyro` (3,) updated; variances as in `turn`."""
+    gyro[0] += dt * (dt * gyro[2] - 2.0 * gyro[1]) + rate * dt
+    gyro[1] -= dt * gyro[2]
+    gyro[2] += walk * dt
+    s = gyro[0] + attitude
+    k_angle, k_bias = gyro[0] / s, gyro[1] / s
+    gyro[2] -= k_bias * gyro[1]
+    gyro[1] *= 1.0 - k_angle
+    gyro[0] *= 1.0 - k_angle
+    return k_angle, k_bias
+
+
+@kernel
+def _ahead(R, R_meas, i):
+    """Small angle [rad] about axis `i` of B from R to R_meas, (3, 3) each: vee of the antisymmetric part of R^T R_meas."""
+    j, k = (i + 1) % 3, (i + 2) % 3
+    err = 0.0
+    for m in range(3):
+        err += 0.5 * (R[m, k] * R_meas[m, j] - R[m, j] * R_meas[m, k])
+    return err
 
 
 @kernel
@@ -397,6 +411,8 @@ def advance(f, dt, specific_force_B, w_B, R_meas, unknown):
     if not np.isfinite(total):
         return False
     turn(f.R_WB, R_meas, w_B, dt, f.rate_bias, f.gyro, f.turning)
+    if f.lone[0, 2] > 0.0 or f.lone[1, 2] > 0.0 or f.lone[2, 2] > 0.0:
+        _follow_attitude(f, R_meas, dt)
     head = (f.head + 1) % HISTORY
     row = f.past_input[head]
     along = (f.acceleration * dt) ** 2 + unknown
@@ -484,18 +500,27 @@ def _believed(f, w_B):
 
 @kernel
 def _leave_gyro(f, R_meas):
-    """Go on without the axes of the gyro that are wrong: their rates come from the attitude `R_meas` (3, 3) alone."""
-    check = f.check
-    f.R_WB[:] = R_meas
-    worst = 0.0
+    """Go on without the axes of the gyro that are wrong: turn to the attitude `R_meas` (3, 3), at the rate before."""
+    check, angle = f.check, np.zeros(3)
     for i in range(3):
-        if check.gyro_off[i] != 0.0:
-            f.w_B[i] = 0.0
-            if not check.left[i]:
-                f.rate_bias[i], check.left[i] = -check.rate[i], 1
-                worst = max(worst, check.doubt[i])
-    f.gyro[0], f.gyro[1], f.gyro[2] = f.turning[1], 0.0, REGAINED**2 + worst**2
-    f.rate_walk = f.turning[2] = NO_GYRO**2
+        if check.gyro_off[i] != 0.0 and f.lone[i, 2] == 0.0:
+            f.w_B[i], f.rate_bias[i], angle[i] = 0.0, -check.rate[i], _ahead(f.R_WB, R_meas, i)
+            f.lone[i, 0], f.lone[i, 1] = f.turning[1], 0.0
+            f.lone[i, 2] = REGAINED**2 + check.doubt[i] ** 2
+    rotate(f.R_WB, angle)
+
+
+@kernel
+def _follow_attitude(f, R_meas, dt):
+    """Correct angle and rate about each axis without a gyro by an attitude (3, 3), `dt` [s] after the last one."""
+    angle = np.zeros(3)
+    for i in range(3):
+        if f.lone[i, 2] > 0.0:
+            k_angle, k_bias = _gains(f.lone[i], 0.0, f.turning[1], NO_GYRO**2, dt)
+            err = min(max(_ahead(f.R_WB, R_meas, i), -TILT_CLIP), TILT_CLIP)
+            angle[i] = k_angle * err
+            f.rate_bias[i] += k_bias * err
+    rotate(f.R_WB, angle)
 
 
 @kernel

@@ -31,7 +31,9 @@ SCALE = 1e-3  # [-] error of the gyro's scale
 USUAL = 0.2  # [s] time constant of the usual rates, with which those since the onset are compared
 RESTLESS = 1.0  # [s] time constant of the mean square by which the gyro moves about its usual rate
 DISTINCT = 4.0  # [-] times its root, above which a change is not the hull's own
-GUILTY = 0.6  # [-] share of the angle since the onset that one of the two has turned beyond its usual rate, to be blamed
+GUILTY = (
+    0.6  # [-] share of the angle since the onset that one of the two has turned beyond its usual rate, to be blamed
+)
 INNOCENT = 0.25  # [-] and the most of it that the gyro has turned if it is the attitude
 REPEATS = 5  # readings in a row by which one is frozen, or is no rotation
 ANGLE_CLIP = 5e-3  # [rad] angle whose correction is taken whole, against single outliers
@@ -63,7 +65,6 @@ RATE_CHECK = np.dtype(
             ("gyro_off", np.float64, 3),  # [rad/s] 0: sound
             ("rate", np.float64, 3),  # [rad/s] that the gyro showed before it went wrong
             ("doubt", np.float64, 3),  # [rad/s] by which the hull's own may have changed since
-            ("left", np.int64, 3),  # 1: the filter goes on without this axis
             ("attitude_off", np.float64, 3),  # [rad] 0: sound, NaN: no rotation; about an axis of a gyro off: either
         ],
     ),
@@ -131,7 +132,7 @@ def compare_rate(f, dt, w_B, R_meas):
             if blamed != GYRO:
                 check.attitude_off[i] = off
             if blamed != ATTITUDE:
-                _leave_out(check, side, i, w_B[i], rate)
+                _leave_out(check, side, i, w_B[i], rate, white)
             verdict = max(verdict, GYRO if blamed == EITHER else blamed)
         check.restless[i] += min(1.0, dt / RESTLESS) * ((w_B[i] - check.usual[0, i]) ** 2 - check.restless[i])
         check.usual[0, i] += share * (w_B[i] - check.usual[0, i])
@@ -227,10 +228,14 @@ def _blamed(check, side, i, dt, off):
 
 
 @kernel
-def _leave_out(check, side, i, w, rate):
-    """Note that the gyro is off about axis `i`: it says `w` [rad/s], and the attitude turns faster by `rate` [rad/s]."""
+def _leave_out(check, side, i, w, rate, white):
+    """Note that the gyro is off about axis `i`: it says `w` [rad/s], and the attitude turns faster by `rate` [rad/s].
+
+    `white` [rad^2] is the variance of one attitude reading.
+    """
     before, restless = check.before[side, i, 0], np.sqrt(check.before[side, i, 2])
     jump = w - before
     check.gyro_off[i] = jump if abs(jump) > DISTINCT * restless and -rate * jump > 0.0 else -rate
     check.rate[i] = before
-    check.doubt[i] = abs(check.moved[side, i, 1] / check.lasting[side, i])
+    moved, lasting = abs(check.moved[side, i, 1]), check.lasting[side, i]
+    check.doubt[i] = moved / lasting if moved > CLEAR * np.sqrt(white) else 0.0

@@ -274,9 +274,13 @@ class StateEstimate:
     imu_jump_age: float = math.nan  # [s] since the accelerometer's bias was found to jump; inf: never, NaN: not known
     object_moved_W: Array = field(default_factory=lambda: _STILL)  # (3,) [m] by which the object has moved that the
     # camera on the arm tracks; zero: not beyond doubt
-    gyro_off_B: Array = field(default_factory=lambda: _STILL)  # (3,) [rad/s] by which the gyro was found to be off; zero
+    gyro_off_B: Array = field(
+        default_factory=lambda: _STILL
+    )  # (3,) [rad/s] by which the gyro was found to be off; zero
     # about an axis that is not
-    attitude_off_B: Array = field(default_factory=lambda: _STILL)  # (3,) [rad] the same for the attitude reference; about an
+    attitude_off_B: Array = field(
+        default_factory=lambda: _STILL
+    )  # (3,) [rad] the same for the attitude reference; about an
     # axis of a gyro that is off: either of the two; NaN: it is no rotation
     ground: GroundPlane | None = None  # under the hull; None: not known
 

@@ -1,14 +1,14 @@
-"""Faults of sensors that navigation finds, where two fields of its measurements must tell the same.
+"""Faults of sensors that navigation finds, where two of its measurements must tell the same.
 
-Each row of `SENSOR_CHECKS` is one check. Navigation makes the statistic and applies the limit, for it has every sample,
-and it goes on without the sensor. The estimate says by how much the sensor is off; here that becomes a fault with its
-figures. A new check is a field of the estimate, zero while its sensor is sound, and a row.
+Each row of `SENSOR_CHECKS` is one check. Navigation has every sample, so it makes the statistic, applies the limit, and
+goes on without the sensor. The estimate says by how much the sensor is off; here that becomes a fault with its figures.
+A new check is a field of the estimate, zero while its sensor is sound, and a row.
 
 | sensor | field | statistic | limit |
 |---|---|---|---|
-| gyro | rate against the change of the attitude in the same messages | cumulative sum of the innovation | `rate_check` |
-| attitude reference | the same; it changed at the onset and the rate did not | the same | the same |
-| accelerometer | velocity against the Doppler log | mean innovation | `fixes` |
+| gyro | rate, against the change of the attitude | cumulative sum of the innovation | `rate_check` |
+| attitude reference | the same, where it alone changed at the onset | the same | the same |
+| accelerometer | velocity, against the Doppler log | mean innovation | `fixes` |
 
 The limits are in `perception.navigation`, in the modules of these names.
 """

@@ -21,7 +21,7 @@ import numpy as np
 
 from perception.navigation.rate_check import ATTITUDE as ATTITUDE_FAULT
 from perception.navigation.rate_check import GYRO as GYRO_FAULT
-from perception.navigation.rate_check import RATE_CHECK, compare_rate
+from perception.navigation.rate_check import JUMPS, RATE_CHECK, compare_rate
 from sim.interfaces.kernels import kernel
 from sim.interfaces.records import EstimateRecord, ImuRecord, JointRecord
 from sim.interfaces.spatial import GRAVITY
@@ -50,8 +50,7 @@ HISTORY = 512  # IMU samples stored: largest delay of vision
 TILT_CLIP = 5e-3  # [rad] error of one attitude reading is clipped to this, so that an outlier turns R by little
 IMU_REPEATS = 25  # equal samples in a row by which the IMU is found frozen
 IMU_SILENCE = 0.05  # [s] without a sample, after which the filter runs without the IMU
-JUMPS = 0.05  # [rad/s] by which no hull turns faster from one sample of the gyro to the next but in an impact
-HOLD = 8  # samples for which such a rate is not used
+HOLD = 8  # samples for which a rate that jumped is not used
 NO_GYRO = 3e-3  # [rad/s/sqrt(s)] random walk of a rate that the attitude alone tells of, about 30 rad/s fast
 REGAINED = 5e-3  # [rad/s] standard deviation of the rate taken at the loss of a gyro: the usual one before
 UNUSED = 1e6  # [rad^2] variance of an attitude that is not used
@@ -140,7 +139,7 @@ def turn(R, R_meas, w_B, dt, rate_bias, gyro, variances):
 
 @kernel
 def _gains(gyro, rate, attitude, walk, dt):
-    """Gains of angle and gyro bias for one reading, with their covariance `gyro` (3,) updated; variances as in `turn`."""
+    """Gains of angle and gyro bias for one reading; updates their covariance `gyro` (3,). Variances as in `turn`."""
     gyro[0] += dt * (dt * gyro[2] - 2.0 * gyro[1]) + rate * dt
     gyro[1] -= dt * gyro[2]
     gyro[2] += walk * dt
@@ -154,9 +153,9 @@ def _gains(gyro, rate, attitude, walk, dt):
 
 @kernel
 def _ahead(R, R_meas, i):
-    """Small angle [rad] about axis `i` of B from R to R_meas, (3, 3) each: vee of the antisymmetric part of R^T R_meas."""
+    """Small angle [rad] about axis `i` of B from R to R_meas, (3, 3) each."""
     j, k = (i + 1) % 3, (i + 2) % 3
-    err = 0.0
+    err = 0.0  # vee of the antisymmetric part of R^T R_meas
     for m in range(3):
         err += 0.5 * (R[m, k] * R_meas[m, j] - R[m, j] * R_meas[m, k])
     return err

@@ -3,11 +3,11 @@
 The angle by which the attitude has turned beyond what the gyro says, about each axis of the hull, is the noise of the
 attitude and the integral of the gyro's. A steady Kalman filter of it has a white innovation. Three parts follow:
 
-- *Alarm.* A cumulative sum of the innovation, two-sided [Page 1954], exceeds its limit, and so does the angle itself.
-- *Blame.* At the onset, where the sum left zero, one of the two changed its ways and the other did not. That can be told
+- *Alarm.* A cumulative sum of the innovation, for either sign [Page 1954], exceeds its limit, and so does the angle.
+- *Blame.* At the onset, where the sum left zero, one of the two changed its ways, the other did not. That can be told
   where the change is well above what the hull's own rate did before. Else it may be either, as it may with a drift that
   comes slowly. Readings that repeat bit by bit since the onset are blamed before all else.
-- *Size.* The rate that the gyro is off is the slope of the angle since the onset.
+- *Size.* The gyro is off by the slope of the angle since the onset, and one that jumps by its jump.
 
 A small time between the two fields is allowed for, and a scale and an alignment that are not perfect. These make angles
 in step with the turning.
@@ -26,6 +26,7 @@ CLEAR = 5.0  # [-] standard deviations of an attitude reading that the angle mus
 LONGEST = 0.5  # [s] of a sum above zero, after which it starts anew: what grows slower is below the least rate
 LEAST_RATE = 4.0  # [-] standard deviations of a sample of the gyro, and of its bias: smallest rate that is a fault
 FINEST_RATE, FINEST_ANGLE = 1.2e-4, 5e-5  # [rad/s], [rad] smallest standard deviations believed
+JUMPS = 0.05  # [rad/s] by which no hull turns faster from one sample to the next but in an impact
 TIMING = 2e-3  # [s] between the two fields, beside one sample
 SCALE = 1e-3  # [-] error of the gyro's scale
 USUAL = 0.2  # [s] time constant of the usual rates, with which those since the onset are compared
@@ -83,8 +84,8 @@ def compare_rate(f, dt, w_B, R_meas):
         R_meas: (3, 3) attitude of the reference.
 
     Returns:
-        NONE, GYRO or ATTITUDE: what to go on without. `gyro_off` and `attitude_off` of the check say about which axes it
-        is off, and by how much; both where it may be either.
+        NONE, GYRO or ATTITUDE: what to go on without. `gyro_off` and `attitude_off` of the check say about which axes
+        it is off, and by how much; both where it may be either.
     """
     check = f.check
     if not _proper(R_meas):
@@ -212,7 +213,7 @@ def _follow(check, side, i, dt, off, seen):
 
 @kernel
 def _blamed(check, side, i, dt, off):
-    """GYRO, ATTITUDE or EITHER as the one that makes an angle `off` [rad] about axis `i`; samples come every `dt` [s]."""
+    """GYRO, ATTITUDE or EITHER as what makes an angle `off` [rad] about axis `i`; samples come every `dt` [s]."""
     lasting = check.lasting[side, i]
     repeats = max(REPEATS, round(lasting / dt) - 1)
     if check.same[3] >= repeats:
@@ -233,9 +234,9 @@ def _leave_out(check, side, i, w, rate, white):
 
     `white` [rad^2] is the variance of one attitude reading.
     """
-    before, restless = check.before[side, i, 0], np.sqrt(check.before[side, i, 2])
+    before = check.before[side, i, 0]
     jump = w - before
-    check.gyro_off[i] = jump if abs(jump) > DISTINCT * restless and -rate * jump > 0.0 else -rate
+    check.gyro_off[i] = jump if abs(jump) > JUMPS and -rate * jump > 0.0 else -rate
     check.rate[i] = before
     moved, lasting = abs(check.moved[side, i, 1]), check.lasting[side, i]
     check.doubt[i] = moved / lasting if moved > CLEAR * np.sqrt(white) else 0.0

@@ -101,7 +101,7 @@ class Offset:
 
 @dataclass(frozen=True, slots=True)
 class Turned:
-    """Attitude of the inertial unit is turned about one axis of the hull, by `jump` at once and by `rate` more a second."""
+    """Attitude of the inertial unit is turned about an axis of the hull by `jump`, and by `rate` more every second."""
 
     index: int  # axis of the hull: 0, 1 or 2
     jump: float = 0.0  # [rad]

@@ -79,7 +79,7 @@ def test_lost_vision_is_found_at_the_same_tick():
 
 
 def test_a_gyro_that_is_off_is_found_at_the_same_tick(monkeypatch):
-    """Its bias is in the record of a sound sensor, so that its ticks are compiled; the data sheet says nothing of it."""
+    """Its bias is in the record of a sensor of the usual kind, so that its ticks are compiled."""
     init = Imu.init
 
     def off(self: Imu, rng: np.random.Generator) -> Any:

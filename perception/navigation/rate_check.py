@@ -7,7 +7,7 @@ attitude and the integral of the gyro's. A steady Kalman filter of it has a whit
 - *Blame.* At the onset, where the sum left zero, one of the two changed its ways, the other did not. That can be told
   where the change is well above what the hull's own rate did before. Else it may be either, as it may with a drift that
   comes slowly. Readings that repeat bit by bit since the onset are blamed before all else.
-- *Size.* The gyro is off by the slope of the angle since the onset, and one that jumps by its jump.
+- *Size.* The gyro is off by its jump, or by the slope of the angle since the onset: within a factor of two.
 
 A small time between the two fields is allowed for, and a scale and an alignment that are not perfect. These make angles
 in step with the turning.
@@ -236,7 +236,10 @@ def _leave_out(check, side, i, w, rate, white):
     """
     before = check.before[side, i, 0]
     jump = w - before
-    check.gyro_off[i] = jump if abs(jump) > JUMPS and -rate * jump > 0.0 else -rate
+    if rate * jump >= 0.0:  # it has not changed, as one that sticks
+        check.gyro_off[i] = -rate
+    else:  # the jump contains the hull's own change, the slope begins before the step
+        check.gyro_off[i] = jump if abs(jump) > JUMPS else 0.5 * (jump - rate)
     check.rate[i] = before
     moved, lasting = abs(check.moved[side, i, 1]), check.lasting[side, i]
     check.doubt[i] = moved / lasting if moved > CLEAR * np.sqrt(white) else 0.0

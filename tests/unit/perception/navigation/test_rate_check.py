@@ -106,7 +106,7 @@ def test_a_gyro_that_jumps_is_named_with_its_size_before_the_attitude_has_follow
     assert 0 < course.found() < 60  # 45 for the smallest, 2 for the largest
     gyro = course.estimates[-1].gyro_off_B
     assert np.flatnonzero(gyro).tolist() == [axis]
-    assert gyro[axis] == pytest.approx(size, rel=0.35)  # of the smallest, 0.3 measured
+    assert 0.5 < gyro[axis] / size < 1.5  # measured 0.75 to 1.27
     error = course.attitude_error()
     assert (error - error[0]).max() < 3e-4  # [rad] measured 1e-4
     assert np.abs(course.rate_error()[100:]).max() < 6e-3  # [rad/s] from the attitude alone; measured 1.4e-3

@@ -6,7 +6,8 @@ The plant is not used. A fault is a disagreement of two sources that should agre
 - Torque sensor against its motor: the gear passes the motor's torque less rotor inertia and gear friction.
 - Age of the newest picture, where the estimator reports it. Only this fault is cleared, when pictures come again.
 - Encoder: its angle against the integral of its speed.
-- Accelerometer: the estimator finds that its bias has jumped. The work goes on.
+- Gyro, attitude reference, accelerometer: the estimator finds that one is off (`controllers.safety.sensor_checks`). The
+  work goes on but for the attitude.
 - Hull momentum, the residual of [DeLuca 2003] for the hull as one body. It is what the hull gains beyond the commanded
   thrust, the arm's wrench, weight and drag.
 
@@ -19,7 +20,6 @@ Each residual is compared with its own average (`learning_time`), so that consta
 Thresholds are in `FaultLimits`; the tests measure the distance of sound runs from them.
 """
 
-import math
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
@@ -28,6 +28,7 @@ import numpy as np
 
 from controllers.hull.station_keeping import hull_inertia
 from controllers.safety.joint_residuals import JointResidualModel, JointResiduals, update_residuals
+from controllers.safety.sensor_checks import sensor_faults
 from controllers.safety.thruster_probe import ProbeState, ThrusterProbe, is_lost
 from controllers.tuning import FaultLimits
 from models import hydrodynamics
@@ -203,9 +204,7 @@ class FaultDetection:
         if load is None or load is state.load_seen:
             return
         state.load_seen = load
-        if math.isfinite(estimate.imu_jump_age):
-            said = "the bias of the accelerometer jumped and is estimated anew"
-            self._add(state, FaultKind.IMU, "accelerometer", -1, estimate.time - estimate.imu_jump_age, said)
+        state.faults.extend(found for found in sensor_faults(estimate) if not state.has(found.kind, found.index))
         dt = estimate.time - state.hull_time
         state.hull_time = estimate.time
         if dt <= 0.0:

@@ -4,6 +4,8 @@
 |---|---|
 | vision too old | the path waits at half the force until vision is back; after `blind_time` retreat |
 | one torque sensor wrong | the work goes on with the motor's torque in its place (`safety_wrapper`); two: retreat |
+| gyro or accelerometer off | the work goes on, by the attitude reference or on a bias estimated anew (navigation) |
+| attitude reference off, or it cannot be told from the gyro | retreat along the tool axis |
 | an encoder wrong | the arm holds its joint angles, the hull withdraws the tool along its axis |
 | a thruster lost or stuck | ascent off the object at once on the other thrusters; the arm draws the tool off |
 | hull off its place, or force above its limit on the way back | the same, with all thrusters |
@@ -96,6 +98,7 @@ def fault_monitors(blind_time: float, during: frozenset[WorkState] = frozenset(W
             Reaction.RETREAT,
             AbortCode.TORQUE_SENSORS,
         ),
+        (faulty(FaultKind.ATTITUDE, "the attitude reference is wrong"), Reaction.RETREAT, AbortCode.ATTITUDE),
         (faulty(FaultKind.VISION, "vision is lost", age=blind_time), Reaction.RETREAT, AbortCode.VISION),
         (faulty(FaultKind.VISION, "vision is lost"), Reaction.PAUSE, AbortCode.VISION),
     )

@@ -19,6 +19,9 @@ faster to pass from Python.
 
 import numpy as np
 
+from perception.navigation.rate_check import ATTITUDE as ATTITUDE_FAULT
+from perception.navigation.rate_check import GYRO as GYRO_FAULT
+from perception.navigation.rate_check import JUMPS, RATE_CHECK, compare_rate
 from sim.interfaces.kernels import kernel
 from sim.interfaces.records import EstimateRecord, ImuRecord, JointRecord
 from sim.interfaces.spatial import GRAVITY
@@ -47,6 +50,10 @@ HISTORY = 512  # IMU samples stored: largest delay of vision
 TILT_CLIP = 5e-3  # [rad] error of one attitude reading is clipped to this, so that an outlier turns R by little
 IMU_REPEATS = 25  # equal samples in a row by which the IMU is found frozen
 IMU_SILENCE = 0.05  # [s] without a sample, after which the filter runs without the IMU
+HOLD = 8  # samples for which a rate that jumped is not used
+NO_GYRO = 3e-3  # [rad/s/sqrt(s)] random walk of a rate that the attitude alone tells of, about 30 rad/s fast
+REGAINED = 5e-3  # [rad/s] standard deviation of the rate taken at the loss of a gyro: the usual one before
+UNUSED = 1e6  # [rad^2] variance of an attitude that is not used
 BLIND = 2.5e-3  # [(m/s^2)^2 s] spectral density of the hull's unmeasured acceleration
 
 FILTER = np.dtype(
@@ -77,6 +84,8 @@ FILTER = np.dtype(
             ("gyro", np.float64, 3),  # covariance of angle and gyro bias, see `turn`
             ("rate_bias", np.float64, 3),  # [rad/s]
             ("turning", np.float64, 3),  # `variances` of `turn`
+            ("check", RATE_CHECK),  # of the gyro against the attitude
+            ("lone", np.float64, (3, 3)),  # for each axis the covariance as in `gyro`, without a gyro; 0: there is one
             # Mean, covariance, output
             ("x", np.float64, MOST_STATES),
             ("P", np.float64, (MOST_STATES, MOST_STATES)),
@@ -116,27 +125,40 @@ def turn(R, R_meas, w_B, dt, rate_bias, gyro, variances):
         gyro: (3,) covariance of angle, angle and bias, bias, changed in place.
         variances: (3,) of the angle by gyro noise in one second, of one attitude reading, of the bias in one second.
     """
-    gyro[0] += dt * (dt * gyro[2] - 2.0 * gyro[1]) + variances[0] * dt
-    gyro[1] -= dt * gyro[2]
-    gyro[2] += variances[2] * dt
-    s = gyro[0] + variances[1]
-    k_angle, k_bias = gyro[0] / s, gyro[1] / s
-    gyro[2] -= k_bias * gyro[1]
-    gyro[1] *= 1.0 - k_angle
-    gyro[0] *= 1.0 - k_angle
+    k_angle, k_bias = _gains(gyro, variances[0], variances[1], variances[2], dt)
     angle = np.empty(3)
     for i in range(3):
         angle[i] = (w_B[i] - rate_bias[i]) * dt
     rotate(R, angle)
     for i in range(3):
-        j, k = (i + 1) % 3, (i + 2) % 3
-        err = 0.0
-        for m in range(3):  # vee of the antisymmetric part of R^T R_meas: small-angle error in B
-            err += 0.5 * (R[m, k] * R_meas[m, j] - R[m, j] * R_meas[m, k])
-        err = min(max(err, -TILT_CLIP), TILT_CLIP)
+        err = min(max(_ahead(R, R_meas, i), -TILT_CLIP), TILT_CLIP)
         angle[i] = k_angle * err
         rate_bias[i] += k_bias * err
     rotate(R, angle)
+
+
+@kernel
+def _gains(gyro, rate, attitude, walk, dt):
+    """Gains of angle and gyro bias for one reading; updates their covariance `gyro` (3,). Variances as in `turn`."""
+    gyro[0] += dt * (dt * gyro[2] - 2.0 * gyro[1]) + rate * dt
+    gyro[1] -= dt * gyro[2]
+    gyro[2] += walk * dt
+    s = gyro[0] + attitude
+    k_angle, k_bias = gyro[0] / s, gyro[1] / s
+    gyro[2] -= k_bias * gyro[1]
+    gyro[1] *= 1.0 - k_angle
+    gyro[0] *= 1.0 - k_angle
+    return k_angle, k_bias
+
+
+@kernel
+def _ahead(R, R_meas, i):
+    """Small angle [rad] about axis `i` of B from R to R_meas, (3, 3) each."""
+    j, k = (i + 1) % 3, (i + 2) % 3
+    err = 0.0  # vee of the antisymmetric part of R^T R_meas
+    for m in range(3):
+        err += 0.5 * (R[m, k] * R_meas[m, j] - R[m, j] * R_meas[m, k])
+    return err
 
 
 @kernel
@@ -388,6 +410,8 @@ def advance(f, dt, specific_force_B, w_B, R_meas, unknown):
     if not np.isfinite(total):
         return False
     turn(f.R_WB, R_meas, w_B, dt, f.rate_bias, f.gyro, f.turning)
+    if f.lone[0, 2] > 0.0 or f.lone[1, 2] > 0.0 or f.lone[2, 2] > 0.0:
+        _follow_attitude(f, R_meas, dt)
     head = (f.head + 1) % HISTORY
     row = f.past_input[head]
     along = (f.acceleration * dt) ** 2 + unknown
@@ -444,8 +468,58 @@ def take_imu(memory, sample):
             frozen = f.repeats >= IMU_REPEATS
     for i in range(3):
         f.seen_force[i], f.seen_w[i] = force[i], w[i]
-    if not frozen and advance(f, dt, force, w, sample.R_WB, 0.0):
+    if not frozen and advance(f, dt, force, _believed(f, w), sample.R_WB, 0.0):
         f.imu_time = sample.time[0]
+        if f.check.on:
+            verdict = compare_rate(f, dt, w, sample.R_WB)
+            if verdict == GYRO_FAULT:
+                _leave_gyro(f, sample.R_WB)
+            elif verdict == ATTITUDE_FAULT:  # from now on the gyro alone turns the hull
+                f.check.on, f.attitude, f.turning[1] = 0, UNUSED, UNUSED
+
+
+@kernel
+def _believed(f, w_B):
+    """Rates (3,) [rad/s] of the gyro as they are used.
+
+    One that jumps is not used for HOLD samples, until its check can tell. About an axis that is wrong the rate is zero:
+    the bias of the gyro then is the hull's rate, with its sign turned.
+    """
+    check, believed = f.check, w_B
+    for i in range(3):
+        jumped = abs(w_B[i] - f.w_B[i]) > JUMPS and check.on == 1
+        check.held[i] = check.held[i] + 1 if jumped else 0
+        wrong = check.gyro_off[i] != 0.0
+        if wrong or (jumped and check.held[i] <= HOLD):
+            if believed is w_B:
+                believed = w_B.copy()
+            believed[i] = 0.0 if wrong else f.w_B[i]
+    return believed
+
+
+@kernel
+def _leave_gyro(f, R_meas):
+    """Go on without the axes of the gyro that are wrong: turn to the attitude `R_meas` (3, 3), at the rate before."""
+    check, angle = f.check, np.zeros(3)
+    for i in range(3):
+        if check.gyro_off[i] != 0.0 and f.lone[i, 2] == 0.0:
+            f.w_B[i], f.rate_bias[i], angle[i] = 0.0, -check.rate[i], _ahead(f.R_WB, R_meas, i)
+            f.lone[i, 0], f.lone[i, 1] = f.turning[1], 0.0
+            f.lone[i, 2] = REGAINED**2 + check.doubt[i] ** 2
+    rotate(f.R_WB, angle)
+
+
+@kernel
+def _follow_attitude(f, R_meas, dt):
+    """Correct angle and rate about each axis without a gyro by an attitude (3, 3), `dt` [s] after the last one."""
+    angle = np.zeros(3)
+    for i in range(3):
+        if f.lone[i, 2] > 0.0:
+            k_angle, k_bias = _gains(f.lone[i], 0.0, f.turning[1], NO_GYRO**2, dt)
+            err = min(max(_ahead(f.R_WB, R_meas, i), -TILT_CLIP), TILT_CLIP)
+            angle[i] = k_angle * err
+            f.rate_bias[i] += k_bias * err
+    rotate(f.R_WB, angle)
 
 
 @kernel
@@ -500,6 +574,7 @@ def put_out(memory, joints, out):
         out.a_WB_B[i] = a_B[i]
         place = x[i] + x[track + i] if track >= 0 else x[i]
         out.X_WB[i, 3] = place - held[0, i] + lag * (x[3 + i] - held[1, i])
+        out.gyro_off_B[i], out.attitude_off_B[i] = f.check.gyro_off[i], f.check.attitude_off[i]
         out.position_sigma[i] = np.sqrt(P[i, i] + held[0, i] ** 2)
         v = 0.0
         for j in range(3):

@@ -209,6 +209,7 @@ class Navigation:
         f.acceleration, f.rate, f.attitude = imu.acceleration, imu.rate**2, imu.attitude**2
         f.rate_walk, f.tilt = self.rate_bias_walk**2, 2.0 * (GRAVITY * imu.attitude) ** 2
         f.release[:], f.smooth = self.release, self.acceleration_time
+        f.check.on, f.check.misaligned = self.adapt, 3.0 * imu.attitude_bias
 
     @staticmethod
     def _watch(state: NavigationState, time: float, p_WB: Array, white: float) -> None:

@@ -69,6 +69,7 @@ class AbortCode(StrEnum):
     VISION = "vision lost"  # for longer than the work may wait
     TORQUE_SENSORS = "torque sensors wrong"  # two or more; with one the work goes on
     ENCODER = "encoder wrong"  # of one joint
+    ATTITUDE = "attitude wrong"  # of the reference
     THRUSTER = "thruster lost"  # it gives less than was asked for
     ESTIMATE = "estimate lost"  # not finite, or too old
     CONTROLLER = "controller failed"  # its commands are not finite
@@ -273,6 +274,14 @@ class StateEstimate:
     imu_jump_age: float = math.nan  # [s] since the accelerometer's bias was found to jump; inf: never, NaN: not known
     object_moved_W: Array = field(default_factory=lambda: _STILL)  # (3,) [m] by which the object has moved that the
     # camera on the arm tracks; zero: not beyond doubt
+    gyro_off_B: Array = field(
+        default_factory=lambda: _STILL
+    )  # (3,) [rad/s] by which the gyro was found to be off; zero
+    # about an axis that is not
+    attitude_off_B: Array = field(
+        default_factory=lambda: _STILL
+    )  # (3,) [rad] the same for the attitude reference; about an
+    # axis of a gyro that is off: either of the two; NaN: it is no rotation
     ground: GroundPlane | None = None  # under the hull; None: not known
 
 
@@ -383,6 +392,8 @@ class FaultKind(StrEnum):
     ENCODER = "encoder"  # of one joint
     THRUSTER = "thruster"  # one gives another thrust than commanded
     IMU = "IMU"  # the accelerometer's bias jumped, and is estimated anew
+    GYRO = "gyro"  # about one axis of the hull; its rate comes from the attitude instead
+    ATTITUDE = "attitude"  # of the reference; it comes from the gyro instead
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

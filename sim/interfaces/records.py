@@ -44,6 +44,8 @@ class EstimateRecord(NamedTuple):
     attitude_sigma: Array  # (1,) [rad]
     ages: Array  # (4,) [s] since the newest vision, DVL and IMU measurement that was used, and since a jump of the IMU
     object_moved_W: Array  # (3,) [m]
+    gyro_off_B: Array  # (3,) [rad/s]
+    attitude_off_B: Array  # (3,) [rad]
 
 
 def imu_record() -> ImuRecord:
@@ -58,10 +60,10 @@ def joint_record(joints: int) -> JointRecord:
 
 def estimate_record(joints: int) -> EstimateRecord:
     """Record of a vehicle at rest at the origin of the world, with so many joints."""
-    v, w, a, sigma = np.zeros((4, 3))
-    return EstimateRecord(
-        np.zeros(1), np.eye(4), v, w, a, *joint_record(joints), sigma, np.full(1, math.nan), np.zeros(4), np.zeros(3)
-    )
+    v, w, a, sigma, moved, gyro, attitude = np.zeros((7, 3))
+    unknown, ages = np.full(1, math.nan), np.zeros(4)
+    joint = joint_record(joints)
+    return EstimateRecord(np.zeros(1), np.eye(4), v, w, a, *joint, sigma, unknown, ages, moved, gyro, attitude)
 
 
 def state_estimate(record: EstimateRecord) -> StateEstimate:
@@ -83,4 +85,6 @@ def state_estimate(record: EstimateRecord) -> StateEstimate:
         imu_age=imu_age,
         imu_jump_age=imu_jump_age,
         object_moved_W=record.object_moved_W.copy(),
+        gyro_off_B=record.gyro_off_B.copy(),
+        attitude_off_B=record.attitude_off_B.copy(),
     )

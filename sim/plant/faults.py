@@ -1,7 +1,7 @@
 """Fault injection: wrappers around plant, sensors and finder that keep the interface of the wrapped part.
 
 - `FaultyPlant`: a thruster that fails, sticks or weakens.
-- `FaultySensor`: any sensor that falls silent, freezes, drifts, jumps, spikes or gives NaN.
+- `FaultySensor`: any sensor that falls silent, freezes, drifts, jumps, spikes, turns or gives NaN.
 - `MisplacedFinder`: a finder that reports the wrong place with full confidence.
 - `changing`: a current that changes, for `sim.water.current.Current`.
 
@@ -19,9 +19,9 @@ from numpy.typing import ArrayLike
 from models.water.thruster_curves import command_for, thrust_at
 from models.water.thrusters import curves
 from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.messages import Command, Measurement, Target
+from sim.interfaces.messages import Command, ImuMeasurement, Measurement, Target
 from sim.interfaces.protocols import Sensor, TargetFinder
-from sim.interfaces.spatial import Array, checked
+from sim.interfaces.spatial import Array, checked, exp_so3, readonly
 from sim.plant.onset import Onset
 from sim.plant.plant import Plant, PlantState, Truth
 
@@ -97,6 +97,21 @@ class Offset:
         return _changed(
             reading.measurement, self.field, self.index, lambda old: old + self.jump + self.rate * reading.elapsed
         )
+
+
+@dataclass(frozen=True, slots=True)
+class Turned:
+    """Attitude of the inertial unit is turned about an axis of the hull by `jump`, and by `rate` more every second."""
+
+    index: int  # axis of the hull: 0, 1 or 2
+    jump: float = 0.0  # [rad]
+    rate: float = 0.0  # [rad/s]
+
+    def __call__(self, reading: Reading) -> ImuMeasurement:
+        """Measurement with the turned attitude."""
+        angle = np.zeros(3)
+        angle[self.index] = self.jump + self.rate * reading.elapsed
+        return replace(reading.measurement, R_WB=readonly(reading.measurement.R_WB @ exp_so3(angle)))
 
 
 @dataclass(frozen=True, slots=True)

@@ -21,7 +21,18 @@ from sim.interfaces.spatial import Array
 from sim.loop.rollout import Moment, Observer, Parts, Rollout, Stage, never, run_on
 from sim.loop.snapshot import Snapshot
 from sim.plant import faults
-from sim.plant.faults import FaultyPlant, FaultySensor, Fixed, Frozen, Lost, MisplacedFinder, Offset, Onset, Spikes
+from sim.plant.faults import (
+    FaultyPlant,
+    FaultySensor,
+    Fixed,
+    Frozen,
+    Lost,
+    MisplacedFinder,
+    Offset,
+    Onset,
+    Spikes,
+    Turned,
+)
 from sim.sensors.proprioception import Dvl, Encoders, Imu, JointTorqueSensors, VisionDrift
 
 NAN = float("nan")
@@ -57,6 +68,12 @@ SENSORS: Mapping[str, tuple[type, Any, float]] = {
     "IMU NaN 10 ms": (Imu, Fixed("specific_force_B", 0, NAN), 0.01),
     "IMU silent": (Imu, Lost(), np.inf),
     "IMU bias jumps 0.05 m/s2": (Imu, Offset("specific_force_B", 0, jump=0.05), np.inf),
+    "gyro x jumps 0.003 rad/s": (Imu, Offset("w_WB_B", 0, jump=0.003), np.inf),
+    "gyro y jumps 0.03 rad/s": (Imu, Offset("w_WB_B", 1, jump=0.03), np.inf),
+    "gyro z jumps 0.3 rad/s": (Imu, Offset("w_WB_B", 2, jump=0.3), np.inf),
+    "gyro frozen": (Imu, Frozen(("w_WB_B",)), np.inf),
+    "attitude z jumps 1 deg": (Imu, Turned(2, jump=np.radians(1.0)), np.inf),
+    "attitude x drifts 0.03 rad/s": (Imu, Turned(0, rate=0.03), np.inf),
 }
 NOTHING = "nothing"
 DOUBLED = "current doubled in 1 s"

@@ -31,6 +31,8 @@ _FIELDS: dict[str, tuple[int, ...]] = {
     "a_WB_B": (3,),
     "position_sigma": (3,),
     "object_moved_W": (3,),
+    "gyro_off_B": (3,),
+    "attitude_off_B": (3,),
     "q": (),
     "qd": (),
     "tau": (),

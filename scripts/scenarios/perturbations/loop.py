@@ -156,14 +156,32 @@ class ThrusterFailure(Failure):
 
 @dataclass(frozen=True, kw_only=True)
 class SensorFailure(Failure):
-    """A sensor falls silent, or a field of its messages freezes, takes a value, or is off by it."""
+    """A sensor falls silent, or a field of its messages freezes, takes a value, or is off by it.
+
+    The attitude of the inertial unit is "turned" about axis `index` of the hull, by `value` [rad].
+    """
 
     joins: ClassVar[bool] = True
     sensor: Literal["encoders", "torque", "imu", "dvl", "vision"]
-    effect: Literal["lost", "frozen", "fixed", "offset"] = "lost"
-    field: str = ""  # of the sensor's message, such as "tau"; unused if lost
+    effect: Literal["lost", "frozen", "fixed", "offset", "turned"] = "lost"
+    field: str = ""  # of the sensor's message, such as "tau"; unused if lost or turned
     index: int | None = None  # element of the field; None: all
     value: float = 0.0
+    rate: float = 0.0  # [1/s] by which an offset, or what is turned, grows
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        finite_number(self.rate, "SensorFailure rate [1/s]")
+        if self.rate and self.effect not in ("offset", "turned"):
+            raise ConfigurationError(f"SensorFailure rate: an offset or a turn grows, not effect {self.effect!r}")
+        if self.effect != "turned":
+            return
+        finite_number(self.value, "SensorFailure value [rad]")
+        if self.sensor != "imu" or self.index not in (0, 1, 2):
+            raise ConfigurationError(
+                "SensorFailure turned: allowed for sensor 'imu' about index 0, 1 or 2 (axis of the hull), "
+                f"got {shown(self.sensor)} and {shown(self.index)}"
+            )
 
     def on_loop(self, loop: Loop) -> Loop:
         """Wraps the sensor."""
@@ -180,7 +198,7 @@ class SensorFailure(Failure):
         )
 
     def _fault(self) -> "SensorFault":
-        from sim.plant.faults import Fixed, Frozen, Lost, Offset
+        from sim.plant.faults import Fixed, Frozen, Lost, Offset, Turned
 
         match self.effect:
             case "lost":
@@ -190,4 +208,7 @@ class SensorFailure(Failure):
             case "fixed":
                 return Fixed(self.field, self.index, self.value)
             case "offset":
-                return Offset(self.field, self.index, jump=self.value)
+                return Offset(self.field, self.index, jump=self.value, rate=self.rate)
+            case "turned":
+                assert self.index is not None
+                return Turned(self.index, jump=self.value, rate=self.rate)

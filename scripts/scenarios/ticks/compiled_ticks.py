@@ -157,6 +157,7 @@ def _copy(one, other):
         other.v_WB_B[i], other.w_WB_B[i], other.a_WB_B[i] = one.v_WB_B[i], one.w_WB_B[i], one.a_WB_B[i]
         other.position_sigma[i], other.ages[i] = one.position_sigma[i], one.ages[i]
         other.object_moved_W[i] = one.object_moved_W[i]
+        other.gyro_off_B[i], other.attitude_off_B[i] = one.gyro_off_B[i], one.attitude_off_B[i]
     for j in range(one.q.shape[0]):
         other.q[j], other.qd[j], other.tau[j] = one.q[j], one.qd[j], one.tau[j]
 

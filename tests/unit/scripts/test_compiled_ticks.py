@@ -32,7 +32,7 @@ from sim.interfaces.messages import FaultKind
 from sim.loop import recording
 from sim.loop.recording import EVERY_STEP, Recorder
 from sim.loop.rollout import Parts
-from sim.sensors.proprioception import Dvl
+from sim.sensors.proprioception import Dvl, Imu
 from untyped import untyped
 
 EARLY = 4.0  # [s] of a short run: settled, and identified
@@ -74,6 +74,25 @@ def test_lost_vision_is_found_at_the_same_tick():
         result = run_through(assemble(scenario, full=True), longest=EARLY, part_by_part=part_by_part)
         assert bool(result.part_by_part) == part_by_part
         assert FaultKind.VISION in {fault.kind for fault in result.last.command.faults}
+        found.append(result.recording.digest(result.recording.series))
+    assert found[0] == found[1]
+
+
+def test_a_gyro_that_is_off_is_found_at_the_same_tick(monkeypatch):
+    """Its bias is in the record of a sensor of the usual kind, so that its ticks are compiled."""
+    init = Imu.init
+
+    def off(self: Imu, rng: np.random.Generator) -> Any:
+        state = init(self, rng)
+        state.bias[8] += 0.01  # [rad/s] about z
+        return state
+
+    monkeypatch.setattr(Imu, "init", off)
+    found = []
+    for part_by_part in (True, False):
+        result = run_through(assemble(barrel(quick=True), full=True), longest=1.0, part_by_part=part_by_part)
+        assert bool(result.part_by_part) == part_by_part
+        assert (FaultKind.GYRO, 2) in {(fault.kind, fault.index) for fault in result.last.command.faults}
         found.append(result.recording.digest(result.recording.series))
     assert found[0] == found[1]
 

@@ -288,6 +288,10 @@ def test_failures_compose_on_one_plant_and_wait_for_their_event():
         (lambda: ThrusterFailure(thruster="x", at=1.0, state="work"), "one of the two"),
         (lambda: SensorFailure(sensor="dvl", state="lunch"), "allowed settle, .*got 'lunch'"),
         (lambda: SensorFailure(sensor="dvl", at=-1.0), "onset at: must be >= 0"),
+        (lambda: SensorFailure(sensor="dvl", effect="turned", index=0, at=1.0), "allowed for sensor 'imu'.*got 'dvl'"),
+        (lambda: SensorFailure(sensor="imu", effect="turned", at=1.0), "about index 0, 1 or 2.*and None"),
+        (lambda: SensorFailure(sensor="imu", effect="turned", index=2, value=float("inf"), at=1.0), "value .rad."),
+        (lambda: SensorFailure(sensor="dvl", rate=1.0, at=1.0), "rate: an offset or a turn grows, not effect 'lost'"),
         (lambda: MisplacedSurface(offset=float("nan")), "MisplacedSurface offset"),
     ],
 )

@@ -10,8 +10,9 @@ import pytest
 import models
 from sim import hydrodynamics
 from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.messages import Command, Target, ToolPath, TorqueMeasurement, WorkState
+from sim.interfaces.messages import Command, ImuMeasurement, Target, ToolPath, TorqueMeasurement, WorkState
 from sim.interfaces.protocols import Sensor
+from sim.interfaces.spatial import exp_so3
 from sim.plant import faults
 from sim.plant.plant import Plant
 from sim.sensors.proprioception import JointTorqueSensors
@@ -88,6 +89,14 @@ def test_each_fault_is_what_its_name_says():
     assert np.allclose(drift, 3.0 + 2.0 * (0.1 * np.arange(10, 20) - 0.95), rtol=0.0, atol=1e-12)
     spikes = np.abs(taus(read(faults.Spikes("tau", 1, 50.0, 0.5), onset)) - sound)[10:, 1]
     assert set(np.round(spikes, 9).tolist()) == {0.0, 50.0}
+
+
+def test_a_turned_attitude_turns_about_one_axis_of_the_hull(rng: np.random.Generator):
+    R_WB, w = exp_so3(rng.standard_normal(3)), rng.standard_normal(3)
+    sound = ImuMeasurement(time=3.0, specific_force_B=np.ones(3), w_WB_B=w, R_WB=R_WB)
+    given = faults.Turned(1, jump=0.1, rate=0.02)(faults.Reading(sound, sound, 2.5, rng))
+    assert np.allclose(R_WB.T @ given.R_WB, exp_so3([0.0, 0.15, 0.0]), rtol=0.0, atol=1e-12)
+    assert given.w_WB_B is w
 
 
 def test_an_onset_waits_for_its_event_and_does_not_begin_twice():

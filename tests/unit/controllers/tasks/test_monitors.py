@@ -122,6 +122,12 @@ def fault(kind: FaultKind, part: str = "", time: float = 0.0, figures: str = "")
             Reaction.RETREAT,
             "torque sensors of j1, j2 are wrong",
         ),
+        ([fault(FaultKind.GYRO, "z", figures="+1.7 deg/s off"), fault(FaultKind.IMU)], Reaction.GO_ON, None),
+        (
+            [fault(FaultKind.GYRO, "x"), fault(FaultKind.ATTITUDE, figures="no rotation")],
+            Reaction.RETREAT,
+            "the attitude reference is wrong (no rotation)",
+        ),
         ([fault(FaultKind.VISION, time=7.0)], Reaction.PAUSE, "vision is lost"),
         ([fault(FaultKind.VISION, time=4.0)], Reaction.RETREAT, "vision is lost"),
         (

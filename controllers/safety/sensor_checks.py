@@ -1,0 +1,83 @@
+"""Faults of sensors that navigation finds, where two of its measurements must tell the same.
+
+Each row of `SENSOR_CHECKS` is one check. Navigation has every sample, so it makes the statistic, applies the limit, and
+goes on without the sensor. The estimate says by how much the sensor is off; here that becomes a fault with its figures.
+A new check is a field of the estimate, zero while its sensor is sound, and a row.
+
+| sensor | field | statistic | limit |
+|---|---|---|---|
+| gyro | rate, against the change of the attitude | cumulative sum of the innovation | `rate_check` |
+| attitude reference | the same, where it alone changed at the onset | the same | the same |
+| accelerometer | velocity, against the Doppler log | mean innovation | `fixes` |
+
+The limits are in `perception.navigation`, in the modules of these names.
+"""
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from sim.interfaces.messages import Fault, FaultKind, StateEstimate
+
+_AXES = "xyz"
+
+
+class Finding(NamedTuple):
+    """One sensor found to be off."""
+
+    part: str
+    index: int  # of the axis; -1 where the whole sensor is meant
+    time: float  # [s] at which it was found
+    figures: str
+
+
+@dataclass(frozen=True, slots=True)
+class SensorCheck:
+    """One row: the kind of its fault, and how to read what the estimate says."""
+
+    kind: FaultKind
+    found: Callable[[StateEstimate], Iterator[Finding]]
+
+
+def sensor_faults(estimate: StateEstimate) -> Iterator[Fault]:
+    """All faults that `estimate` tells of, each time anew."""
+    for check in SENSOR_CHECKS:
+        for part, index, time, figures in check.found(estimate):
+            yield Fault(kind=check.kind, part=part, index=index, time=time, figures=figures)
+
+
+def _gyro(estimate: StateEstimate) -> Iterator[Finding]:
+    """Axes of the gyro that are off the change of the attitude."""
+    for i, off in enumerate(estimate.gyro_off_B.tolist()):
+        if off:
+            either = ", unless the attitude drifts" if estimate.attitude_off_B[i] else ""
+            said = f"{math.degrees(off):+.2f} deg/s off the change of the attitude{either}"
+            yield Finding(_AXES[i], i, estimate.time, said)
+
+
+def _attitude(estimate: StateEstimate) -> Iterator[Finding]:
+    """An attitude that is off the integral of the rates."""
+    off = estimate.attitude_off_B.tolist()
+    if any(map(math.isnan, off)):
+        yield Finding("", -1, estimate.time, "no rotation")
+        return
+    axes = [i for i in range(3) if off[i]]
+    if axes:
+        turned = ", ".join(f"{math.degrees(off[i]):+.2f} deg about {_AXES[i]}" for i in axes)
+        either = ", unless the gyro does" if estimate.gyro_off_B[axes].any() else ""
+        yield Finding("", -1, estimate.time, f"leaves the integral of the rate by {turned}{either}")
+
+
+def _accelerometer(estimate: StateEstimate) -> Iterator[Finding]:
+    """A jump of the accelerometer's bias."""
+    if math.isfinite(estimate.imu_jump_age):
+        time = estimate.time - estimate.imu_jump_age
+        yield Finding("accelerometer", -1, time, "the bias of the accelerometer jumped and is estimated anew")
+
+
+SENSOR_CHECKS = (
+    SensorCheck(FaultKind.IMU, _accelerometer),
+    SensorCheck(FaultKind.GYRO, _gyro),
+    SensorCheck(FaultKind.ATTITUDE, _attitude),
+)

@@ -1,0 +1,245 @@
+"""Check of the gyro against the attitude reference: two fields of one message that must tell of the same turning.
+
+The angle by which the attitude has turned beyond what the gyro says, about each axis of the hull, is the noise of the
+attitude and the integral of the gyro's. A steady Kalman filter of it has a white innovation. Three parts follow:
+
+- *Alarm.* A cumulative sum of the innovation, for either sign [Page 1954], exceeds its limit, and so does the angle.
+- *Blame.* At the onset, where the sum left zero, one of the two changed its ways, the other did not. That can be told
+  where the change is well above what the hull's own rate did before. Else it may be either, as it may with a drift that
+  comes slowly. Readings that repeat bit by bit since the onset are blamed before all else.
+- *Size.* The gyro is off by its jump, or by the slope of the angle since the onset: within a factor of two.
+
+A small time between the two fields is allowed for, and a scale and an alignment that are not perfect. These make angles
+in step with the turning.
+"""
+
+import numpy as np
+
+from sim.interfaces.kernels import kernel
+
+NONE, GYRO, ATTITUDE, EITHER = 0, 1, 2, 3  # verdicts
+
+SLACK = 0.5  # [-] standard deviations by which the mean of an innovation may be off
+LIMIT = 30.0  # [-] of the cumulative sum; white noise exceeds it once in exp(30) samples
+CLIP = 20.0  # [-] largest innovation counted, so that a single reading raises no alarm
+CLEAR = 5.0  # [-] standard deviations of an attitude reading that the angle must exceed
+LONGEST = 0.5  # [s] of a sum above zero, after which it starts anew: what grows slower is below the least rate
+LEAST_RATE = 4.0  # [-] standard deviations of a sample of the gyro, and of its bias: smallest rate that is a fault
+FINEST_RATE, FINEST_ANGLE = 1.2e-4, 5e-5  # [rad/s], [rad] smallest standard deviations believed
+JUMPS = 0.05  # [rad/s] by which no hull turns faster from one sample to the next but in an impact
+TIMING = 2e-3  # [s] between the two fields, beside one sample
+SCALE = 1e-3  # [-] error of the gyro's scale
+USUAL = 0.2  # [s] time constant of the usual rates, with which those since the onset are compared
+RESTLESS = 1.0  # [s] time constant of the mean square by which the gyro moves about its usual rate
+DISTINCT = 4.0  # [-] times its root, above which a change is not the hull's own
+GUILTY = (
+    0.6  # [-] share of the angle since the onset that one of the two has turned beyond its usual rate, to be blamed
+)
+INNOCENT = 0.25  # [-] and the most of it that the gyro has turned if it is the attitude
+REPEATS = 5  # readings in a row by which one is frozen, or is no rotation
+ANGLE_CLIP = 5e-3  # [rad] angle whose correction is taken whole, against single outliers
+NO_ROTATION = 1e-2  # [-] by which the columns of an attitude may miss being orthonormal
+
+RATE_CHECK = np.dtype(
+    (
+        np.record,
+        [
+            ("on", np.int64),  # 1: both are compared
+            ("misaligned", np.float64),  # [rad] largest angle between the axes of the two that is stated
+            ("compared", np.float64),  # [s] for which both have been compared; 0: the next sample is the first
+            ("R_last", np.float64, (3, 3)),  # last attitude
+            ("w_last", np.float64, 3),  # [rad/s] last rate
+            ("same", np.int64, 4),  # equal readings in a row, less one: of each axis of the gyro, of the attitude
+            ("improper", np.int64),  # attitudes in a row that are no rotations
+            ("angle", np.float64, 3),  # [rad] of the attitude ahead of the gyro, after the filter's correction
+            ("sums", np.float64, (2, 3)),  # [-] cumulative sums, for either sign
+            ("usual", np.float64, (2, 3)),  # [rad/s] usual rates up to now: gyro, attitude
+            ("restless", np.float64, 3),  # [rad^2/s^2] mean square of the gyro about its usual rate
+            # Since the onset, for either sign and about each axis
+            ("lasting", np.float64, (2, 3)),  # [s]
+            ("corrected", np.float64, (2, 3)),  # [rad] what the filter took off `angle`
+            ("slope", np.float64, (2, 3, 2)),  # sums of angle times time [rad s], and of time squared [s^2]
+            ("moved", np.float64, (2, 3, 2)),  # [rad] turned beyond the usual rate: gyro, attitude
+            ("before", np.float64, (2, 3, 3)),  # at the onset: usual rates of gyro and attitude [rad/s], `restless`
+            ("held", np.int64, 3),  # samples for which a rate that jumped is not used
+            # Findings
+            ("gyro_off", np.float64, 3),  # [rad/s] 0: sound
+            ("rate", np.float64, 3),  # [rad/s] that the gyro showed before it went wrong
+            ("doubt", np.float64, 3),  # [rad/s] by which the hull's own may have changed since
+            ("attitude_off", np.float64, 3),  # [rad] 0: sound, NaN: no rotation; about an axis of a gyro off: either
+        ],
+    ),
+    align=True,
+)
+
+
+@kernel
+def compare_rate(f, dt, w_B, R_meas):
+    """Compare one sample of the gyro with the attitude of the same message.
+
+    Args:
+        f: record of `filter_kernel.FILTER` that has taken the sample; its `check` is updated.
+        dt: [s] since the last sample.
+        w_B: (3,) [rad/s] rates of the gyro.
+        R_meas: (3, 3) attitude of the reference.
+
+    Returns:
+        NONE, GYRO or ATTITUDE: what to go on without. `gyro_off` and `attitude_off` of the check say about which axes
+        it is off, and by how much; both where it may be either.
+    """
+    check = f.check
+    if not _proper(R_meas):
+        check.improper, check.compared = check.improper + 1, 0.0
+        if check.improper < REPEATS:
+            return NONE
+        check.attitude_off[:] = np.nan
+        return ATTITUDE
+    check.improper = 0
+    if check.compared == 0.0 or dt > 1.5 * f.interval:  # the first sample, or the first after a gap
+        check.compared, check.angle[:], check.sums[:], check.lasting[:] = dt, 0.0, 0.0, 0.0
+        check.usual[0], check.usual[1], check.R_last[:], check.w_last[:] = w_B, w_B, R_meas, w_B
+        check.restless[:] = 0.0
+        return NONE
+    check.compared += dt
+    _count_repeats(check, w_B, R_meas)
+    white, noise, share = max(f.turning[1], FINEST_ANGLE**2), max(np.sqrt(f.rate), FINEST_RATE), min(1.0, dt / USUAL)
+    ratio = (noise * dt) ** 2 / white
+    gain = max(0.5 * (np.sqrt(ratio**2 + 4.0 * ratio) - ratio), dt / check.compared)
+    turning = np.sqrt((check.usual[0] ** 2).sum())
+    variance = white + ((TIMING + f.interval) * turning) ** 2
+    least_rate = LEAST_RATE * (noise + np.sqrt(f.gyro[2])) + (SCALE + check.misaligned) * turning
+    verdict = NONE
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        turned = 0.0
+        for m in range(3):  # vee of the antisymmetric part of the rotation since the last sample
+            turned += 0.5 * (check.R_last[m, k] * R_meas[m, j] - check.R_last[m, j] * R_meas[m, k])
+        if check.gyro_off[i] != 0.0:  # there is nothing to compare any more
+            continue
+        innovation = check.angle[i] + turned - (w_B[i] - f.rate_bias[i]) * dt
+        correction = gain * min(max(innovation, -ANGLE_CLIP), ANGLE_CLIP)
+        check.angle[i] = innovation - correction
+        z = innovation * np.sqrt((1.0 - gain) / variance)
+        for side in range(2):
+            if not _summed(check, side, i, z if side == 0 else -z):
+                continue
+            off = innovation + check.corrected[side, i]
+            rate = _follow(check, side, i, dt, off, (w_B[i], turned))
+            check.corrected[side, i] += correction
+            clear = abs(off) > CLEAR * np.sqrt(variance) and abs(rate) > least_rate
+            if not clear or check.sums[side, i] <= LIMIT:
+                continue
+            blamed = _blamed(check, side, i, dt, off)
+            if blamed != GYRO:
+                check.attitude_off[i] = off
+            if blamed != ATTITUDE:
+                _leave_out(check, side, i, w_B[i], rate, white)
+            verdict = max(verdict, GYRO if blamed == EITHER else blamed)
+        check.restless[i] += min(1.0, dt / RESTLESS) * ((w_B[i] - check.usual[0, i]) ** 2 - check.restless[i])
+        check.usual[0, i] += share * (w_B[i] - check.usual[0, i])
+        check.usual[1, i] += share * (turned / dt - check.usual[1, i])
+    check.R_last[:], check.w_last[:] = R_meas, w_B
+    return verdict
+
+
+@kernel
+def _proper(R):
+    """True if the columns of R (3, 3) are orthonormal but for NO_ROTATION, and right-handed."""
+    worst = 0.0
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        own, other, next_ = 0.0, 0.0, 0.0
+        for m in range(3):
+            n, o = (m + 1) % 3, (m + 2) % 3
+            own += R[m, i] * R[m, i]
+            other += R[m, i] * R[m, j]
+            next_ += (R[n, i] * R[o, j] - R[o, i] * R[n, j]) * R[m, k]
+        worst = max(worst, abs(own - 1.0), abs(other), abs(next_ - 1.0))
+    return worst <= NO_ROTATION
+
+
+@kernel
+def _count_repeats(check, w_B, R_meas):
+    """Count equal readings in a row: of each axis of the gyro, and of the attitude."""
+    equal = True
+    for i in range(3):
+        check.same[i] = check.same[i] + 1 if w_B[i] == check.w_last[i] else 0
+        for j in range(3):
+            equal = equal and R_meas[i, j] == check.R_last[i, j]
+    check.same[3] = check.same[3] + 1 if equal else 0
+
+
+@kernel
+def _summed(check, side, i, z):
+    """Add an innovation `z` in standard deviations to a sum about axis `i`; False if it is zero, or starts anew.
+
+    What counts from the onset on is then zero too.
+    """
+    total = max(0.0, check.sums[side, i] + min(max(z, -CLIP), CLIP) - SLACK)
+    if check.lasting[side, i] > LONGEST:
+        total = 0.0
+    check.sums[side, i] = total
+    if total > 0.0:
+        return True
+    check.lasting[side, i] = check.corrected[side, i] = 0.0
+    for k in range(2):
+        check.slope[side, i, k] = check.moved[side, i, k] = 0.0
+        check.before[side, i, k] = check.usual[k, i]
+    check.before[side, i, 2] = check.restless[i]
+    return False
+
+
+@kernel
+def _follow(check, side, i, dt, off, seen):
+    """Take a sample since the onset, and return the slope of the angle since then [rad/s].
+
+    Args:
+        check: the record.
+        side: 0: the attitude is ahead, 1: it is behind.
+        i: axis.
+        dt: [s] since the last sample.
+        off: [rad] angle since the onset.
+        seen: rate of the gyro [rad/s], angle of the attitude since the last sample [rad].
+    """
+    w, turned = seen
+    check.lasting[side, i] += dt
+    slope, moved, before = check.slope[side, i], check.moved[side, i], check.before[side, i]
+    slope[0] += off * check.lasting[side, i]
+    slope[1] += check.lasting[side, i] ** 2
+    moved[0] += (w - before[0]) * dt
+    moved[1] += turned - before[1] * dt
+    return slope[0] / slope[1]
+
+
+@kernel
+def _blamed(check, side, i, dt, off):
+    """GYRO, ATTITUDE or EITHER as what makes an angle `off` [rad] about axis `i`; samples come every `dt` [s]."""
+    lasting = check.lasting[side, i]
+    repeats = max(REPEATS, round(lasting / dt) - 1)
+    if check.same[3] >= repeats:
+        return ATTITUDE
+    if check.same[i] >= repeats:
+        return GYRO
+    if check.compared < RESTLESS or abs(off) < DISTINCT * np.sqrt(check.before[side, i, 2]) * lasting:
+        return EITHER
+    gyro, attitude = abs(check.moved[side, i, 0] / off), abs(check.moved[side, i, 1] / off)
+    if gyro > GUILTY:
+        return GYRO
+    return ATTITUDE if gyro < INNOCENT and attitude > GUILTY else EITHER
+
+
+@kernel
+def _leave_out(check, side, i, w, rate, white):
+    """Note that the gyro is off about axis `i`: it says `w` [rad/s], and the attitude turns faster by `rate` [rad/s].
+
+    `white` [rad^2] is the variance of one attitude reading.
+    """
+    before = check.before[side, i, 0]
+    jump = w - before
+    if rate * jump >= 0.0:  # it has not changed, as one that sticks
+        check.gyro_off[i] = -rate
+    else:  # the jump contains the hull's own change, the slope begins before the step
+        check.gyro_off[i] = jump if abs(jump) > JUMPS else 0.5 * (jump - rate)
+    check.rate[i] = before
+    moved, lasting = abs(check.moved[side, i, 1]), check.lasting[side, i]
+    check.doubt[i] = moved / lasting if moved > CLEAR * np.sqrt(white) else 0.0

@@ -127,7 +127,7 @@ def unjudged_levels(recording: "Recording", forces: Sequence[float]) -> tuple[st
     return tuple(lines)
 
 
-class Level(NamedTuple):
+class ForceLevel(NamedTuple):
     """Set force on neighbouring parts of a path."""
 
     force: float  # [N]
@@ -135,10 +135,10 @@ class Level(NamedTuple):
     end: int  # number of the part after the last
 
 
-def levels(forces: Sequence[float]) -> list[Level]:
+def levels(forces: Sequence[float]) -> list[ForceLevel]:
     """Set forces on consecutive parts of a path as levels; equal neighbours are one."""
     starts = [k for k, force in enumerate(forces) if k == 0 or force != forces[k - 1]]
-    return [Level(forces[k], k, end) for k, end in zip(starts, [*starts[1:], len(forces)], strict=True)]
+    return [ForceLevel(forces[k], k, end) for k, end in zip(starts, [*starts[1:], len(forces)], strict=True)]
 
 
 def tangential(recording: "RecordedSeries", name: str) -> Array:

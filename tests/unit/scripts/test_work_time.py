@@ -9,7 +9,9 @@ import pytest
 from controllers.planning.trajectories import Progress
 from scenarios import assemble, barrel
 from scenarios.options import BarrelOptions, InsertionOptions, PileOptions, SeabedOptions
-from scenarios.site import Barrel
+from scenarios.site import Barrel, Pile
+from scenarios.tasks.insertion import InsertionTask
+from scenarios.tasks.seabed_sampling import SeabedSamplingTask
 from scenarios.tasks.surface_work import SurfaceWorkTask
 from scenarios.tasks.work_time import WorkTime
 from sim.evaluation.force_levels import long_enough
@@ -86,12 +88,16 @@ def test_a_slow_job_has_the_time_that_it_needs():
 def test_an_option_that_is_given_wins_over_a_quick_job():
     def site(options: BarrelOptions | PileOptions) -> tuple[float, float]:
         of = options.scenario().site.object
-        return round(np.degrees(getattr(of, "arc")), 9), getattr(of, "length")  # noqa: B009  of two kinds
+        assert isinstance(of, Barrel | Pile)
+        return round(np.degrees(of.arc), 9), of.length
 
     assert site(BarrelOptions(quick=True, path="transverse", arc=360.0)) == (360.0, 0.2)
     assert site(BarrelOptions(quick=True, length=0.6)) == (60.0, 0.6)
     assert site(BarrelOptions()) == (180.0, 0.6)
     assert site(PileOptions(quick=True, arc=100.0, length=0.5)) == (100.0, 0.5)
-    assert isinstance(barrel().site.object, Barrel)
-    assert InsertionOptions(quick=True, depth=60.0).scenario().task.depth == pytest.approx(0.06)  # type: ignore[attr-defined]
-    assert SeabedOptions(quick=True, push=50.0).scenario().task.push == 50.0  # type: ignore[attr-defined]
+    deep = InsertionOptions(quick=True, depth=60.0).scenario().task
+    assert isinstance(deep, InsertionTask)
+    assert deep.depth == pytest.approx(0.06)
+    hard = SeabedOptions(quick=True, push=50.0).scenario().task
+    assert isinstance(hard, SeabedSamplingTask)
+    assert hard.push == 50.0

@@ -11,7 +11,7 @@ from sim.interfaces.errors import ConfigurationError
 
 _ZSH = "autoload -U +X compinit && compinit\nautoload -U +X bashcompinit && bashcompinit\n"
 _OF_PAST_RUNS = ("compare", "replay", "report", "view", "picture")
-_OF_RUN = ("--set", "--task", "--quiet", "--json", "--help")
+_OF_RUN = ("--set", "--task", "--trust", "--quiet", "--json", "--help")
 _SCRIPT = """_uuv() {{
     local word=${{COMP_WORDS[COMP_CWORD]}} words=""
     case "$COMP_CWORD ${{COMP_WORDS[1]}}" in

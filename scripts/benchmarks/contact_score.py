@@ -100,8 +100,8 @@ def seed_of_cases() -> int:
     Raises:
         ConfigurationError: It brings something else.
     """
-    piped = sys.stdin is not None and not sys.stdin.isatty()
-    told = sys.stdin.read(_LONGEST).strip() if piped else ""
+    stream = sys.stdin  # None where a process was started without
+    told = "" if stream is None or stream.isatty() else stream.read(_LONGEST).strip()
     if not told:
         return secrets.randbits(63)
     if not (told.isascii() and told.isdigit()):

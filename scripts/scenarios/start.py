@@ -18,10 +18,9 @@ if Path(_found.origin).resolve() != _ours:
     print(f"error: {_found.origin} hides the room {_ours.parent}; rename it or take it off PYTHONPATH", file=sys.stderr)
     raise SystemExit(2)
 
-from sim.runs.process import keep_children_from_the_working_folder, refuse_foreign_system  # noqa: E402  after the check
+from sim.runs.process import refuse_foreign_system  # noqa: E402  after the check
 
 refuse_foreign_system()
-keep_children_from_the_working_folder()
 
 from sim.runs.command_line import ScenarioOptions, check, parse, run_scenario  # noqa: E402  likewise
 from sim.runs.run_folder import new_folder  # noqa: E402  likewise

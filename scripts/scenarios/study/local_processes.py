@@ -8,7 +8,6 @@ from concurrent.futures.process import BrokenProcessPool
 from typing import TYPE_CHECKING, TypeVar
 
 from scenarios.study.worker import Limits, begin
-from sim.runs.process import keep_children_from_the_working_folder
 
 if TYPE_CHECKING:
     from loky import ProcessPoolExecutor
@@ -81,7 +80,6 @@ def _pool(workers: int, limits: Limits) -> "ProcessPoolExecutor":
     from loky import ProcessPoolExecutor
 
     os.environ.setdefault("OMP_NUM_THREADS", "1")  # one thread for each worker: the workers share the cores
-    keep_children_from_the_working_folder()
     # loky replaces a worker that has grown by 300 MB, and says so; no run is lost by that.
     warnings.filterwarnings("ignore", "A worker (stopped|was restarted) while some jobs", UserWarning)
     return ProcessPoolExecutor(workers, initializer=begin, initargs=(os.getpid(), limits))

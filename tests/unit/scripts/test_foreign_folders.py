@@ -56,7 +56,7 @@ def uuv(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureF
     """The command in a folder of its own, with the runs `good` and `bad`; gives code and all that it printed."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "path", list(sys.path))
-    monkeypatch.delenv("PYTHONSAFEPATH", raising=False)
+    monkeypatch.setenv("PYTHONSAFEPATH", "")  # has it restored
     monkeypatch.setenv("MUJOCO_GL", "osmesa")
     run_in(tmp_path / "good")
     run_in(tmp_path / "bad")

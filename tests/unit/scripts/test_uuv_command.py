@@ -30,6 +30,7 @@ def uuv(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureF
     monkeypatch.setattr(sys, "path", list(sys.path))
     monkeypatch.setenv("MUJOCO_GL", "")  # has it restored: the verb `picture` sets it
     monkeypatch.delenv("MUJOCO_GL")
+    monkeypatch.setenv("PYTHONSAFEPATH", "")  # likewise: every verb sets it
 
     def call(*args: str, code: int = 0) -> str:
         monkeypatch.setattr(sys, "argv", ["uuv", *args])

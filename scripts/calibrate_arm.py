@@ -20,12 +20,11 @@ def main() -> int:
     """Calibrates or plans touches, writes the results and returns the exit code."""
     options = parse(CalibrationOptions)
     check_inputs(options)
-    from rich.console import Console
-
     from scenarios.arm_identification.calibration_command import calibrate, plan_touches
+    from sim.runs.terminal import PlainConsole
 
     run = calibrate if options.plan is None else plan_touches
-    return run(options, options.folder(COMMAND), Console(), np.random.default_rng(options.seed))
+    return run(options, options.folder(COMMAND), PlainConsole(), np.random.default_rng(options.seed))
 
 
 if __name__ == "__main__":

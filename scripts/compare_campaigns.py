@@ -35,18 +35,18 @@ def main() -> int:
     for folder in (options.a, options.b):
         if not folder.is_dir():
             raise ConfigurationError(f"{folder}: no folder of a campaign")
-    from rich.console import Console
 
     from scenarios.campaigns.comparison import Finished, compared
     from scenarios.study.harness import as_json
     from scenarios.study.row_log import METRICS, PAGE
     from sim.runs.provenance import provenance
+    from sim.runs.terminal import console as console_of
 
     summary = compared(Finished.read(options.a), Finished.read(options.b))
     folder, made_by = new_folder(NAME, options.out), provenance(NAME, options)
     write_json(folder / METRICS, as_json({**summary.metrics, "provenance": made_by}))
     summary.write_page(folder / PAGE, "Comparison of two campaigns", made_by["options"], "")
-    console = Console(width=None if Console().is_terminal else 160)
+    console = console_of(160)
     summary.print_to(console)
     console.print(f"written to {folder}/", highlight=False)
     return 0

@@ -20,8 +20,6 @@ def main() -> int:
     """Runs the identification, writes its files and returns the exit code."""
     options = parse(IdentificationOptions)
     check_inputs(options)
-    from rich.console import Console
-
     from models.meshes.ply_files import write_ply
     from models.objects import targets
     from perception.registration.pose_check import Decision
@@ -36,8 +34,9 @@ def main() -> int:
         report,
     )
     from sim.interfaces.spatial import transform_points
+    from sim.runs.terminal import PlainConsole
 
-    console = Console()
+    console = PlainConsole()
     folder = new_folder("identify_object", options.out, options.seed)
     made = None
     if options.among:

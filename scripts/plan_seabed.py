@@ -42,13 +42,12 @@ def main() -> int:
     cloud = read_cloud(options.cloud)
     B, z = read_targets(options.targets)
     folder = new_folder("plan_seabed", options.out)
-    from rich.console import Console
-
     from perception.seabed.terrain_path import plan_seabed_work  # imported, and compiled, after the files are read
     from scenarios.cloud_commands.seabed_picture import picture
+    from sim.runs.terminal import PlainConsole
 
     plan = plan_seabed_work(cloud, B, z, width=options.width)
-    console = Console()
+    console = PlainConsole()
     terrain, relief = plan.terrain, plan.relief
     console.print(
         f"{terrain.points} points, {terrain.outliers} left out; noise {1e3 * terrain.noise:.1f} mm; "

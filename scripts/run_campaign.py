@@ -38,6 +38,8 @@ class Options(HarnessOptions):
     """Number of cases instead of that in the file."""
     set: Annotated[tuple[tuple[str, ...], ...], UseAppendAction] = ()
     """KEY=VALUE for the same value in all runs, VALUE in TOML; the other draws stay, so that runs can be compared."""
+    trust: bool = False
+    """Run the code, MODULE:ATTRIBUTE, that the file or its base names too; what is typed here needs no leave."""
     only: int | None = None
     """Do only the run of this number, if it is missing."""
     replay: int | None = None
@@ -59,10 +61,11 @@ def main() -> int:
     from scenarios.inputs import check_inputs
 
     values = tuple(itertools.chain(*options.set))
-    campaign = read_campaign(options.file, values)
+    campaign = read_campaign(options.file, values, trust=options.trust)
     changed = {name: value for name in ("seed", "cases") if (value := getattr(options, name)) is not None}
     campaign = replace(campaign, **changed)
     given = [f"--{name} {value}" for name, value in changed.items()]
+    given += ["--trust"] if options.trust else []
     given += ["--set", *map(shlex.quote, values)] if values else []
     runs = campaign.runs()
     if options.replay is not None:

@@ -26,6 +26,8 @@ class Options(RunOptions):
     """Scenario file (TOML)."""
     seed: int | None = None
     """Seed instead of that in the file."""
+    trust: bool = False
+    """Run the code, MODULE:ATTRIBUTE, that the file names too; what is typed here needs no leave."""
     set: Annotated[tuple[tuple[str, ...], ...], UseAppendAction] = ()
     """Values instead of those in the file, by its keys and in its units: KEY=VALUE, such as task.speed=0.03."""
 
@@ -36,7 +38,7 @@ def main() -> int:
     options = parse(Options)
     from scenarios.scenario_file import read_scenario, with_values
 
-    scenario = with_values(read_scenario(options.file), tuple(itertools.chain(*options.set)))
+    scenario = with_values(read_scenario(options.file, trust=options.trust), tuple(itertools.chain(*options.set)))
     if options.seed is not None:
         scenario = replace(scenario, seed=options.seed)
     return run_job(scenario, options, started)

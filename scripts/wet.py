@@ -14,9 +14,9 @@ from scenarios.cli.wet_model import WetOptions, wet_model
 def main() -> int:
     """Writes the model, prints the table and returns the exit code."""
     options = parse(WetOptions)
-    from rich.console import Console
+    from sim.runs.terminal import PlainConsole
 
-    return wet_model(options, Console())
+    return wet_model(options, PlainConsole())
 
 
 if __name__ == "__main__":

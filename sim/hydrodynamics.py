@@ -21,8 +21,9 @@ Limits of MuJoCo:
 - `mj_setConst` replaces the contact weights by those of the dry mass; call `set_constants` after it.
 - The integrator "implicit" takes velocity terms of the bodies implicitly, those of the water explicitly.
 
-The callback belongs to the process. A pickled model installs it where it is unpickled. An MJB or MJCF file does not: a
-process that loads one must call `install`, else the model moves without hydrodynamics.
+The callback belongs to the process. A pickled model installs it where it is unpickled, and an MJB where it is loaded by
+`MjModel.from_binary_path` after this module was imported, as in a spawned worker that imports what it runs. An MJCF
+file does not: a process that loads one must call `install`, else the model moves without hydrodynamics.
 
 An engine plugin with the same function would cost the same and is no remedy. An MJB stores a plugin's number, not its
 name, so where the plugin is missing MuJoCo crashes or runs another one. `MjSpec.attach` drops plugins silently.
@@ -36,6 +37,7 @@ import warnings
 import weakref
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import wraps
 from typing import Any
 
 import llvmlite.binding
@@ -412,6 +414,18 @@ def _restored(kind: Any, state: Any) -> Any:
     return stored
 
 
+@wraps(mujoco.MjModel.from_binary_path)
+def _from_binary_path(*given: Any, **more: Any) -> mujoco.MjModel:
+    """A model from an MJB, with the callback that it needs."""
+    model = _load_binary(*given, **more)
+    if _carriers(model):
+        install()
+    return model
+
+
+_load_binary = mujoco.MjModel.from_binary_path
+# MuJoCo tells nobody of a model that is loaded, and cannot compile one while a callback in Python waits for it.
+mujoco.MjModel.from_binary_path = staticmethod(_from_binary_path)
 copyreg.pickle(mujoco.MjModel, _reduced)
 copyreg.pickle(mujoco.MjData, _reduced)
 

@@ -183,6 +183,7 @@ def script(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]):
     """`script("studies.contact", *arguments)`: what scripts/studies/contact.py does, in this process."""
     monkeypatch.chdir(ROOT)
     monkeypatch.setenv("COLUMNS", "200")
+    monkeypatch.setenv("PYTHONSAFEPATH", "")  # has it restored: a command sets it
 
     def run(name: str, *arguments: object) -> Run:
         monkeypatch.setattr(sys, "argv", [f"{name}.py", *map(str, arguments)])

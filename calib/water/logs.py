@@ -15,7 +15,7 @@ A Parquet table that a run of this project records can be read too: its names ar
 
 import csv
 import io
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -216,7 +216,8 @@ def _text(path: Path) -> str:
 
 def _csv(path: Path) -> dict[str, Array]:
     text = _text(path)
-    rows = csv.reader(io.StringIO(text))
+    lines = io.StringIO(text, newline=None)  # every kind of line end, as of older spreadsheets, becomes one
+    rows = _rows(csv.reader(lines), path.name)
     head = [cell.strip() for cell in next(rows, [])]
     if twice := [cell for i, cell in enumerate(head) if cell in head[:i]]:
         raise ConfigurationError(f"log {path.name}: column {shown(twice[0])} is there twice")
@@ -232,6 +233,14 @@ def _csv(path: Path) -> dict[str, Array]:
             f"log {path.name}: it has {len(table)} rows of numbers; it needs {SHORTEST:g} s of them"
         )
     return dict(zip(head, np.array(table).T, strict=True))
+
+
+def _rows(read: Iterator[list[str]], file: str) -> Iterator[list[str]]:
+    """Rows of cells as the module `csv` reads them."""
+    try:
+        yield from read
+    except csv.Error as error:
+        raise ConfigurationError(f"log {file}: cannot be read ({error})") from error
 
 
 def _cell(file: str, line: int, column: str, cell: str) -> float:

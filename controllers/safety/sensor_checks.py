@@ -27,7 +27,7 @@ class SensorFinding(NamedTuple):
     """One sensor found to be off."""
 
     part: str
-    index: int  # of the axis; -1 where the whole sensor is meant
+    number: int  # of the axis; -1 where the whole sensor is meant
     time: float  # [s] at which it was found
     figures: str
 

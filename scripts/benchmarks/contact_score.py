@@ -2,7 +2,7 @@
 
     ./uvw run scripts/benchmarks/contact_score.py                                   # the default, 100 public cases
     ./uvw run scripts/benchmarks/contact_score.py --entry mymodule:MyController --cases 10
-    ./uvw run scripts/benchmarks/contact_score.py --seed 4711 --only 3     # a fresh case, with log and report
+    echo 4711 | ./uvw run scripts/benchmarks/contact_score.py --fresh      # fresh cases, of a seed that a pipe brings
 
 The result file is metrics.json in the folder of results; contact_leaderboard.py makes a table of several.
 docs/benchmark.md says what is scored and how to enter a controller.
@@ -10,6 +10,8 @@ docs/benchmark.md says what is scored and how to enter a controller.
 
 from scenarios.start import parse, run_scenario  # isort: skip
 
+import secrets
+import sys
 import time
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
@@ -17,6 +19,7 @@ from dataclasses import dataclass, replace
 from scenarios.assembly import Assembly
 from scenarios.command import command
 from scenarios.contact_benchmark.cases import CASES, PUBLIC_SEED, VERSION, BenchmarkCase, cases, digest
+from scenarios.contact_benchmark.door import close_memory
 from scenarios.contact_benchmark.entries import Entry
 from scenarios.contact_benchmark.score import ScoredCase, entered, line, score, summary
 from scenarios.scenario import Scenario
@@ -24,7 +27,11 @@ from scenarios.study import Study, StudyOptions
 from scenarios.study.harness import key_of
 from scenarios.study.loaded_code import digests, loaded_files
 from scenarios.study.options import at_least
+from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.spatial import shown, whole_number
 from sim.runs.command_line import RunOptions
+
+_LONGEST = 100  # [characters] that standard input may bring
 
 
 @dataclass(kw_only=True)
@@ -39,8 +46,9 @@ class Options(StudyOptions):
     """Number of cases, from the first on."""
     only: int | None = None
     """Do only the case of this number, with all its logs, in a folder of its own; its row is left as it is."""
-    seed: int = PUBLIC_SEED
-    """Seed of the cases; the default gives the public ones, any other fresh ones."""
+    fresh: bool = False
+    """Fresh cases, of the seed that a pipe to standard input brings: an entry can read a command line, but no pipe of
+    its parent. Without one the seed is drawn, and told at the end."""
     in_process: bool = False
     """Run the controller in the simulation's process: faster, and no entry, for it could read the truth."""
 
@@ -52,16 +60,17 @@ class Options(StudyOptions):
 def main() -> int:
     """Runs or resumes the benchmark, or does a single case; returns the exit code."""
     started, options = time.perf_counter(), parse(Options)
-    entry = Entry.of(options.entry, options.estimator)
+    close_memory()
+    entry, seed = Entry.of(options.entry, options.estimator), seed_of_cases() if options.fresh else PUBLIC_SEED
     name = "contact_score-" + "".join(c if c.isalnum() else "-" for c in entry.name)
     if options.only is not None:
-        case = BenchmarkCase(seed=options.seed, index=options.only)
+        case = BenchmarkCase(seed=seed, index=options.only)
         return with_report(ScoredCase(case=case, entry=entry, in_process=options.in_process), name, options, started)
-    chosen = cases(options.cases, seed=options.seed)
+    chosen = cases(options.cases, seed=seed)
     about = {
         "version": VERSION,
-        "seed": options.seed,
-        "public": options.seed == PUBLIC_SEED,
+        "seed": seed,
+        "public": seed == PUBLIC_SEED,
         "cases": len(chosen),
         "cases_digest": digest(chosen),
         "code": key_of(digests(loaded_files())),
@@ -76,11 +85,28 @@ def main() -> int:
         line=line,
         code=entry.code(),
         of={
-            f"--{name.replace('_', '-')}": getattr(options, name)
-            for name in ("entry", "estimator", "seed", "in_process")
+            "--entry": options.entry,
+            "--estimator": options.estimator,
+            "--in-process": options.in_process,
+            "cases of digest": key_of([VERSION, seed]),  # study.json is there while entries run: not the seed itself
         },
     )
     return study.carry_out(name, options, f"UUV contact, version {VERSION}: {entry.name}")
+
+
+def seed_of_cases() -> int:
+    """Seed that standard input brings; a new one of 63 bits where it is a terminal or brings nothing.
+
+    Raises:
+        ConfigurationError: It brings something else.
+    """
+    stream = sys.stdin  # None where a process was started without
+    told = "" if stream is None or stream.isatty() else stream.read(_LONGEST).strip()
+    if not told:
+        return secrets.randbits(63)
+    if not (told.isascii() and told.isdigit()):
+        raise ConfigurationError(f"--fresh: standard input must bring one whole number, got {shown(told)}")
+    return whole_number(int(told), "--fresh", most=2**63 - 1)
 
 
 def with_report(scored: ScoredCase, study: str, options: Options, started: float) -> int:

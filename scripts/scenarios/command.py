@@ -10,15 +10,16 @@ from typing import Any
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.text import Text
 
 from controllers.tuning import table
 from models.meshes import ray_casting
 from scenarios import first_start
 from scenarios.assembly import Assembly, assemble
-from scenarios.kinds import SURVEY
+from scenarios.kinds import SURVEY, TRUST
 from scenarios.runner import Run, SignalStop, assessed, rehearse, run_through
 from scenarios.scenario import Scenario
-from scenarios.scenario_file import SCENARIO_FILE, as_dict, flat, write_scenario
+from scenarios.scenario_file import SCENARIO_FILE, as_dict, flat, names_of_code, write_scenario
 from scenarios.vehicle_check.preflight import preflight
 from sim.evaluation.metrics import Assessment
 from sim.interfaces.errors import ConfigurationError
@@ -31,6 +32,7 @@ from sim.reporting.series_tables import write_series
 from sim.runs.command_line import RunOptions, signals
 from sim.runs.provenance import provenance
 from sim.runs.run_folder import new_folder
+from sim.runs.terminal import PlainConsole, verdict
 
 NOT_ACCEPTED = 1  # exit code
 
@@ -58,7 +60,7 @@ def command(
         UuvError: The work could not begin.
         Interrupted: A signal asked for the end; raised after all results are written. A second signal ends at once.
     """
-    console = Console()
+    console = PlainConsole()
     lacking = absent(LOG) if options.record else ()
     draws = options.record and not lacking
     if lacking:
@@ -98,7 +100,7 @@ def command(
             observers.append(log)
         bar = progress(console)
         observers += [placed.story(recorder, log), ProgressPrinter(bar, console)]
-        console.print(f"[bold]{title}[/bold]  (ready in {time.perf_counter() - started:.1f} s)")
+        console.print(Text(title, style="bold"), f" (ready in {time.perf_counter() - started:.1f} s)")
         stop = SignalStop()
         with signals(stop.ask):
             with bar:
@@ -140,7 +142,7 @@ def show(run: Run, folder: str | Path) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     write_scenario(run.scenario, folder / SCENARIO_FILE)
     run.assessment.made_by(provenance(run.scenario.name, as_dict(run.scenario))).write(folder / "metrics.json")
-    _say(run.assessment, Console())
+    _say(run.assessment, PlainConsole())
     write_series(run.recording, folder)
     if run.assembly.full and not absent(LOG):
         _report(run, folder, run.assembly.placed.title)
@@ -149,16 +151,17 @@ def show(run: Run, folder: str | Path) -> None:
 def _report(run: Run, folder: Path, title: str) -> None:
     from sim.reporting.report import write_report
 
+    tables = as_dict(run.scenario)
     write_report(
         folder / "report.html",
         run.recording,
         run.assessment,
         title=title,
-        options=flat(as_dict(run.scenario)),
+        options=flat(tables),
         pictures=run.assembly.placed.pictures(run.result),
         gains=table(*getattr(run.assembly.parts.controller, "tunings", ())),
         bounds=run.assembly.placed.bounds,
-        again=f"uuv replay {shlex.quote(str(folder))}",
+        again=f"uuv replay {shlex.quote(str(folder))}{f' {TRUST}' if any(names_of_code(tables)) else ''}",
     )
 
 
@@ -170,9 +173,7 @@ def _say(assessment: Assessment, console: Console) -> None:
         f"{simulated:.0f} s simulated in {timings['wall_s']:.1f} s, {timings['real_time_factor']:.1f} times real time",
         highlight=False,
     )
-    console.print(
-        "[green]accepted[/green]" if assessment.accepted else "[red]not accepted[/red]: " + "; ".join(assessment.failed)
-    )
+    console.print(verdict("; ".join(assessment.failed)))
 
 
 def progress(console: Console) -> Progress:

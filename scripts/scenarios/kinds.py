@@ -13,6 +13,7 @@ from sim.interfaces.spatial import shown
 if TYPE_CHECKING:
     from perception.clouds.scan import SensorModel
 
+TRUST = "--trust"  # option of every command that reads a scenario: run the code that it names
 CONTROLLER = "--controller"  # begins the messages about one
 _FOREIGN = 100  # characters kept of the message of a foreign error
 SURVEY = "survey"  # sensor: the object's pose is known, and nothing looks for it

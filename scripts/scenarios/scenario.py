@@ -10,6 +10,7 @@ from scenarios.perturbations.perturbation import Perturbation
 from scenarios.site import Site
 from scenarios.tasks.task import Task
 from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.files import folder_name
 from sim.interfaces.protocols import Sensor
 from sim.interfaces.spatial import finite_number, whole_number
 
@@ -110,6 +111,7 @@ class Scenario:
     perturbation_seed: int = 0
 
     def __post_init__(self) -> None:
+        folder_name(self.name, "name")
         whole_number(self.seed, "--seed")
         whole_number(self.perturbation_seed, "perturbation_seed")
 

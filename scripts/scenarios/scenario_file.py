@@ -24,14 +24,14 @@ Tables with a `kind` are of one of several classes. A key that is left out has i
 import json
 import math
 import tomllib
-import types
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import MISSING, fields, is_dataclass
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import fields, is_dataclass
 from functools import cache
 from pathlib import Path
-from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
+from typing import Any
 
 from models.registry import Registry
+from scenarios.kinds import TRUST
 from scenarios.perturbations import perturbation
 from scenarios.perturbations.perturbation import Perturbation
 from scenarios.scenario import Scenario
@@ -40,12 +40,13 @@ from scenarios.tasks import task
 from scenarios.tasks.task import Task
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import shown
+from sim.interfaces.tables import TableReader, toml_of
 from sim.runs.saving import write_whole
 
 PERTURBATIONS = "perturbations"
 KIND = "kind"
 SCENARIO_FILE = "scenario.toml"  # in the folder of every run
-_MOST = 1_000_000  # [characters] of a file
+_MOST = 1_000_000  # [bytes] of a file
 
 
 @cache
@@ -54,25 +55,51 @@ def registries() -> Mapping[type, Registry[Any]]:
     return {SiteObject: SITE_OBJECTS, Task: task.registry(), Perturbation: perturbation.registry()}
 
 
-def read_scenario(file: str | Path) -> Scenario:
+def read_scenario(file: str | Path, *, trust: bool = False) -> Scenario:
     """The scenario in a TOML file.
 
+    Args:
+        file: The file.
+        trust: Import the classes MODULE:CLASS that it names, which runs their code.
+
     Raises:
-        ConfigurationError: The file cannot be read, or a key or value is none of those allowed; the message names them.
+        ConfigurationError: The file cannot be read, names code without `trust`, or a key or value is none of those
+            allowed; the message names them.
     """
-    path = Path(file)
-    try:
-        text = path.read_text(encoding="utf-8")
-        if len(text) > _MOST:
-            raise ConfigurationError(f"scenario {path}: longer than {_MOST} characters")
-        found = tomllib.loads(text)
-    except (OSError, UnicodeDecodeError, ValueError, RecursionError) as error:
-        said = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
-        raise ConfigurationError(f"scenario {path}: cannot be read ({said})") from error
+    found = toml_of(file, "scenario", _MOST)
+    what = f"scenario {shown(str(file))}"
+    refuse_code(found, what, trust=trust)
     try:
         return from_dict(found)
     except ConfigurationError as error:
-        raise ConfigurationError(f"scenario {path}: {str(error).removeprefix('--')}") from error
+        raise ConfigurationError(f"{what}: {str(error).removeprefix('--')}") from error
+
+
+def refuse_code(document: Any, what: str, *, trust: bool) -> None:
+    """Refuses a document that names code, MODULE:ATTRIBUTE, before any of it is imported.
+
+    What is typed on the command line needs no such leave: only what stands in a file, which may be another's.
+
+    Args:
+        document: Tables of the file.
+        what: The file; the message begins with it.
+        trust: The user has given leave; nothing is refused.
+
+    Raises:
+        ConfigurationError: It names code.
+    """
+    for name in () if trust else names_of_code(document):
+        raise ConfigurationError(f"{what}: names code, {shown(name)}, which is not run unless you say {TRUST}")
+
+
+def names_of_code(value: Any) -> Iterator[str]:
+    """Texts of a document with a colon; a path with one is none: no module's name has a slash."""
+    if isinstance(value, str):
+        if ":" in value and "/" not in value:
+            yield value
+    elif isinstance(value, Mapping | list):
+        for each in value.values() if isinstance(value, Mapping) else value:
+            yield from names_of_code(each)
 
 
 def write_scenario(scenario: Scenario, file: str | Path) -> None:
@@ -86,7 +113,7 @@ def from_dict(nested: Mapping[str, Any]) -> Scenario:
     Raises:
         ConfigurationError: A key or value is none of those allowed.
     """
-    return _made(Scenario, nested, "")
+    return _READER.made(Scenario, nested)
 
 
 def with_values(scenario: Scenario, assignments: Iterable[str], option: str = "--set") -> Scenario:
@@ -228,76 +255,20 @@ def _text(value: Any) -> str:
     return f"[{', '.join(map(_text, value))}]" if isinstance(value, list) else str(value)
 
 
-def _made(kind: Any, given: Any, where: str) -> Any:
-    """An instance of the dataclass `kind` from the table `given`, which stands at `where` in the file."""
-    place = f"[{where}]" if where else "the file"
-    if not isinstance(given, Mapping):
-        raise ConfigurationError(f"{place}: must be a table, got {shown(given)}")
-    given = dict(given)
-    if kind in registries():
-        base, registry, name = kind, registries()[kind], given.pop(KIND, None)
-        if name is None:
-            raise ConfigurationError(f"{place}: needs a {KIND}; there are {', '.join(registry.names())}")
-        kind = registry.maker(str(name))
-        if not (isinstance(kind, type) and issubclass(kind, base) and is_dataclass(kind)):
-            raise ConfigurationError(
-                f"{place}: {registry.kind} {shown(name)} must be a dataclass that inherits {base.__name__}"
-            )
-    allowed = {field.name: field for field in fields(kind)}
-    for key in given:
-        if key not in allowed:
-            raise ConfigurationError(f"{place} has no {shown(key)}; it has {', '.join(allowed)}")
-    for name, field in allowed.items():
-        if name not in given and field.default is MISSING and field.default_factory is MISSING:
-            raise ConfigurationError(f"{place}: {name} is missing")
-    hints = get_type_hints(kind)
-    inner = f"{where}." if where else ""
-    return kind(**{key: _value(hints[key], value, f"{inner}{key}") for key, value in given.items()})
+def _class_of(kind: type, given: dict[str, Any], place: str) -> type:
+    """The class for an annotation: that of the table's `kind`, where it is a base of several."""
+    registry = registries().get(kind)
+    if registry is None:
+        return kind
+    name = given.pop(KIND, None)
+    if name is None:
+        raise ConfigurationError(f"{place}: needs a {KIND}; there are {', '.join(registry.names())}")
+    chosen = registry.maker(str(name))
+    if not (isinstance(chosen, type) and issubclass(chosen, kind) and is_dataclass(chosen)):
+        raise ConfigurationError(
+            f"{place}: {registry.kind} {shown(name)} must be a dataclass that inherits {kind.__name__}"
+        )
+    return chosen
 
 
-def _value(hint: Any, given: Any, where: str) -> Any:
-    """`given` as the type `hint` asks for."""
-    origin, args = get_origin(hint), get_args(hint)
-    if origin in (Union, types.UnionType):
-        options = [arg for arg in args if arg is not type(None)]
-        if len(options) == 1:
-            return _value(options[0], given, where)
-        choices = [word for option in options for word in get_args(option)]  # of literals
-        return _chosen(choices, given, where)
-    if origin is Literal:
-        return _chosen(args, given, where)
-    if origin is tuple:
-        if not isinstance(given, list):
-            raise ConfigurationError(f"{where}: must be a list, got {shown(given)}")
-        if args[-1] is Ellipsis:
-            return tuple(_value(args[0], each, where) for each in given)
-        if len(given) != len(args):
-            raise ConfigurationError(f"{where}: must be {len(args)} values, got {shown(given)}")
-        return tuple(_value(arg, each, where) for arg, each in zip(args, given, strict=True))
-    if is_dataclass(hint):
-        return _made(hint, given, where)
-    return _plain(hint, given, where)
-
-
-def _chosen(allowed: Any, given: Any, where: str) -> Any:
-    if given not in allowed:
-        raise ConfigurationError(f"{where}: allowed {', '.join(map(str, allowed))}, got {shown(given)}")
-    return given
-
-
-_WORDS: Mapping[type, tuple[str, Callable[[Any], bool]]] = {
-    bool: ("true or false", lambda value: isinstance(value, bool)),
-    int: ("a whole number", lambda value: isinstance(value, int) and not isinstance(value, bool)),
-    float: ("a number", lambda value: isinstance(value, int | float) and not isinstance(value, bool)),
-    str: ("text", lambda value: isinstance(value, str)),
-}
-
-
-def _plain(kind: type, given: Any, where: str) -> Any:
-    word, fits = _WORDS[kind]
-    if not fits(given):
-        raise ConfigurationError(f"{where}: must be {word}, got {shown(given)}")
-    try:
-        return kind(given)
-    except OverflowError as error:
-        raise ConfigurationError(f"{where}: must be {word} that a float can hold, got {shown(given)}") from error
+_READER = TableReader(choose=_class_of)

@@ -7,7 +7,10 @@ from difflib import get_close_matches
 LONGEST = 300  # [characters] longest message
 _TAIL = 90  # [characters] kept from the end of a message that is too long: there it says what was given
 _COLOUR = re.compile(r"\x1b\[[0-9;]*m")  # of other packages' messages, where colorama is installed
-_UNPRINTABLE = re.compile(r"\s*[\x00-\x1f\x7f-\x9f\u2028\u2029\ud800-\udfff]+\s*")
+# Control characters, separators of lines, marks that reverse the direction of text, and halves of characters.
+_CONTROL = r"\x00-\x1f\x7f-\x9f\u2028-\u202e\u2066-\u2069\ud800-\udfff"
+_UNPRINTABLE = re.compile(rf"\s*[{_CONTROL}]+\s*")
+_COMMANDING = re.compile(rf"(?![\n\t])[{_CONTROL}]")
 
 
 def plain(text: str) -> str:
@@ -22,6 +25,16 @@ def one_line(text: str, most: int = LONGEST) -> str:
         return line
     tail = min(_TAIL, most // 3)
     return f"{line[: most - tail - 5]} ... {line[len(line) - tail :]}"
+
+
+def harmless(text: str) -> str:
+    """`text` with a replacement character for each that `commands_a_terminal`."""
+    return _COMMANDING.sub("\ufffd", text)
+
+
+def commands_a_terminal(text: str) -> bool:
+    """Whether `text` holds a character that no terminal shows as itself, other than a new line or a tab."""
+    return _COMMANDING.search(text) is not None
 
 
 def did_you_mean(given: object, known: Iterable[str]) -> str:

@@ -1,11 +1,46 @@
-"""Reading of input files: existence, content and encoding, with ConfigurationError for every failure."""
+"""Input files and names of folders: existence, content and encoding, with ConfigurationError for every failure."""
 
 import os
+import stat
+from collections.abc import Iterator
+from contextlib import contextmanager
+from io import BufferedReader
 from pathlib import Path
 from typing import Any
 
-from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.errors import ConfigurationError, commands_a_terminal
 from sim.interfaces.spatial import shown
+
+_LONGEST_NAME = 200  # [bytes] of a folder's name; file systems take 255, and some names get an ending
+
+
+def folder_name(name: Any, what: str) -> str:
+    """`name`, if a new folder below another one can have it, as the name of a scenario or campaign must.
+
+    Args:
+        name: Letters, digits, - and _; several such names may be joined by slashes.
+        what: Begins the error message.
+
+    Raises:
+        ConfigurationError: It is another text, which could lead out of the folder or reach a terminal, or too long.
+    """
+    parts = name.split("/") if isinstance(name, str) else [""]
+    if not all(part.replace("_", "").replace("-", "").isalnum() for part in parts):
+        raise ConfigurationError(f"{what}: must be letters, digits, - and _, got {shown(name)}")
+    if max(len(part.encode()) for part in parts) > _LONGEST_NAME:
+        raise ConfigurationError(f"{what}: must be at most {_LONGEST_NAME} bytes long, got {shown(name)}")
+    return name
+
+
+def folder_given(folder: Path, what: str) -> Path:
+    """A folder that a user has named, of any name that can be printed.
+
+    Raises:
+        ConfigurationError: It holds a control character; the message begins with `what`.
+    """
+    if commands_a_terminal(str(folder)) or not str(folder).isprintable():
+        raise ConfigurationError(f"{what}: a name that can be printed, got {shown(str(folder))}")
+    return folder
 
 
 def existing_file(file: Any, what: str) -> Path:
@@ -22,34 +57,58 @@ def existing_file(file: Any, what: str) -> Path:
     except (OSError, ValueError) as error:  # a name of more than 255 characters, or a cycle of links
         raise ConfigurationError(f"{what} {shown(str(path))}: {_why(error)}") from error
     if not found:
-        there = "it is a folder" if path.is_dir() else "there is no such file"
+        there = "there is no such file"
+        if path.exists():
+            there = "it is a folder" if path.is_dir() else "it is no regular file"
         raise ConfigurationError(f"{what} {shown(str(path))}: {there}")
     return path
 
 
-def bytes_of(file: Any, what: str) -> bytes:
+def bytes_of(file: Any, what: str, most: int | None = None) -> bytes:
     """Content of a file; `what` begins the error message.
 
+    Args:
+        file: Name of a regular file: a device or a pipe, also one that a link leads to, is refused unread.
+        what: What the file is.
+        most: [bytes] largest content; None: any.
+
     Raises:
-        ConfigurationError: The file does not exist, is empty, or cannot be read.
+        ConfigurationError: The file does not exist, is empty, is larger than `most`, or cannot be read.
     """
     path = existing_file(file, what)
-    try:
-        raw = path.read_bytes()
-    except OSError as error:
-        raise ConfigurationError(f"{what} {shown(str(path))}: cannot be read ({_why(error)})") from error
+    with regular(path, what) as stream:
+        raw = stream.read(-1 if most is None else most + 1)
+    if most is not None and len(raw) > most:
+        raise ConfigurationError(f"{what} {shown(str(path))}: larger than {most} bytes")
     if not raw.strip():
         raise ConfigurationError(f"{what} {shown(str(path))}: the file is empty")
     return raw
 
 
-def text_of(file: Any, what: str) -> str:
-    """Text of a UTF-8 file, with or without byte order mark; `what` begins the error message.
+@contextmanager
+def regular(file: Path, what: str) -> Iterator[BufferedReader]:
+    """Context manager: an existing file, open for reading. `what` begins the error message.
+
+    Raises:
+        ConfigurationError: It is no regular file but a device or a pipe, or cannot be read.
+    """
+    try:
+        # Opened first and looked at afterwards, so that no other file can take its place in between.
+        with open(os.open(file, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0)), "rb") as stream:
+            if not stat.S_ISREG(os.fstat(stream.fileno()).st_mode):
+                raise ConfigurationError(f"{what} {shown(str(file))}: it is no regular file")
+            yield stream
+    except OSError as error:
+        raise ConfigurationError(f"{what} {shown(str(file))}: cannot be read ({_why(error)})") from error
+
+
+def text_of(file: Any, what: str, most: int | None = None) -> str:
+    """Text of a UTF-8 file, with or without byte order mark; the arguments are those of `bytes_of`.
 
     Raises:
         ConfigurationError: As `bytes_of` does, or the file is not UTF-8.
     """
-    raw = bytes_of(file, what)
+    raw = bytes_of(file, what, most)
     try:
         text = raw.decode("utf-8-sig")
     except UnicodeDecodeError as error:

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from sim.interfaces.errors import ConfigurationError, one_line
+from sim.interfaces.errors import ConfigurationError, did_you_mean, one_line
 
 Array = NDArray[np.float64]
 
@@ -280,7 +280,8 @@ def one_of(value: Any, allowed: Iterable[str], name: str) -> str:
     """
     words = tuple(allowed)
     if not isinstance(value, str) or value not in words:
-        raise ConfigurationError(f"{name}: allowed {', '.join(words)}, got {shown(value)}")
+        meant = did_you_mean(value, words)
+        raise ConfigurationError(f"{name}: allowed {', '.join(words)}, got {shown(value)}{meant}")
     return value
 
 

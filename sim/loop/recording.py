@@ -58,6 +58,9 @@ _REFERENCE: _Columns = {
 }
 _OBJECT: _Columns = {"p_WT": (_XYZ, "m"), "quat_WT_wxyz": (("w", "x", "y", "z"), "")}  # true, if it can move
 EVERY_STEP = (*_SCALARS, *_VECTORS, *_REFERENCE)  # series of every recording, full or not
+WIDTHS = {  # [columns] of each
+    name: max(1, len(labels)) for name, (labels, _) in {**_SCALARS, **_VECTORS, **_REFERENCE}.items()
+}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

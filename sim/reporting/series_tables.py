@@ -5,51 +5,34 @@ back, and everything else of a run's folder.
 """
 
 import html
-import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from sim.evaluation.run_metrics import EveryRun
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.extras import wanted
 from sim.interfaces.messages import AbortCode, WorkState
+from sim.interfaces.spatial import one_of, shown
+from sim.interfaces.tables import TableReader, json_of
+from sim.reporting.series_files import ENDINGS, MOST_NUMBERS, Column, arrow_table, read_table, write_table
 
 if TYPE_CHECKING:  # the figures of a run are read without the kernels of what recorded it
     import pyarrow as pa
 
     from sim.evaluation.metrics import Assessment
-    from sim.loop.recording import RecordedSeries, Recording, Series
+    from sim.loop.recording import Event, RecordedSeries, Recording, Series
 
+METRICS = "metrics.json"  # in the folder of a run
+STATES = (*WorkState, "interrupted", "crashed")  # in which a run may end
 LOOP, SLOW, POSES, EVENTS = "loop", "slow", "poses", "events"
 LATE = "_late"  # after the name of a table whose series begin later than those of another of its rate
 _FILE = "series_"  # before the name of a table of series
 _NAMES = {"body_pose": POSES, "contact_normal": LOOP}  # series whose rate names a table; the other rate is SLOW
-_ABOUT = "about"  # entry of an .npz file: unit and series of each column, in JSON
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Column:
-    """Column of a table: values (N,), their unit, and the series that they are part of."""
-
-    name: str
-    values: np.ndarray
-    unit: str = ""
-    series: str = ""
-
-    @property
-    def label(self) -> str:
-        """Name within its series; empty for a series of one column."""
-        return self.name.removeprefix(self.series).removeprefix(".")
-
-    @property
-    def about(self) -> dict[str, str]:
-        """What is stored beside the values."""
-        return {"unit": self.unit, "series": self.series}
 
 
 def write_series(recording: "Recording", folder: Path) -> None:
@@ -58,7 +41,7 @@ def write_series(recording: "Recording", folder: Path) -> None:
     Columns are `time` [s] and NAME or NAME.LABEL, such as p_WB.x.
     """
     for name, columns in _tables(recording).items():
-        _write(folder / f"{_FILE}{name}", columns)
+        write_table(folder / f"{_FILE}{name}", columns)
     events = recording.events
     texts = {
         "state": [str(event.state) for event in events],
@@ -66,7 +49,9 @@ def write_series(recording: "Recording", folder: Path) -> None:
         "note": [event.note for event in events],
     }
     times = Column("time", np.array([event.time for event in events]), "s")
-    _write(folder / EVENTS, [times, *(Column(name, np.array(words, dtype=np.str_)) for name, words in texts.items())])
+    write_table(
+        folder / EVENTS, [times, *(Column(name, np.array(words, dtype=np.str_)) for name, words in texts.items())]
+    )
 
 
 def _tables(recording: "Recording") -> dict[str, list[Column]]:
@@ -95,51 +80,6 @@ def _tables(recording: "Recording") -> dict[str, list[Column]]:
     return made
 
 
-def _write(file: Path, columns: Sequence[Column]) -> None:
-    """Writes a table to `file`, whose ending follows from the format."""
-    if find_spec("pyarrow") is None:
-        stored: dict[str, Any] = {column.name: column.values for column in columns}
-        stored[_ABOUT] = np.array(json.dumps({column.name: column.about for column in columns}))
-        np.savez_compressed(file.with_suffix(".npz"), **stored)
-        return
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
-    fields, arrays = [], []
-    for column in columns:
-        arrays.append(pa.array(column.values))
-        about = {key.encode(): value.encode() for key, value in column.about.items()}
-        fields.append(pa.field(column.name, arrays[-1].type, metadata=about))
-    pq.write_table(
-        pa.table(arrays, schema=pa.schema(fields)),
-        file.with_suffix(".parquet"),
-        compression="zstd",
-        use_dictionary=False,
-        column_encoding={
-            column.name: "BYTE_STREAM_SPLIT" for column in columns if np.issubdtype(column.values.dtype, np.floating)
-        },
-    )
-
-
-def _read(file: Path) -> dict[str, Column]:
-    """Columns of a table by name."""
-    if file.suffix == ".npz":
-        with np.load(file) as stored:
-            about = json.loads(str(stored[_ABOUT]))
-            return {name: Column(name, stored[name], **about[name]) for name in about}
-    with wanted():
-        import pyarrow.parquet as pq
-    table = pq.read_table(file)
-    return {
-        field.name: Column(
-            field.name,
-            table[field.name].to_numpy(),
-            **{key: (field.metadata or {}).get(key.encode(), b"").decode() for key in ("unit", "series")},
-        )
-        for field in table.schema
-    }
-
-
 @dataclass(frozen=True, slots=False)
 class PastRun:
     """A run in its folder: figures, scenario, series and events; a notebook shows it as a card."""
@@ -154,17 +94,36 @@ class PastRun:
         Raises:
             ConfigurationError: There is none.
         """
-        if not (Path(folder) / "metrics.json").exists():
-            raise ConfigurationError(f"{folder}: no run, a folder with metrics.json")
+        if not (Path(folder) / METRICS).exists():
+            raise ConfigurationError(f"{folder}: no run, a folder with {METRICS}")
         return cls(Path(folder))
 
     @cached_property
     def metrics(self) -> Mapping[str, Any]:
-        """Content of metrics.json."""
+        """Content of metrics.json.
+
+        Raises:
+            ConfigurationError: It cannot be read, or lacks what every run has (`sim.evaluation.run_metrics.EveryRun`).
+        """
+        file = self.folder / METRICS
+        content = json_of(file, "metrics")
         try:
-            return json.loads((self.folder / "metrics.json").read_text(encoding="utf-8"))
-        except (OSError, ValueError) as error:
-            raise ConfigurationError(f"{self.folder}/metrics.json: cannot be read ({error})") from error
+            ended = TableReader(METRICS, passes_unknown=True).made(EveryRun, content).run.state
+            one_of(ended, STATES, "run.state")
+        except ConfigurationError as error:
+            raise ConfigurationError(f"metrics {shown(str(file))}: {error}") from error
+        return content
+
+    @property
+    def simulated_s(self) -> float:
+        """[s] simulated time.
+
+        Raises:
+            ConfigurationError: The run gave none.
+        """
+        if (simulated := self.metrics["run"]["simulated_s"]) is None:
+            raise ConfigurationError(f"{self.folder}/{METRICS}: run.simulated_s is null: the run crashed")
+        return float(simulated)
 
     @property
     def rates(self) -> tuple[str, ...]:
@@ -172,7 +131,7 @@ class PastRun:
 
         Series that begin later, such as an estimate of the controller after the tare, have a table with LATE.
         """
-        files = [file for ending in (".parquet", ".npz") for file in self.folder.glob(f"{_FILE}*{ending}")]
+        files = [file for ending in ENDINGS for file in self.folder.glob(f"{_FILE}*{ending}")]
         return tuple(sorted({file.stem.removeprefix(_FILE) for file in files}))
 
     def table(self, rate: str = LOOP) -> "pa.Table":
@@ -184,11 +143,10 @@ class PastRun:
         """
         with wanted():
             import pyarrow as pa
-            import pyarrow.parquet as pq
         file = self._file(rate)
         if file.suffix == ".parquet":
-            return pq.read_table(file)
-        return pa.table({name: column.values for name, column in _read(file).items()})
+            return arrow_table(file)
+        return pa.table({name: column.values for name, column in read_table(file).items()})
 
     def column(self, name: str, rate: str = LOOP) -> np.ndarray:
         """Values (N,) of one column; `time` is one too.
@@ -201,6 +159,17 @@ class PastRun:
             raise ConfigurationError(f"no column {name!r}; there are {', '.join(columns)}")
         return columns[name].values
 
+    def numbers(self, name: str, rate: str = LOOP) -> np.ndarray:
+        """Values (N,) of one column, which must be numbers.
+
+        Raises:
+            ConfigurationError: There is no such column, or it is texts.
+        """
+        values = self.column(name, rate)
+        if values.dtype.kind not in "bifu":
+            raise ConfigurationError(f"{self.folder}: the column {shown(name)} of {rate!r} is no numbers")
+        return values
+
     def units(self, rate: str = LOOP) -> dict[str, str]:
         """Unit of each column."""
         return {name: column.unit for name, column in self._columns(rate).items()}
@@ -210,39 +179,81 @@ class PastRun:
         """All series and events, as functions of `sim.evaluation` take them.
 
         Raises:
-            ConfigurationError: The run was made with --no-record, or its tables do not tell the series of a column.
+            ConfigurationError: The run was made with --no-record, or a series of every step has another shape.
         """
-        from sim.loop.recording import Event, RecordedSeries, Series
+        from sim.loop.recording import RecordedSeries, Series
 
         series: dict[str, Series] = {}
         for rate in self.rates or (LOOP,):
             columns = self._columns(rate)
-            time = columns["time"].values
+            time = self.numbers("time", rate)
+            if not np.isfinite(time).all() or (np.diff(time) < 0.0).any():
+                raise ConfigurationError(f"{self.folder}: the times of its series {rate!r} do not rise")
             parts: dict[str, list[Column]] = {}
             for column in columns.values():
                 if column.series:
                     parts.setdefault(column.series, []).append(column)
             for name, group in parts.items():
                 labels = tuple(column.label for column in group) if group[0].label else ()
-                value = np.column_stack([column.values for column in group])
+                value = np.column_stack([self.numbers(column.name, rate) for column in group])
                 series[name] = Series(time=time, value=value, unit=group[0].unit, labels=labels)
-        if not series:
-            raise ConfigurationError(f"{self.folder}: its tables are of another version")
-        said = {name: column.values for name, column in self._columns(EVENTS).items()}
-        events = [
-            Event(time=float(time), state=WorkState(state), note=str(note), abort=AbortCode(abort) if abort else None)
-            for time, state, note, abort in zip(said["time"], said["state"], said["note"], said["abort"], strict=True)
-        ]
-        return RecordedSeries(duration=float(self.metrics["run"]["simulated_s"]), series=series, events=tuple(events))
+        self._check_layout(series)
+        return RecordedSeries(duration=self.simulated_s, series=series, events=self.events)
+
+    @cached_property
+    def events(self) -> "tuple[Event, ...]":
+        """Changes of the state of the work, at least one, in order of time.
+
+        Raises:
+            ConfigurationError: There is no such table, or it has a state or cause that there is not.
+        """
+        from sim.loop.recording import Event
+
+        columns = self._columns(EVENTS)
+        times = self.numbers("time", EVENTS).tolist()
+        texts = [self._texts(columns, name) for name in ("state", "note", "abort")]
+        if not np.isfinite(times).all() or sorted(times) != times:
+            raise ConfigurationError(f"{self.folder}: the times of its events do not rise")
+        made = []
+        for time, state, note, abort in zip(times, *texts, strict=True):
+            one_of(state, [*WorkState], f"{self.folder}: state of an event")
+            if abort:
+                one_of(abort, [*AbortCode], f"{self.folder}: cause of an event")
+            cause = AbortCode(abort) if abort else None
+            made.append(Event(time=float(time), state=WorkState(state), note=note, abort=cause))
+        return tuple(made)
+
+    def _check_layout(self, series: "Mapping[str, Series]") -> None:
+        """Refuses series of every step that have another number of columns, or of rows than the state of the work."""
+        from sim.loop.recording import WIDTHS
+
+        if "state" not in series:
+            raise ConfigurationError(f"{self.folder}: its tables are of another version, without the series 'state'")
+        for name, width in WIDTHS.items():
+            if name in series and series[name].value.shape != (len(series["state"].time), width):
+                raise ConfigurationError(f"{self.folder}: the series {name!r} must have {width} columns of loop's rate")
+        for name in ("arm_wrench", "believed.arm_wrench_B"):
+            if name in series and series[name].value.shape[1] != 6:
+                raise ConfigurationError(f"{self.folder}: the series {name!r} must have 6 columns")
+
+    def _texts(self, columns: Mapping[str, Column], name: str) -> list[str]:
+        """Values of a column of texts of the events."""
+        if name not in columns or columns[name].values.dtype.kind not in "OU":
+            raise ConfigurationError(f"{self.folder}: the table {EVENTS!r} has no column {shown(name)} of texts")
+        return list(map(str, columns[name].values))
 
     def _columns(self, rate: str) -> dict[str, Column]:
         if rate not in self._kept:
-            self._kept[rate] = _read(self._file(rate))
+            read = read_table(self._file(rate))
+            there = [column for table in (*self._kept.values(), read) for column in table.values()]
+            if sum(column.values.size for column in there) > MOST_NUMBERS:
+                raise ConfigurationError(f"{self.folder}: its tables have more than {MOST_NUMBERS} values")
+            self._kept[rate] = read
         return self._kept[rate]
 
     def _file(self, rate: str) -> Path:
         stem = EVENTS if rate == EVENTS else f"{_FILE}{rate}"
-        for ending in (".parquet", ".npz"):
+        for ending in ENDINGS:
             if (file := self.folder / f"{stem}{ending}").exists():
                 return file
         known = ", ".join((*self.rates, EVENTS)) if self.rates else "none: it was run with --no-record"
@@ -250,15 +261,17 @@ class PastRun:
 
     def _repr_html_(self) -> str:
         """Card for a notebook."""
-        run, contact, tool, path = (self.metrics.get(name, {}) for name in ("run", "contact", "tool", "path"))
-        rows = [("ended", str(run["state"]), ""), ("simulated", f"{run['simulated_s']:.0f}", "s")]
-        for title, value, scale, unit in (
-            ("force error, RMS", contact.get("force_error_rms_n"), 1.0, "N"),
-            ("force error, peak", contact.get("force_error_max_n"), 1.0, "N"),
-            ("path deviation, peak", tool.get("path_deviation_max_m"), 1e3, "mm"),
-            ("true path deviation, peak", path.get("true_deviation_max_m"), 1e3, "mm"),
+        run = self.metrics["run"]
+        rows = [("ended", str(run["state"]), ""), ("simulated", f"{self.simulated_s:.0f}", "s")]
+        for title, table, name, scale, unit in (
+            ("force error, RMS", "contact", "force_error_rms_n", 1.0, "N"),
+            ("force error, peak", "contact", "force_error_max_n", 1.0, "N"),
+            ("path deviation, peak", "tool", "path_deviation_max_m", 1e3, "mm"),
+            ("true path deviation, peak", "path", "true_deviation_max_m", 1e3, "mm"),
         ):
-            if value is not None:
+            figures = self.metrics.get(table)
+            value = figures.get(name) if isinstance(figures, Mapping) else None
+            if isinstance(value, int | float):
                 rows.append((title, f"{scale * value:.2f}", unit))
         return card(str(self.folder), bool(self.metrics["accepted"]), self.metrics["failed"], rows)
 

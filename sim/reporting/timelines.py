@@ -1,5 +1,6 @@
 """Interactive time series of one run, or of two laid over each other: one time axis for all, with zoom, by Plotly."""
 
+import html
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -182,9 +183,9 @@ def _draw(figure: go.Figure, row: int, of_runs: Mapping[int, Panel], start: Sequ
                 go.Scatter(
                     x=time.astype(np.float32),
                     y=value.astype(np.float32),
-                    name=line.name,
+                    name=html.escape(line.name),  # Plotly draws tags in a text
                     legend=legend,
-                    legendgroup=f"{row} {line.name}",
+                    legendgroup=f"{row} {html.escape(line.name)}",
                     showlegend=line.name not in told,
                     mode="lines",
                     line={"color": line.colour, "width": 1.2, "dash": _DASHES[k % 2]},
@@ -233,7 +234,7 @@ def _shade(figure: go.Figure, recorded: RecordedSeries, start: float) -> None:
 
 
 def _legend(names: Sequence[str]) -> str:
-    return f"solid: {names[0]}; dotted: {', '.join(names[1:])}"
+    return html.escape(f"solid: {names[0]}; dotted: {', '.join(names[1:])}")
 
 
 def thinned(time: Array, value: Array) -> tuple[Array, Array]:

@@ -22,7 +22,7 @@ from typing import Any, ClassVar, NoReturn, TypeVar, cast
 
 from sim.interfaces.errors import UuvError, did_you_mean, one_line
 from sim.interfaces.extras import missing
-from sim.runs.process import BAD_INPUT, quiet_pipe, reader_is_gone
+from sim.runs.process import BAD_INPUT, keep_children_from_the_working_folder, quiet_pipe, reader_is_gone
 from sim.runs.run_folder import give_back, new_folder
 
 ROOMS = ("models", "sim", "perception", "controllers", "calib")
@@ -171,6 +171,7 @@ def run_scenario(main: Callable[[], int | None]) -> NoReturn:
     in a user's own module. SIGINT 130, SIGTERM 143. A closed pipe ends it quietly, 141.
     """
     check()
+    keep_children_from_the_working_folder()
     with quiet_pipe():
         _exit(main)
 

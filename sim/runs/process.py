@@ -24,6 +24,20 @@ def refuse_foreign_system() -> None:
         raise SystemExit(BAD_INPUT)
 
 
+def parts_from_the_working_folder() -> None:
+    """Lets own parts, MODULE:ATTRIBUTE, be found where one works, after everything that is installed.
+
+    First on the path, a csv.py or a folder `models` beside one's data would be run in place of Python's or of ours.
+    """
+    here = os.getcwd()
+    sys.path[:] = [each for each in sys.path if each and os.path.realpath(each) != os.path.realpath(here)] + [here]
+
+
+def keep_children_from_the_working_folder() -> None:
+    """Lets Pythons that this process starts, by `-m` and `-c`, not look for modules where they work first."""
+    os.environ["PYTHONSAFEPATH"] = "1"
+
+
 @contextmanager
 def quiet_pipe() -> Iterator[None]:
     """Ends the process without a word where the reader of its output is gone, as in `uuv list | head -1`.

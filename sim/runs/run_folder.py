@@ -11,6 +11,7 @@ from itertools import count
 from pathlib import Path
 
 from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.files import folder_given, folder_name
 from sim.runs.saving import write_whole
 
 RUNS = Path("runs")  # in the working directory
@@ -42,9 +43,11 @@ def new_folder(scenario: str, out: Path | None = None, seed: int | None = None) 
         The folder.
 
     Raises:
-        ConfigurationError: `out` is not empty, or the folder cannot be created.
+        ConfigurationError: The name is none of a folder, `out` is not empty, or the folder cannot be created.
     """
+    folder_name(scenario, "name")
     if out is not None:
+        folder_given(out, "--out")
         made = True
         try:
             try:
@@ -136,7 +139,9 @@ def alone_in(folder: Path) -> Iterator[None]:
         ConfigurationError: Another process holds it, or the file system has no locks.
     """
     try:
-        lock = (folder / ".lock").open("a+")
+        # A link is not followed: the file it leads to would be emptied.
+        number = os.open(folder / ".lock", os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0), 0o666)
+        lock = os.fdopen(number, "r+")
     except OSError as error:
         raise _cannot(folder, error) from error
     with lock as file:

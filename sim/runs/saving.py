@@ -23,7 +23,8 @@ def write_whole(file: str | Path, content: str | bytes, *, part_in: Path | None 
     part = (path if part_in is None else part_in / path.name).with_name(f".{path.name}.{os.getpid()}")
     try:
         try:
-            with part.open("wb") as stream:
+            part.unlink(missing_ok=True)
+            with open(part, "wb", opener=_not_through_a_link) as stream:
                 stream.write(content.encode() if isinstance(content, str) else content)
                 stream.flush()
                 os.fsync(stream.fileno())
@@ -32,6 +33,11 @@ def write_whole(file: str | Path, content: str | bytes, *, part_in: Path | None 
             part.unlink(missing_ok=True)
     except OSError as error:
         raise ConfigurationError(f"{path}: cannot be written ({error.strerror})") from error
+
+
+def _not_through_a_link(name: str, flags: int) -> int:
+    """Opens a file; a link of its name, in a folder of another's making, is not followed."""
+    return os.open(name, flags | getattr(os, "O_NOFOLLOW", 0), 0o666)
 
 
 def write_json(file: str | Path, content: Any) -> None:

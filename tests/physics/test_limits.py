@@ -104,10 +104,29 @@ def test_pickle_leaves_dry_models_and_copies_alone():
     assert mujoco.get_mjcb_passive() is None
 
 
+def test_an_mjb_brings_its_water_into_a_new_process(root: Path, tmp_path: Path):
+    """As a spawned worker loads it, which has imported the module of the function that it runs."""
+    model = ball()
+    mujoco.mj_saveModel(model, str(tmp_path / "wet.mjb"))
+    mujoco.mj_saveModel(mujoco.MjModel.from_xml_string(BALL), str(tmp_path / "dry.mjb"))
+    code = f"""
+import mujoco
+from sim import hydrodynamics
+mujoco.MjModel.from_binary_path({str(tmp_path / "dry.mjb")!r})
+print(mujoco.get_mjcb_passive())
+model = mujoco.MjModel.from_binary_path({str(tmp_path / "wet.mjb")!r})
+data = mujoco.MjData(model)
+mujoco.mj_step(model, data, 100)
+print(repr(float(data.qvel[2])))
+"""
+    run = subprocess.run([sys.executable, "-c", code], cwd=root, capture_output=True, text=True, check=True)
+    assert run.stdout.split() == ["None", repr(float(after(model, 100).qvel[2]))]
+
+
 def test_a_loaded_file_is_refused_where_the_callback_is_not_installed(tmp_path: Path):
     mujoco.mj_saveModel(ball(), str(tmp_path / "wet.mjb"))
-    hydrodynamics.uninstall()
     model = mujoco.MjModel.from_binary_path(str(tmp_path / "wet.mjb"))
+    hydrodynamics.uninstall()
     for refuse in (hydrodynamics.check, hydrodynamics.set_constants):
         with pytest.raises(HydrodynamicsError, match=r"moves dry: call sim\.hydrodynamics\.install\(\)"):
             refuse(model)

@@ -24,13 +24,14 @@ from models.vehicles import published_hulls
 from scenarios.pool.pool_vehicle import FRESH_WATER
 from scenarios.pool.trials import read_trials
 from scenarios.study.options import at_least
-from scenarios.water_identification.command import console, table_of, words
+from scenarios.water_identification.command import table_of, words
 from scenarios.water_identification.coverage import VEHICLES, Draw, KeptWord, coverage, draw, kept_word
 from scenarios.water_identification.log_residuals import identify
 from scenarios.water_identification.pool_logs import logs_of_trials
 from scenarios.water_identification.settings import FitSettings
 from scenarios.water_identification.vehicle_replay import ReplayVehicle
 from sim.runs.saving import write_json
+from sim.runs.terminal import console
 
 NORMAL = 1.96  # standard deviations of half a 95 % interval
 POOL_NOISE = {"attitude": 0.005, "depth": 0.005}  # [rad], [m]

@@ -38,6 +38,7 @@ from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import finite_number, whole_number
 from sim.runs.provenance import provenance
 from sim.runs.saving import write_json
+from sim.runs.terminal import verdict
 
 _MOST_POINTS, _MOST_POSES = 100, 10_000
 
@@ -183,7 +184,7 @@ def calibrate(options: CalibrationOptions, folder: Path, console: Console, rng: 
     reasons = failed(outcome, options.method)
     _say(case, outcome, console)
     files = _write(case, outcome, options, folder)
-    console.print("[red]not accepted[/red]: " + "; ".join(reasons) if reasons else "[green]accepted[/green]")
+    console.print(verdict("; ".join(reasons)))
     console.print(f"written to {folder}/: {', '.join(file.name for file in files)}", highlight=False)
     return touch_plan.NOT_ACCEPTED if reasons else 0
 
@@ -191,7 +192,7 @@ def calibrate(options: CalibrationOptions, folder: Path, console: Console, rng: 
 def _say(case: CalibrationCase, outcome: CalibrationOutcome, console: Console) -> None:
     """Prints the figures of merit, the parameters that changed most and what the touches cannot determine."""
     found = outcome.calibration
-    console.print(f"[bold]{case.title}[/bold]")
+    console.print(Text(case.title, style="bold"))
     for warning in found.warnings:
         console.print(warning, style="yellow", highlight=False)
     table = Table()

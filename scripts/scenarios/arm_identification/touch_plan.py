@@ -20,6 +20,7 @@ from scenarios.arm_identification.calibration_input import LOOKING_DOWN, TOOLS, 
 from scenarios.arm_identification.deck_calibration import CONE, DOWN, touched
 from sim.interfaces.spatial import Array, whole_number
 from sim.runs.saving import write_json
+from sim.runs.terminal import verdict
 
 NOT_ACCEPTED = 1  # exit code
 FILE = "plan.csv"
@@ -162,7 +163,8 @@ def run(made: TouchPlan, source: ArmSource, seed: int, provenance: dict[str, Any
     """
     count, planned_m = len(made.order), made.found.merit[-1]
     random_m, accepted = float(np.median(made.random)), planned_m < float(np.median(made.random))
-    out.print(f"[bold]Plan of {count} touches for {source.path.stem}[/bold], tool point at {_mm(made.tcp)} mm")
+    title = f"Plan of {count} touches for {source.path.stem}"
+    out.print(Text(title, style="bold"), f"with the tool point at {_mm(made.tcp)} mm")
     out.print(_points(made))
     out.print(_touches(made, source))
     out.print(_errors(made))
@@ -185,10 +187,10 @@ def run(made: TouchPlan, source: ArmSource, seed: int, provenance: dict[str, Any
             for name, place, before, series in zip(made.names, made.points, made.so_far, made.found.series, strict=True)
         ],
     }
-    content = {"title": f"Plan of {count} touches for {source.path.stem}", "seed": seed, "accepted": accepted}
+    content = {"title": title, "seed": seed, "accepted": accepted}
     write_json(folder / "metrics.json", {**content, "plan": figures, "provenance": provenance})
     told = "these touches tell no more than random ones; plan more of them"
-    out.print("[green]accepted[/green]" if accepted else f"[red]not accepted[/red]: {told}")
+    out.print(verdict("" if accepted else told))
     out.print(f"written to {folder}/: {FILE}", highlight=False)
     return 0 if accepted else NOT_ACCEPTED
 

@@ -19,7 +19,6 @@ docs/campaigns.md lists all keys.
 """
 
 import copy
-import tomllib
 import traceback
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
@@ -39,11 +38,13 @@ from scenarios.options import (
     SeabedOptions,
 )
 from scenarios.scenario import Scenario
-from scenarios.scenario_file import KIND, as_dict, assigned, from_dict, put, read_scenario
+from scenarios.scenario_file import KIND, as_dict, assigned, from_dict, put, read_scenario, refuse_code
 from scenarios.study.worker import Limits
 from sim.evaluation import schema_files
 from sim.interfaces.errors import ConfigurationError, UuvError
+from sim.interfaces.files import folder_name
 from sim.interfaces.spatial import finite_number, shown, whole_number
+from sim.interfaces.tables import TableReader, toml_of
 
 BASES: Mapping[str, Any] = {
     "barrel": BarrelOptions,
@@ -125,29 +126,28 @@ class CampaignRun:
         return from_dict(nested)
 
 
-def read_campaign(file: str | Path, changed: Sequence[str] = ()) -> Campaign:
+def read_campaign(file: str | Path, changed: Sequence[str] = (), *, trust: bool = False) -> Campaign:
     """The campaign in a TOML file.
 
     Args:
         file: The file.
         changed: As for `scenario_file.assigned`, beside the values of its table [set], and in place of draws.
+        trust: Import the classes MODULE:CLASS that it or its base names, which runs their code.
 
     Raises:
-        ConfigurationError: The file cannot be read, or a key or value is none of those allowed; the message names them.
+        ConfigurationError: The file cannot be read, names code without `trust`, or a key or value is none of those
+            allowed; the message names them.
     """
     path = Path(file)
-    try:
-        given = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, ValueError, RecursionError) as error:
-        said = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
-        raise ConfigurationError(f"campaign {path}: cannot be read ({said})") from error
+    given, what = toml_of(path, "campaign"), f"campaign {shown(str(path))}"
+    refuse_code(given, what, trust=trust)
     try:
         entries = assigned(changed)
         if "distributions" in given:  # a value that is set is no longer drawn
             given["distributions"] = {k: v for k, v in _table(given, "distributions").items() if k not in entries}
-        return _campaign({**given, "set": {**_table(given, "set"), **entries}}, path)
+        return _campaign({**given, "set": {**_table(given, "set"), **entries}}, path, trust=trust)
     except ConfigurationError as error:
-        raise ConfigurationError(f"campaign {path}: {str(error).removeprefix('--')}") from error
+        raise ConfigurationError(f"{what}: {str(error).removeprefix('--')}") from error
 
 
 def one_run(task: CampaignRun) -> dict[str, Any]:
@@ -174,6 +174,33 @@ def one_run(task: CampaignRun) -> dict[str, Any]:
         "trajectory_sha256": own["trajectory_sha256"],
         "metrics": {name: _at(metrics, name) for name in task.metrics},
     }
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _CampaignRow:
+    """Entries of a row of a campaign that a summary or a comparison reads."""
+
+    case: int
+    values: Mapping[str, Any]
+    state: str
+    metrics: Mapping[str, float | None]
+    drawn: Mapping[str, Any] = field(default_factory=dict)
+    code: str = ""
+    accepted: bool = False
+    failed: list[str] = field(default_factory=list)
+
+
+def checked_row(row: Mapping[str, Any]) -> Mapping[str, Any]:
+    """A row of a campaign as it was read from a file.
+
+    Raises:
+        ConfigurationError: It is none.
+    """
+    verdicts_as_numbers = {
+        name: float(value) if isinstance(value, bool) else value for name, value in _table(row, "metrics").items()
+    }
+    TableReader("a row of a campaign", passes_unknown=True).made(_CampaignRow, {**row, "metrics": verdicts_as_numbers})
+    return row
 
 
 def crashed_row(task: CampaignRun, reason: str) -> dict[str, Any]:
@@ -230,7 +257,7 @@ def _checked_key(base: Scenario, name: str) -> None:
     put(as_dict(base), name, None)
 
 
-def _campaign(given: dict[str, Any], path: Path) -> Campaign:
+def _campaign(given: dict[str, Any], path: Path, *, trust: bool) -> Campaign:
     allowed = ("name", "base", "quick", "cases", "seed", "design", "set", "distributions", "metrics", "bounds", "kept")
     for key in given:
         if key not in (*allowed, "limits"):
@@ -238,10 +265,8 @@ def _campaign(given: dict[str, Any], path: Path) -> Campaign:
     for key in ("base", "cases"):
         if key not in given:
             raise ConfigurationError(f"{key} is missing")
-    base = _base(given["base"], given.get("quick", False), path.parent)
-    name = given.get("name", path.stem)
-    if not isinstance(name, str) or not name.replace("_", "").replace("-", "").isalnum():
-        raise ConfigurationError(f"name: must be letters, digits, - and _, got {shown(name)}")
+    base = _base(given["base"], given.get("quick", False), path.parent, trust=trust)
+    name = folder_name(given.get("name", path.stem), "name")
     nested = as_dict(base)
     for key, value in _table(given, "set").items():
         put(nested, key, value)
@@ -282,13 +307,13 @@ def _table(given: Mapping[str, Any], key: str) -> dict[str, Any]:
     return table
 
 
-def _base(given: Any, quick: Any, beside: Path) -> Scenario:
+def _base(given: Any, quick: Any, beside: Path, *, trust: bool) -> Scenario:
     if not isinstance(quick, bool):
         raise ConfigurationError(f"quick: must be true or false, got {shown(quick)}")
-    if given in BASES:
+    if isinstance(given, str) and given in BASES:
         return BASES[given](quick=quick).scenario()
     if not isinstance(given, str) or not given.endswith(".toml"):
         raise ConfigurationError(f"base: allowed {', '.join(BASES)} or a scenario file (.toml), got {shown(given)}")
     if quick:
         raise ConfigurationError("quick: only with a base by name; a scenario file says itself how long its job is")
-    return read_scenario(beside / given)
+    return read_scenario(beside / given, trust=trust)

@@ -7,7 +7,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from scipy.stats import binomtest
 
-from scenarios.campaigns.campaign import Campaign
+from scenarios.campaigns.campaign import Campaign, checked_row
 from scenarios.campaigns.sensitivity import worst_ratio
 from scenarios.campaigns.sensitivity_report import MISSED, WORST, SensitivityReport
 from scenarios.study import Row, Summary, Table
@@ -72,6 +72,8 @@ def summarise(rows: list[Row], campaign: Campaign, file: str) -> Summary:
         campaign: The campaign.
         file: Its file, and the options that change it, for the replay commands.
     """
+    for row in rows:  # --page sums up what is there, whoever has made it
+        checked_row(row)
     replay = f"scripts/run_campaign.py {file} --replay"
     outcomes = [outcome(row, campaign.bounds) for row in rows]
     counts = Counter(outcomes).most_common()

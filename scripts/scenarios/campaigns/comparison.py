@@ -1,6 +1,5 @@
 """Comparison of two campaigns of the same draws, run by run: metrics, share kept, changed verdicts."""
 
-import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,6 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from scipy.stats import binomtest, wilcoxon
 
+from scenarios.campaigns.campaign import checked_row
 from scenarios.campaigns.campaign_report import KEPT, outcome
 from scenarios.campaigns.sensitivity import LEVEL, RESAMPLES
 from scenarios.campaigns.sensitivity_report import shown_p
@@ -16,10 +16,10 @@ from scenarios.study import Row, Summary, Table, read_rows
 from scenarios.study.row_log import METRICS
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array, shown
+from sim.interfaces.tables import TableReader, json_of
 from sim.reporting.palette import BLUE, FAINT, INK, WIDTH
 
 _PART = 1_000_000  # values drawn at a time: bounds the memory
-_ABOUT = ("bounds", "replay")  # entries of a campaign's metrics.json that a comparison needs
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -39,18 +39,27 @@ class Finished:
             ConfigurationError: It holds none, or one that has not come to its end.
         """
         rows = read_rows(folder)
-        if not rows or any(not {"case", "values", "metrics", "state"} <= row.keys() for row in rows):
+        if not rows:
             raise ConfigurationError(f"{folder}: holds no rows of a campaign")
         try:
-            about = json.loads((folder / METRICS).read_text(encoding="utf-8"))
-        except (OSError, ValueError) as error:
-            raise ConfigurationError(f"{folder}: no {METRICS} of a campaign that came to its end ({error})") from error
-        if not isinstance(about, dict) or any(key not in about for key in _ABOUT):
-            raise ConfigurationError(f"{folder / METRICS}: has no {' or '.join(_ABOUT)}; do the campaign again")
+            for row in rows:
+                checked_row(row)
+            file = folder / METRICS
+            about = TableReader(METRICS, passes_unknown=True).made(_About, json_of(file, "metrics of a campaign"))
+        except ConfigurationError as error:
+            raise ConfigurationError(f"{folder}: holds no campaign that came to its end: {error}") from error
         by_case = {row["case"]: row for row in rows}
         if len(by_case) < len(rows):
             raise ConfigurationError(f"{folder}: holds several campaigns, {len(rows)} rows of {len(by_case)} cases")
-        return cls(folder=folder, rows=by_case, bounds=about["bounds"], replay=about["replay"])
+        return cls(folder=folder, rows=by_case, bounds=about.bounds, replay=about.replay)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _About:
+    """Entries of a campaign's metrics.json that a comparison needs."""
+
+    bounds: Mapping[str, float]
+    replay: str
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

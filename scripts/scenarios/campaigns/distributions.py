@@ -14,6 +14,7 @@ from sim.interfaces.spatial import Array, finite_number, shown
 Design = Literal["random", "sobol", "latin-hypercube"]
 DESIGNS: tuple[Design, ...] = get_args(Design)
 STEP = "step"  # key of a distribution beside its kind
+_MOST_STEPS = 2.0**53  # of a value: beyond, whole numbers are no longer exact in a double
 _DRAWS = 1  # marks the stream of the designs
 
 
@@ -30,6 +31,9 @@ class Distribution:
             raise ConfigurationError(f"no distribution {shown(self.kind)}; there are {', '.join(KINDS)}")
         if self.step is not None:
             finite_number(self.step, STEP, above=0.0)
+            largest = max((abs(each) for each in self.values if isinstance(each, int | float)), default=0.0)
+            if not largest < _MOST_STEPS * self.step:
+                raise ConfigurationError(f"{STEP}: at most {_MOST_STEPS:g} of them in a value, got {shown(self.step)}")
         if self.kind == "categorical":
             if not self.values or self.step is not None:
                 raise ConfigurationError(f"categorical: needs values and no {STEP}, got {shown(list(self.values))}")

@@ -52,11 +52,10 @@ def main(verb: str, args: Sequence[str]) -> int:
 
     parts = None if options.parts is None else str(options.parts)
     inputs.check_vehicle(VehicleSetup(vehicle=args[0], tool=options.tool, parts=parts))
-    from rich.console import Console
-
     from scenarios import first_start
     from scenarios.vehicle_check.check import check_vehicle
     from scenarios.vehicle_check.table import print_check
+    from sim.runs.terminal import console
 
     first_start.build()
     found = check_vehicle(
@@ -66,5 +65,5 @@ def main(verb: str, args: Sequence[str]) -> int:
         json.dump(found.as_dict(), sys.stdout, indent=2)
         print()
     else:
-        print_check(found, Console(width=None if Console().is_terminal else WIDTH))
+        print_check(found, console(WIDTH))
     return 0 if found.sound else 1

@@ -5,8 +5,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from scenarios.cli.past_runs import run_folder
-from sim.interfaces.errors import ConfigurationError
+from scenarios.cli.past_runs import TRUST_HELP, run_folder, scenario_of
+from scenarios.kinds import TRUST
+from sim.interfaces.errors import ConfigurationError, one_line
 from sim.interfaces.extras import LOG, absent, to_install
 from sim.runs.saving import write_whole
 
@@ -19,29 +20,30 @@ _LEFT_OUT = ("provenance", "timings", "start", "schema")
 _ASKED = ("scenario", "options.", "model_sha256")  # what was asked for, and the model that follows from it
 _ALL = "--all"
 _SAME = 0.02  # share by which figures may differ and still count as alike
-_USAGE = f"""usage: uuv compare RUN RUN [RUN ...] [{_ALL}]
+_USAGE = f"""usage: uuv compare RUN RUN [RUN ...] [{_ALL}] [{TRUST}]
 
 Options and versions in which the runs differ, and figures that differ by more than {_SAME:.0%} ({_ALL}: all figures).
 The same and the time series of the first two, laid over each other, are left as compare_NAME.html in the first folder.
-RUN: folder of a run, or the name of a job for its latest."""
+RUN: folder of a run, or the name of a job for its latest.
+{TRUST_HELP}"""
 Rows = list[tuple[str, list[Any]]]
 
 
 def main(verb: str, args: Sequence[str]) -> int:
     """Prints the tables, and writes the page; returns the exit code."""
     del verb
-    names = [arg for arg in args if arg != _ALL]
+    names = [arg for arg in args if arg not in (_ALL, TRUST)]
     if len(names) < 2 or any(name.startswith("-") for name in names):
         print(_USAGE)
         return 0 if {"-h", "--help"} & set(args) else 2
     folders = [run_folder(name) for name in names]
-    from rich.console import Console
-
     from sim.reporting.series_tables import PastRun
 
     runs = [PastRun.of(folder) for folder in folders]
-    found = tables(runs, every=_ALL in args)
-    console = Console(width=None if Console().is_terminal else 140)
+    found = tables(runs, every=_ALL in args, trust=TRUST in args)
+    from sim.runs.terminal import console as console_of
+
+    console = console_of()
     for title, rows in found.items():
         console.print(table(title, [str(run.folder) for run in runs], rows) if rows else f"{title}: none")
     if absent(LOG):
@@ -56,11 +58,11 @@ def main(verb: str, args: Sequence[str]) -> int:
     return 0
 
 
-def tables(runs: "Sequence[PastRun]", *, every: bool) -> dict[str, Rows]:
+def tables(runs: "Sequence[PastRun]", *, every: bool, trust: bool = False) -> dict[str, Rows]:
     """Rows of options and of versions that differ, and of figures: all, or those that differ."""
-    from scenarios.scenario_file import SCENARIO_FILE, as_dict, flat, read_scenario
+    from scenarios.scenario_file import as_dict, flat
 
-    asked = [flat(as_dict(read_scenario(run.folder / SCENARIO_FILE))) for run in runs]
+    asked = [flat(as_dict(scenario_of(run.folder, trust=trust))) for run in runs]
     made = [flat(run.metrics.get("provenance", {})) for run in runs]
     made = [{key: value for key, value in one.items() if not key.startswith(_ASKED)} for one in made]
     figures = [dict(numbers(run.metrics)) for run in runs]
@@ -151,5 +153,5 @@ def _said(value: Any) -> str:
     if value is None:
         return "-"
     if isinstance(value, bool) or not isinstance(value, float):
-        return str(value)
+        return one_line(str(value))
     return "nan" if math.isnan(value) else f"{value:.4g}"

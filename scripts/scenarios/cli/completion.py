@@ -12,7 +12,7 @@ from sim.runs.command_line import OF_UUV_RUN
 
 _ZSH = "autoload -U +X compinit && compinit\nautoload -U +X bashcompinit && bashcompinit\n"
 _OF_PAST_RUNS = ("compare", "replay", "report", "view", "picture")
-_OF_RUN = (*OF_UUV_RUN, "--help")
+_OF_RUN = (*OF_UUV_RUN, "--trust", "--help")
 _SCRIPT = """_uuv() {{
     local word=${{COMP_WORDS[COMP_CWORD]}} words=""
     case "$COMP_CWORD ${{COMP_WORDS[1]}}" in

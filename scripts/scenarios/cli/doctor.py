@@ -13,16 +13,17 @@ from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from importlib.metadata import PackageNotFoundError, version
 
-from rich.console import Console
-from rich.markup import escape
 from rich.table import Table
+from rich.text import Text
 
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.extras import EXTRAS, to_install
 from sim.interfaces.kernels import store
 from sim.runs.command_line import parse
+from sim.runs.terminal import console
 
-OK, ABSENT = "[green]ok[/green]", "[yellow]absent[/yellow]"
+OK, ABSENT = "ok", "absent"
+_COLOURS = {OK: "green", ABSENT: "yellow"}
 _NEEDED = ("mujoco", "numpy", "numba", "scipy", "tyro")
 _USES = {  # module of an extra: what it is for
     "embreex": "ray casting for camera and sonar",
@@ -66,9 +67,9 @@ def main(verb: str, args: Sequence[str]) -> int:
     table = Table("", "", "for", title="this machine", title_justify="left")
     sound = True
     for name, state, said in _rows():
-        table.add_row(name, state, escape(said))
+        table.add_row(name, Text(state, style=_COLOURS[state]), said)
         sound &= not (state == ABSENT and name in _NEEDED)
-    Console(width=None if Console().is_terminal else 120).print(table)
+    console(120).print(table)
     return 0 if sound else 1
 
 

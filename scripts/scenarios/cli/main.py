@@ -3,7 +3,6 @@
 import importlib
 import os
 import sys
-from pathlib import Path
 from typing import NoReturn
 
 USAGE = """uuv list                      what there is: jobs, studies, vehicles, objects, ...
@@ -40,7 +39,7 @@ VERBS = {  # verb: module that has `main(verb, args) -> exit code`
 
 def main() -> NoReturn:
     """Runs the verb of the command line, and exits with its code."""
-    from sim.runs.process import BAD_INPUT, quiet_pipe, refuse_foreign_system
+    from sim.runs.process import BAD_INPUT, parts_from_the_working_folder, quiet_pipe, refuse_foreign_system
 
     refuse_foreign_system()
     args = sys.argv[1:]
@@ -50,7 +49,7 @@ def main() -> NoReturn:
 
         if verb == "picture":
             _choose_renderer()
-        sys.path.insert(0, str(Path.cwd()))  # own parts, MODULE:ATTRIBUTE, are looked for where one works
+        parts_from_the_working_folder()
         sys.argv = [f"uuv {verb}", *args[1:]]
         run_scenario(lambda: importlib.import_module(VERBS[verb]).main(verb, args[1:]))
     with quiet_pipe():  # half a second is too long to say what there is: nothing heavy is imported

@@ -5,11 +5,20 @@ import subprocess
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
+from scenarios.kinds import TRUST
 from sim.interfaces.errors import ConfigurationError, MissingLibraryError
 from sim.interfaces.extras import LOG, absent, to_install
+from sim.interfaces.files import regular
+from sim.interfaces.spatial import shown
 from sim.runs.run_folder import LATEST, RUNS
 
+if TYPE_CHECKING:
+    from scenarios.scenario import Scenario
+
+TRUST_HELP = f"{TRUST}: run the code, MODULE:ATTRIBUTE, that its scenario names too."
+_RRD = b"RRF"  # begins a log
 _ABOUT = {
     "replay": "Runs again from its record, and compares the trajectory to the bit.",
     "report": "Prints the path of report.html, and writes it by running again where there is none.",
@@ -19,11 +28,13 @@ _ABOUT = {
 
 def main(verb: str, args: Sequence[str]) -> int:
     """Does the verb with the run; returns the exit code."""
-    if len(args) != 1 or args[0].startswith("-"):
-        print(f"usage: uuv {verb} RUN\n\n{_ABOUT[verb]} RUN: folder of a run, or the name of a job for its latest.")
-        return 0 if args and args[0] in ("-h", "--help") else 2
-    folder = run_folder(args[0])
-    return {"replay": replay, "report": report, "view": view}[verb](folder)
+    names, trust = [arg for arg in args if arg != TRUST], TRUST in args
+    if len(names) != 1 or names[0].startswith("-"):
+        told = f"{_ABOUT[verb]} RUN: folder of a run, or the name of a job for its latest."
+        print(f"usage: uuv {verb} RUN [{TRUST}]\n\n{told}\n{TRUST_HELP}")
+        return 0 if {"-h", "--help"} & {*names} else 2
+    folder = run_folder(names[0])
+    return {"replay": replay, "report": report, "view": view}[verb](folder, trust=trust)
 
 
 def run_folder(given: str) -> Path:
@@ -32,22 +43,31 @@ def run_folder(given: str) -> Path:
     Raises:
         ConfigurationError: There is none.
     """
-    for folder in (Path(given), RUNS / given / LATEST, RUNS / given.replace("-", "_") / LATEST):
-        if (folder / "metrics.json").exists():
-            return folder.parent / folder.readlink() if folder.is_symlink() else folder  # `latest` moves on
-    there = sorted(path.name for path in RUNS.iterdir() if path.is_dir()) if RUNS.is_dir() else []
+    try:
+        for folder in (Path(given), RUNS / given / LATEST, RUNS / given.replace("-", "_") / LATEST):
+            if (folder / "metrics.json").exists():
+                return folder.parent / folder.readlink() if folder.is_symlink() else folder  # `latest` moves on
+        there = sorted(path.name for path in RUNS.iterdir() if path.is_dir()) if RUNS.is_dir() else []
+    except OSError as error:  # a name that is too long, or a folder that may not be looked into
+        raise ConfigurationError(f"{given}: no run ({error.strerror})") from error
     known = f"; runs/ has {', '.join(there)}" if there else "; there is no folder runs/ here"
     raise ConfigurationError(f"{given}: no run, a folder with metrics.json{known}")
 
 
-def replay(folder: Path) -> int:
-    """Runs again; 0 if the trajectory is the same to the bit, else 1."""
-    from scenarios.inputs import check_inputs
+def scenario_of(folder: Path, *, trust: bool) -> "Scenario":
+    """The scenario of a run; with the arguments and errors of `scenario_file.read_scenario`."""
     from scenarios.scenario_file import SCENARIO_FILE, read_scenario
+
+    return read_scenario(folder / SCENARIO_FILE, trust=trust)
+
+
+def replay(folder: Path, *, trust: bool = False) -> int:
+    """Runs again; 0 if the trajectory is the same to the bit, else 1. `trust`: also code that the scenario names."""
+    from scenarios.inputs import check_inputs
     from sim.reporting.series_tables import PastRun
 
     wanted = PastRun.of(folder).metrics["run"]["trajectory_sha256"]
-    scenario = read_scenario(folder / SCENARIO_FILE)
+    scenario = scenario_of(folder, trust=trust)
     check_inputs(scenario)
     from scenarios.runner import run  # what runs it is imported, and compiled, after what can be refused
 
@@ -63,16 +83,15 @@ def replay(folder: Path) -> int:
     return 1
 
 
-def report(folder: Path) -> int:
-    """Prints the path of the report, made anew where it is missing."""
+def report(folder: Path, *, trust: bool = False) -> int:
+    """Prints the path of the report, made anew where it is missing; `trust`: also by code that the scenario names."""
     file = folder / "report.html"
     if not file.exists():
         if absent(LOG):
             raise MissingLibraryError(f"report: needs {', '.join(absent(LOG))}: {to_install(LOG)}")
         from scenarios.inputs import check_inputs
-        from scenarios.scenario_file import SCENARIO_FILE, read_scenario
 
-        scenario = read_scenario(folder / SCENARIO_FILE)
+        scenario = scenario_of(folder, trust=trust)
         check_inputs(scenario)
         from scenarios.command import show
         from scenarios.runner import run
@@ -82,11 +101,15 @@ def report(folder: Path) -> int:
     return 0
 
 
-def view(folder: Path) -> int:
-    """Opens the Rerun viewer on the run's log; its exit code."""
+def view(folder: Path, *, trust: bool = False) -> int:
+    """Opens the Rerun viewer on the run's log; its exit code. No code is run, whether or not one may `trust` it."""
+    del trust
     log = folder / "run.rrd"
     if not log.exists():
         raise ConfigurationError(f"{folder} has no run.rrd: run it again without --no-record, with the extra {LOG}")
+    with regular(log, "log") as stream:
+        if stream.read(len(_RRD)) != _RRD:
+            raise ConfigurationError(f"log {shown(str(log))}: is no log of Rerun")
     beside = Path(sys.executable).with_name("rerun")
     program = str(beside) if beside.exists() else shutil.which("rerun")
     if program is None:

@@ -3,38 +3,40 @@
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from scenarios.cli.past_runs import run_folder
+from scenarios.cli.past_runs import TRUST_HELP, run_folder, scenario_of
+from scenarios.kinds import TRUST
 
 STILL, CLIP = "scene.png", "clip.webp"
-_USAGE = f"""usage: uuv picture RUN
+_USAGE = f"""usage: uuv picture RUN [{TRUST}]
 
 Renders {STILL}, five seconds after the work began, and {CLIP}, ten seconds of the whole run, into its folder: by
 MuJoCo's renderer, or by ray casting where there is no OpenGL.
-RUN: folder of a run, or the name of a job for its latest."""
+RUN: folder of a run, or the name of a job for its latest.
+{TRUST_HELP}"""
 
 
 def main(verb: str, args: Sequence[str]) -> int:
     """Renders both; returns the exit code."""
     del verb
-    if len(args) != 1 or args[0].startswith("-"):
+    names = [arg for arg in args if arg != TRUST]
+    if len(names) != 1 or names[0].startswith("-"):
         print(_USAGE)
-        return 0 if args and args[0] in ("-h", "--help") else 2
-    for file in pictures(run_folder(args[0])):
+        return 0 if {"-h", "--help"} & {*names} else 2
+    for file in pictures(run_folder(names[0]), trust=TRUST in args):
         print(file.resolve())
     return 0
 
 
-def pictures(folder: Path) -> Iterator[Path]:
-    """Still and clip of the run in `folder`, each when it is written.
+def pictures(folder: Path, *, trust: bool = False) -> Iterator[Path]:
+    """Still and clip of the run in `folder`, each when it is written; `trust`: also by code that its scenario names.
 
     Raises:
         ConfigurationError: The run has no series, or its scenario cannot be read or names what there is not.
     """
     from scenarios.inputs import check_inputs
-    from scenarios.scenario_file import SCENARIO_FILE, read_scenario
     from sim.reporting.series_tables import SLOW, PastRun
 
-    past, scenario = PastRun.of(folder), read_scenario(folder / SCENARIO_FILE)
+    past, scenario = PastRun.of(folder), scenario_of(folder, trust=trust)
     past.units(SLOW)
     check_inputs(scenario)
     from scenarios import first_start

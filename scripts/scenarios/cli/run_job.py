@@ -7,7 +7,6 @@ import sys
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 from scenarios import options as jobs
 from scenarios.cli.catalogue import JOBS
@@ -35,6 +34,8 @@ class FileOptions(RunOptions):
 
     seed: int | None = None
     """Seed instead of that in the file."""
+    trust: bool = False
+    """Run the code, MODULE:ATTRIBUTE, that the file names too; what is typed here needs no leave."""
 
 
 def main(verb: str, args: Sequence[str]) -> int:
@@ -52,7 +53,7 @@ def main(verb: str, args: Sequence[str]) -> int:
         chosen = _parsed(FileOptions, rest)
         from scenarios.scenario_file import read_scenario
 
-        scenario = read_scenario(name)
+        scenario = read_scenario(name, trust=chosen.trust)
         if chosen.seed is not None:
             scenario = replace(scenario, seed=chosen.seed)
     else:
@@ -68,7 +69,9 @@ def main(verb: str, args: Sequence[str]) -> int:
     with contextlib.redirect_stdout(io.StringIO()):
         code = jobs.run_job(scenario, chosen, started)
     folder = claimed_folder()
-    metrics = json.loads(Path(folder / "metrics.json").read_text(encoding="utf-8"))
+    from sim.reporting.series_tables import PastRun
+
+    metrics = PastRun.of(folder).metrics
     if JSON in args:
         json.dump(metrics, sys.stdout, indent=2)
         print()

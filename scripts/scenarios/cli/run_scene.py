@@ -1,9 +1,11 @@
 """Scene of a past run, put into its recorded poses and rendered: a still and a clip."""
 
+import io
 import math
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -12,10 +14,12 @@ from PIL import Image
 from models.vehicle import Vehicle
 from scenarios.assembly import assemble
 from scenarios.scenario import Scenario
-from sim.interfaces.errors import one_line
-from sim.interfaces.spatial import Array
+from sim.interfaces.errors import ConfigurationError, one_line
+from sim.interfaces.messages import WorkState
+from sim.interfaces.spatial import FARTHEST, Array
 from sim.reporting.ray_picture import RayPicture
 from sim.reporting.series_tables import PastRun
+from sim.runs.saving import write_whole
 
 WIDTH, HEIGHT = 960, 600  # [px]
 FRAMES, PACE = 150, 15.0  # of the clip, and frames a second: ten seconds
@@ -26,14 +30,23 @@ _WATER = np.linspace([58.0, 110.0, 130.0], [16.0, 44.0, 60.0], HEIGHT)[:, None] 
 def render(scenario: Scenario, past: PastRun, still: Path, clip: Path) -> Iterator[Path]:
     """Renders a run into the files `still` and `clip`; gives each when it is written."""
     stage = RunScene(scenario, past)
-    busy = [event["time"] for event in past.table("events").to_pylist() if event["state"] in ("work", "insert")]
+    busy = [event.time for event in past.events if event.state in (WorkState.WORK, WorkState.INSERT)]
     middle = stage.nearest(busy[0] + 5.0) if busy else len(stage.time) // 2
-    Image.fromarray(stage.frame(middle)).save(still)
+    write_whole(still, _encoded(stage.frame(middle), "png"))
     yield still
     rows = np.linspace(0, len(stage.time) - 1, FRAMES).astype(int)
-    first, *others = [Image.fromarray(stage.frame(row)) for row in rows]
-    first.save(clip, save_all=True, append_images=others, duration=int(1e3 / PACE), loop=0, quality=80)
+    first, *others = [stage.frame(row) for row in rows]
+    later = [Image.fromarray(frame) for frame in others]
+    pace = int(1e3 / PACE)
+    write_whole(clip, _encoded(first, "webp", save_all=True, append_images=later, duration=pace, loop=0, quality=80))
     yield clip
+
+
+def _encoded(frame: np.ndarray, ending: str, **options: Any) -> bytes:
+    """Content of a picture file."""
+    content = io.BytesIO()
+    Image.fromarray(frame).save(content, format=ending, **options)
+    return content.getvalue()
 
 
 class GlPicture:
@@ -70,11 +83,14 @@ class RunScene:
         built = assemble(scenario)
         self._model, vehicle = built.plant.model, Vehicle.of(built.plant.model)
         self._data, self._vehicle = mujoco.MjData(self._model), vehicle
-        self.time = past.column("time", "slow")
-        self._q = np.column_stack([past.column(f"q.{name}", "slow") for name in vehicle.joint_names])
-        every = np.searchsorted(past.column("time"), self.time)
-        hull = [past.column(f"p_WB.{axis}") for axis in "xyz"]
-        hull += [past.column(f"quat_WB_wxyz.{part}") for part in "wxyz"]
+        self.time = past.numbers("time", "slow")
+        self._q = np.column_stack([past.numbers(f"q.{name}", "slow") for name in vehicle.joint_names])
+        every = np.searchsorted(past.numbers("time"), self.time)
+        hull = [past.numbers(f"p_WB.{axis}") for axis in "xyz"]
+        hull += [past.numbers(f"quat_WB_wxyz.{part}") for part in "wxyz"]
+        for values in (self._q, *hull):
+            if not (np.abs(values) < FARTHEST).all():
+                raise ConfigurationError(f"{past.folder}: a recorded pose is not finite, or beyond {FARTHEST:g} m")
         self._hull = np.column_stack(hull)[np.minimum(every, len(hull[0]) - 1)]
         light = self._model.vis.headlight
         light.ambient[:], light.diffuse[:], light.specular[:] = 0.5, 0.6, 0.1

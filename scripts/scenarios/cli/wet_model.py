@@ -57,9 +57,9 @@ def main(verb: str, args: Sequence[str]) -> int:
     """Writes the model and prints the table; returns the exit code."""
     del verb
     options = parse(WetOptions, args)
-    from rich.console import Console
+    from sim.runs.terminal import console
 
-    return wet_model(options, Console(width=None if Console().is_terminal else 200))
+    return wet_model(options, console(200))
 
 
 def wet_model(options: WetOptions, console: "Console") -> int:
@@ -99,10 +99,9 @@ def wet_model(options: WetOptions, console: "Console") -> int:
 
 def table(wetted: "Wetted", title: str) -> "Table":
     """The table of origins."""
-    from rich.markup import escape
     from rich.table import Table
 
-    printed = Table(title=escape(title), title_justify="left")
+    printed = Table(title=title, title_justify="left")
     for column in _COLUMNS:
         printed.add_column(column, overflow="fold", no_wrap=column in ("body", "quantity"))
     last = None
@@ -110,6 +109,6 @@ def table(wetted: "Wetted", title: str) -> "Table":
         if last not in (None, o.body):
             printed.add_section()
         said = ("" if o.body == last else o.body, o.quantity, o.value, o.origin, o.uncertainty)
-        printed.add_row(*map(escape, said))
+        printed.add_row(*said)
         last = o.body
     return printed

@@ -20,7 +20,7 @@ from scenarios.scenario import Control, Scenario
 from scenarios.study.harness import as_json, key_of
 from sim.interfaces.spatial import whole_number
 
-VERSION = 0  # of the public cases; new ones get a new number
+VERSION = 1  # of cases, briefing and score; what changes one of them gets a new number
 PUBLIC_SEED = 20261123  # of the public cases
 CASES = 100  # number of the public cases
 _CLEARANCE = (1.0, 3.0)  # [mm] radial, between sampler and hole

@@ -1,10 +1,11 @@
 """Door of the benchmark: a controller, and an estimator, that ask an entry in a process of its own.
 
 The entry's process is a fresh interpreter. It gets a `Briefing`, then estimates and set points, and nothing else; one
-with an estimator gets the measurements too. A crash, a silence beyond the limits or a wrong answer raises `EntryError`
-in the simulation.
+with an estimator gets the measurements too. Its arguments, environment and working folder tell nothing of the case. A
+crash, a silence beyond the limits or a wrong answer raises `EntryError` in the simulation.
 """
 
+import ctypes
 import json
 import os
 import pickle
@@ -40,6 +41,9 @@ START_LIMIT = 180.0  # [s] wall, to import and make the entry
 STEP_LIMIT = 60.0  # [s] wall, to answer one estimate; a machine with more work than cores makes every entry slow
 RUN_LIMIT = 1800.0  # [s] wall, to answer all estimates of a run
 _MODULE = "scenarios.contact_benchmark.entry_process"
+_KEPT = ("PATH", "HOME", "LANG", "LC_ALL", "TMPDIR", "XDG_CACHE_HOME", "LD_LIBRARY_PATH")  # of the environment
+_KEPT_GROUPS = ("UUV_", "NUMBA_", "OMP_", "OPENBLAS_", "MKL_")  # and what begins so: kernels and threads
+_PR_SET_DUMPABLE = 4  # of Linux's prctl
 _FAREWELL = 5.0  # [s] wall, for a process that has closed its connection to end
 _TAIL = 4096  # bytes of the entry's output that are read for its last line
 
@@ -64,15 +68,18 @@ class EntryProcess:
         number, name = tempfile.mkstemp()
         self._output = os.fdopen(number, "w+b")
         os.unlink(name)  # it lives until it is closed
+        close_memory()
+        self._folder = tempfile.TemporaryDirectory(prefix="entry_")  # empty: where the benchmark runs, its files are
         here, there = socket.socketpair()
         with there:
             self._process = subprocess.Popen(
-                [sys.executable, "-m", _MODULE, str(there.fileno())],
+                [sys.executable, "-P", "-m", _MODULE, str(there.fileno())],
                 pass_fds=[there.fileno()],
                 stdin=subprocess.DEVNULL,
                 stdout=self._output,
                 stderr=subprocess.STDOUT,
-                env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
+                cwd=self._folder.name,
+                env=_environment(),
             )
         self._socket, self._limit = here, 0.0  # [s] that an answer is waited for, set in the socket; 0: not set yet
         self._connection = Connection(os.dup(here.fileno()))
@@ -97,6 +104,7 @@ class EntryProcess:
         self._process.kill()
         self._process.wait()
         self._output.close()
+        self._folder.cleanup()
 
     def start(self, message: bytes) -> None:
         """Lets the entry make a state, which stays with it. Raises EntryError."""
@@ -226,6 +234,21 @@ class RemoteEstimator:
         reply = self._process.answer(MEASURED + _pickled(list(measurements)), first=self._first)
         self._first = False
         return state, self._estimates.decode_reply(reply)
+
+
+def close_memory() -> None:
+    """Closes memory, environment and open files of this process to others of the same user; Linux alone.
+
+    The superuser reads them all the same, and anyone the command line: no case may be told there.
+    """
+    if sys.platform == "linux":
+        ctypes.CDLL(None).prctl(_PR_SET_DUMPABLE, 0, 0, 0, 0)
+
+
+def _environment() -> dict[str, str]:
+    """Environment of an entry: where it finds programs, libraries and modules, and how many threads they take."""
+    kept = {name: value for name, value in os.environ.items() if name in _KEPT or name.startswith(_KEPT_GROUPS)}
+    return {**kept, "PYTHONPATH": os.pathsep.join(map(os.path.abspath, filter(None, sys.path)))}
 
 
 def _digests(told: bytes) -> dict[str, str]:

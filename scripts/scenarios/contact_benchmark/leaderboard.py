@@ -1,15 +1,17 @@
 """Leaderboard of the benchmark: one page in Markdown from result files over the same cases."""
 
-import json
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from scenarios.contact_benchmark.score import by_family, totals
 from scenarios.study import Table
+from scenarios.study.row_log import METRICS
 from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.tables import TableReader, json_of
 
-_BOTH = "score both with the same --cases and --seed"
+_BOTH = "score both with the same --cases and the same seed"
 _SAME = {  # that all results of one table share: its name, and what to do
     "version": ("benchmark version", "score both with one"),
     "seed": ("cases of seed", _BOTH),
@@ -37,19 +39,63 @@ def read_result(file: Path) -> dict[str, Any]:
     Raises:
         ConfigurationError: It cannot be read, or is none.
     """
-    path = file / "metrics.json" if file.is_dir() else file
+    path = file / METRICS if file.is_dir() else file
+    content = json_of(path, "result")
     try:
-        result = json.loads(path.read_text(encoding="utf-8"))
-        about, rows = result["benchmark"], result["rows"]
-        for name in (*_SAME, "public", "entry", "source", "code", "in_process"):
-            about[name]
-        if len(rows) != about["cases"]:
-            raise ConfigurationError(f"{path}: expected {about['cases']} rows, got {len(rows)}")
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        if isinstance(error, ConfigurationError):
-            raise
-        raise ConfigurationError(f"{path}: is no result file of contact_score.py") from error
-    return result
+        result = TableReader(path.name, passes_unknown=True).made(_Result, content)
+    except ConfigurationError as error:
+        raise ConfigurationError(f"{path}: is no result file of contact_score.py: {error}") from error
+    for row in content["rows"]:
+        if "class" not in row:  # no name of a field
+            raise ConfigurationError(f"{path}: is no result file of contact_score.py: a row has no class")
+    if len(result.rows) != result.benchmark.cases:
+        raise ConfigurationError(f"{path}: expected {result.benchmark.cases} rows, got {len(result.rows)}")
+    return content
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Benchmark:
+    """What was scored, and by what code."""
+
+    version: int
+    seed: int
+    public: bool
+    cases: int = field(metadata={"schema": {"minimum": 1}})
+    cases_digest: str
+    entry: str
+    source: str
+    code: str
+    in_process: bool
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Door:
+    """Answers of an entry: their number, and wall times [s]."""
+
+    steps: int
+    waited_s: float
+    longest_s: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Row:
+    """Entries of a row that the page is made of; figures are None where a run gave none."""
+
+    family: str
+    force_rms_n: float | None
+    force_peak_n: float | None
+    path_max_m: float | None
+    excursion_max_m: float | None
+    energy_j: float | None
+    door: _Door | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Result:
+    """A result file."""
+
+    benchmark: _Benchmark
+    rows: list[_Row]
 
 
 def page(results: Sequence[Mapping[str, Any]]) -> str:

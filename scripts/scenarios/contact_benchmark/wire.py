@@ -53,7 +53,7 @@ class Briefing:
     control: Control  # the entry: name or MODULE:CLASS, and methods replaced
     estimator: str  # the entry's estimator, MODULE:CLASS; empty: navigation runs beside the simulation
     task: str  # name of the family of jobs
-    seed: int  # for the entry's own random numbers; tells nothing about the case
+    seed: int  # for the entry's own random numbers; the same in every case, so that it tells nothing about one
 
 
 class EstimateCodec:

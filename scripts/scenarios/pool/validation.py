@@ -1,6 +1,5 @@
 """Validation by pool trials: a fit to all trajectory numbers but one, judged on the one left out, each in turn."""
 
-import json
 from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
@@ -14,8 +13,8 @@ from scenarios.pool.pool_vehicle import NOMINAL, PARAMETERS, pool_model
 from scenarios.pool.replay import Residuals, TrialScore, replay, score_of
 from scenarios.pool.trials import PoolTrial
 from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.files import existing_file
 from sim.interfaces.spatial import Array, shown
+from sim.interfaces.tables import json_of
 
 BUOYANCIES = (-0.5, 2.5)  # [N] among which that of a trajectory number is sought
 FITTED = Path(__file__).with_name("wu2018.json")  # parameters fitted to the 24 trials of docs/pool.md
@@ -82,7 +81,7 @@ def read_fitted(file: Path) -> tuple[str, dict[str, float]]:
         ConfigurationError: It cannot be read, or lacks a parameter.
     """
     try:
-        told = json.loads(existing_file(file, "--fitted").read_text())
+        told = json_of(file, "--fitted")
         values = {each.name: float(told["parameters"][each.name]["fitted"]) for each in PARAMETERS}
         hull = str(told["hull"])
     except (OSError, ValueError, KeyError, TypeError) as error:

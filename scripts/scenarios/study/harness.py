@@ -2,7 +2,6 @@
 
 import hashlib
 import json
-import sys
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, is_dataclass
@@ -12,7 +11,6 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 import numpy as np
 from rich.console import Console
-from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Table as RichTable
 
@@ -20,13 +18,16 @@ from scenarios.study.engines import Engine, engine_for
 from scenarios.study.loaded_code import digests, loaded_files, new_digests
 from scenarios.study.local_processes import NO_LIMITS
 from scenarios.study.options import PoolOptions
-from scenarios.study.row_log import KEY, METRICS, PAGE, TIMING, RowLog, Timing
+from scenarios.study.row_log import KEY, METRICS, PAGE, TIMING, RowLog, Timing, by_case
 from scenarios.study.row_table import Row, read_rows
 from scenarios.study.worker import Limits, TimeLimitError, within_time
 from sim.interfaces.errors import ConfigurationError, UuvError
+from sim.interfaces.files import folder_given, folder_name
 from sim.runs.provenance import provenance
 from sim.runs.run_folder import RUNS
 from sim.runs.saving import write_json, write_whole
+from sim.runs.terminal import console as console_of
+from sim.runs.terminal import verdict
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -34,6 +35,7 @@ if TYPE_CHECKING:
 Case = TypeVar("Case")
 NOT_ACCEPTED = 1  # exit code
 DIED = "its process died"
+_WIDTH = 160  # [characters] of a line where the output is no terminal
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,11 +50,11 @@ class Table:
 
     def printed(self) -> RichTable:
         """The table for the terminal."""
-        table = RichTable(title=escape(self.title) or None, caption=escape(self.caption) or None, title_justify="left")
+        table = RichTable(title=self.title or None, caption=self.caption or None, title_justify="left")
         for i, column in enumerate(self.columns):
-            table.add_column(escape(column), justify="left" if i < self.labels else "right", no_wrap=i == 0)
+            table.add_column(column, justify="left" if i < self.labels else "right", no_wrap=i == 0)
         for row in self.rows:
-            table.add_row(*map(escape, row))
+            table.add_row(*row)
         return table
 
     def markdown(self) -> str:
@@ -89,9 +91,7 @@ class Summary:
         for line in self.lines:
             console.print(line, highlight=False, markup=False)
         if self.failed is not None:
-            reasons = escape("; ".join(self.failed))
-            said = "[green]accepted[/green]" if self.accepted else f"[red]not accepted[/red]: {reasons}"
-            console.print(said, highlight=False)
+            console.print(verdict("; ".join(self.failed)))
 
     def write_page(self, file: Path, title: str, made_by: Mapping[str, Any], pace: str) -> None:
         """Writes report.html.
@@ -175,7 +175,7 @@ class Study(Generic[Case]):
             UuvError: A case failed and the study does not allow for that, or the folder is of no use.
         """
         console = _console()
-        folder = options.out or RUNS / name
+        folder = folder_given(options.out, "--out") if options.out else RUNS / folder_name(name, "name")
         keyed = {key_of(case): case for case in self.cases}
         began, made_by = time.perf_counter(), provenance(name, options)
         with RowLog.open(folder, anew=options.anew, of=self.of) as log:
@@ -206,8 +206,8 @@ class Study(Generic[Case]):
         Raises:
             ConfigurationError: There is no row of these cases.
         """
-        folder = options.out or RUNS / name
-        there = {row[KEY]: row for row in read_rows(folder)}
+        folder = folder_given(options.out, "--out") if options.out else RUNS / folder_name(name, "name")
+        there = by_case(read_rows(folder), folder)
         rows = [there[key] for case in self.cases if (key := key_of(case)) in there]
         if not rows:
             raise ConfigurationError(f"{folder} holds no row of this study")
@@ -269,7 +269,7 @@ class Study(Generic[Case]):
 
 
 def _console() -> Console:
-    return Console(width=None if sys.stdout.isatty() else 160)
+    return console_of(_WIDTH)
 
 
 def key_of(case: Any) -> str:

@@ -1,18 +1,22 @@
 """Files that a result depends on: source of all loaded modules that belong to no installed package, and their data."""
 
 import hashlib
+import os
 import sys
 from collections.abc import Iterable, Mapping
 from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
 
+from sim.interfaces.files import regular
 from sim.runs.command_line import ROOMS, is_installed
 from sim.runs.provenance import HOME
 
 PACKAGES = frozenset(
     (*ROOMS, "scenarios", "studies", "benchmarks", "papers")
 )  # the project's, wherever it is installed
+
+_MOST_BYTES = 1_000_000_000  # of a file
 
 
 def loaded_files() -> frozenset[str]:
@@ -87,7 +91,10 @@ def _named(file: Path) -> str:
 
 
 def _digest(file: Path) -> str:
+    """Digest of a file; empty for what is none, or too large to be source or data of the project."""
     try:
-        return hashlib.sha256(file.read_bytes()).hexdigest()[:16]
-    except OSError:
+        with regular(file, "file") as stream:
+            large = os.fstat(stream.fileno()).st_size > _MOST_BYTES
+            return "" if large else hashlib.file_digest(stream, "sha256").hexdigest()[:16]
+    except (OSError, ValueError):  # also a name that is none
         return ""

@@ -1,20 +1,22 @@
 """Rows of a study on disk, and what they depend on: one process writes, and rows of other code are refused."""
 
-import json
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Self
 
 from scenarios.study.loaded_code import digests
 from scenarios.study.row_table import SCHEMA_VERSION, Row, RowTable, delete_rows, has_rows
 from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.tables import TableReader, json_of
 from sim.runs.provenance import versions
 from sim.runs.run_folder import alone_in
 from sim.runs.saving import write_json
 
 Timing = Mapping[str, float | None]  # wall and processor time of a run [s]; None: its process died
 KEY, TIMING = "case_id", "timing"  # entries that the log adds to a row
+ABOUT = "study.json"  # what the rows depend on
 METRICS, PAGE = "metrics.json", "report.html"  # files made from the rows of a log
 _EARLIER = "results.jsonl"  # rows before they were Parquet
 _NAMED = 4  # changed files that a message names
@@ -37,9 +39,14 @@ class RowLog:
             ConfigurationError: The rows were made by other code or with other options, or the folder holds other files.
         """
         self.folder, self._of = folder, dict(of or {})
-        self._about = folder / "study.json"
+        self._about = folder / ABOUT
         foreign = [path.name for path in folder.iterdir() if path.is_file() and not path.name.startswith(".")]
-        if foreign and not self._about.exists():
+        if not self._about.exists() and has_rows(folder) and not anew:
+            raise ConfigurationError(
+                f"{folder} holds rows, but {ABOUT} is gone, without which nobody knows by what code and options they "
+                "were made; put it back, or --anew throws them away"
+            )
+        if foreign and not self._about.exists() and not has_rows(folder):
             raise ConfigurationError(
                 f"{folder} is in use by something else than a study ({', '.join(sorted(foreign))})"
             )
@@ -58,8 +65,8 @@ class RowLog:
         self._settings: Mapping[str, Any] = {}
         if has_rows(folder):
             about = _read_about(self._about)
-            self._code, self._settings = about.get("code", {}), about.get("settings", {})
-            before = about.get("of", {})
+            self._code, self._settings = dict(about.code), about.settings
+            before = about.of
             if other := [name for name, value in self._of.items() if before.get(name) != value]:
                 there, asked = (", ".join(f"{name} {of.get(name)}" for name in other) for of in (before, self._of))
                 raise ConfigurationError(
@@ -75,7 +82,7 @@ class RowLog:
         else:
             self._write_about()
         self._table = RowTable(folder)
-        self.rows: dict[str, Row] = {row[KEY]: row for row in self._table.rows}
+        self.rows: dict[str, Row] = by_case(self._table.rows, folder)
         self._numbers = {row[KEY]: number for number, row in enumerate(self._table.rows)}  # in the table
 
     @classmethod
@@ -153,14 +160,54 @@ class RowLog:
         }
         write_json(self._about, about)
 
-    def _changed(self, about: dict[str, Any]) -> list[str]:
+    def _changed(self, about: "_About") -> list[str]:
         now = digests(self._code)
         files = [file for file, digest in self._code.items() if now[file] != digest]
-        return files if about.get("versions") == versions() else [*files, "versions of packages"]
+        return files if about.versions == versions() else [*files, "versions of packages"]
 
 
-def _read_about(file: Path) -> dict[str, Any]:
+def by_case(rows: Iterable[Row], folder: Path) -> dict[str, Row]:
+    """Rows of a log by the key of their case.
+
+    Raises:
+        ConfigurationError: One has none, or lacks what the log adds to a row.
+    """
+    reader = TableReader("a row", passes_unknown=True)
     try:
-        return json.loads(file.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise ConfigurationError(f"{file}: cannot be read ({error}); --anew throws the rows away") from error
+        return {reader.made(_Logged, row).case_id: row for row in rows}
+    except ConfigurationError as error:
+        raise ConfigurationError(f"{folder}: {error}; --anew throws the rows away") from error
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Times:
+    """Times of a run, as a row holds them."""
+
+    wall_s: float | None
+    cpu_s: float | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Logged:
+    """What the log adds to a row; the fields are KEY and TIMING."""
+
+    case_id: str
+    timing: _Times
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _About:
+    """Content of study.json."""
+
+    schema: int = SCHEMA_VERSION
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    of: Mapping[str, Any] = field(default_factory=dict)
+    versions: Mapping[str, str] = field(default_factory=dict)
+    code: Mapping[str, str] = field(default_factory=dict)
+
+
+def _read_about(file: Path) -> _About:
+    try:
+        return TableReader(ABOUT).made(_About, json_of(file, "study"))
+    except ConfigurationError as error:
+        raise ConfigurationError(f"{error} ({file}); --anew throws the rows away") from error

@@ -9,6 +9,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.files import bytes_of
 from sim.runs.saving import write_whole
 
 Row = dict[str, Any]  # result of one case, of JSON types
@@ -17,6 +18,7 @@ SCHEMA_VERSION = 1  # of the files; another one is refused
 ROWS = "rows"  # folder of the files
 LAYOUT = "_layout"  # column: the row's nesting, in JSON, with a letter for each value (`_leaf`)
 CHUNK = 256  # rows of a file
+_MOST_BYTES = 64_000_000  # of a file, and of its content unpacked
 _VERSION_KEY, _JSON = b"uuv_arm.schema_version", {b"uuv_arm.encoding": b"json"}  # metadata of a file, of a column
 _EXACT = 2**53  # whole numbers up to here are exact in a double
 
@@ -46,11 +48,11 @@ class RowTable:
         uneven = False
         for file in _files(self._home):
             table = _read(file)
+            self.rows += _decoded(table, file)
             kinds = _kinds_of(table.schema)
             uneven |= bool(self._kinds) and kinds != self._kinds
             for name, kind in kinds.items():
                 self._kinds[name] = _wider(self._kinds[name], kind) if name in self._kinds else kind
-            self.rows += _decoded(table)
             self._last = table
         if uneven:  # a kill between two files of a change of columns
             self._write_all()
@@ -123,6 +125,8 @@ class RowTable:
             self._last = pa.table({})
 
     def _write(self, number: int, table: pa.Table) -> None:
+        if self._home.is_symlink():
+            raise ConfigurationError(f"{self._home}: is a link, and its rows would go where it leads to")
         try:
             self._home.mkdir(exist_ok=True)
         except OSError as error:
@@ -152,7 +156,7 @@ def read_rows(folder: str | Path) -> list[Row]:
     Raises:
         ConfigurationError: A file cannot be read, or is of another version.
     """
-    return [row for file in _files(Path(folder) / ROWS) for row in _decoded(_read(file))]
+    return [row for file in _files(Path(folder) / ROWS) for row in _rows_of(file)]
 
 
 def delete_rows(folder: Path) -> None:
@@ -171,10 +175,18 @@ def _files(home: Path) -> list[Path]:
 
 
 def _read(file: Path) -> pa.Table:
+    raw = bytes_of(file, "rows", _MOST_BYTES)
     try:
-        table = pq.ParquetFile(file).read()
-    except (OSError, pa.ArrowException) as error:
-        said = getattr(error, "strerror", None) or str(error).splitlines()[0]
+        stored = pq.ParquetFile(pa.BufferReader(raw))
+        told = stored.metadata
+        unpacked = sum(told.row_group(i).total_byte_size for i in range(told.num_row_groups))
+        if told.num_rows > CHUNK or unpacked > _MOST_BYTES:
+            raise ConfigurationError(f"{file}: more than {CHUNK} rows or {_MOST_BYTES} bytes; take it out")
+        table = stored.read()
+    except (OSError, ValueError, MemoryError, pa.ArrowException) as error:
+        if isinstance(error, ConfigurationError):
+            raise
+        said = (str(error).splitlines() or [""])[0]
         raise ConfigurationError(f"{file}: is no whole Parquet file ({said}); mend it or take it out") from error
     version = (table.schema.metadata or {}).get(_VERSION_KEY, b"none").decode()
     if version != str(SCHEMA_VERSION):
@@ -220,7 +232,19 @@ def _leaf(value: Any) -> str:
     return "i" if type(value) is int else "f" if isinstance(value, float) else ""
 
 
-def _decoded(table: pa.Table) -> list[Row]:
+def _rows_of(file: Path) -> list[Row]:
+    return _decoded(_read(file), file)
+
+
+def _decoded(table: pa.Table, file: Path) -> list[Row]:
+    """Rows of a table, which was read from `file`."""
+    try:
+        return _nested_rows(table)
+    except (ValueError, KeyError, TypeError, RecursionError) as error:
+        raise ConfigurationError(f"{file}: is no table of rows ({error}); mend it or take it out") from error
+
+
+def _nested_rows(table: pa.Table) -> list[Row]:
     columns: dict[str, list[Any]] = {name: table[name].to_pylist() for name in table.schema.names}
     for name, kind in _kinds_of(table.schema).items():
         if kind is None:

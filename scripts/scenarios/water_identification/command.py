@@ -39,11 +39,6 @@ _USUAL = (POSITION, ATTITUDE, RATE)  # channels of a log that is planned or simu
 _SHOWN = 4  # manoeuvres in the table of a plan
 
 
-def console() -> Console:
-    """Terminal; elsewhere wide enough for the tables."""
-    return Console(width=None if Console().is_terminal else 140)
-
-
 def vehicle_of(options: WaterOptions) -> tuple[mujoco.MjSpec, ReplayVehicle]:
     """The vehicle as it is believed, and for replay with the priors asked for.
 
@@ -104,7 +99,7 @@ def run(options: WaterOptions, console: Console) -> int:
     title = (
         f"Water of {options.vehicle}, {len(logs)} log{'s' * (len(logs) > 1)}, {sum(log.duration for log in logs):.0f} s"
     )
-    console.print(f"[bold]{title}[/bold]")
+    console.print(Text(title, style="bold"))
     console.print(table_of(found, exact))
     for line in words(found, combined, fit, logs, own):
         console.print(line, highlight=False, soft_wrap=True)
@@ -226,9 +221,7 @@ def _plan(
     ranked, flown = next_manoeuvres(own, deviations, known, settings, channels=channels, aim=options.aim)
     console.print(plan_table(ranked))
     best = ranked[0]
-    console.print(
-        f"next: [bold]{best.name}[/bold]; the intervals shrink by {best.sharper():.2f} in the mean", highlight=False
-    )
+    console.print(f"next: {best.name}; the intervals shrink by {best.sharper():.2f} in the mean", highlight=False)
     sharpest = np.argsort(-np.where(best.aim, best.before / best.after, 0.0))[:3]
     for i in sharpest:
         each, x = own.water.parameters[i], float(deviations[i])

@@ -66,7 +66,8 @@ def identify_water(options: WaterOptions) -> int:
         UuvError: Options, vehicle or logs are wrong.
     """
     check_inputs(options)
-    from scenarios.water_identification.command import console, run  # imported, and compiled, after the check
+    from scenarios.water_identification.command import run  # imported, and compiled, after the check
+    from sim.runs.terminal import console
 
     return run(options, console())
 

@@ -134,6 +134,24 @@ def test_csv_and_parquet_hold_the_same_log(tmp_path):
     assert a.commands["bow"] == pytest.approx(b.commands["bow"], abs=1e-8)
 
 
+@pytest.mark.parametrize("end", ["\r", "\r\n"])
+def test_every_kind_of_line_end_is_one(end: str, tmp_path):
+    rows = (f"{0.02 * i:.2f},{0.01 * i:.2f},0.5,-5,0,0.6,0,0.8" for i in range(400))
+    lines = ["time,x,y,z,qx,qy,qz,qw", *rows]
+    (tmp_path / "ours.csv").write_bytes("\n".join(lines).encode())
+    (tmp_path / "theirs.csv").write_bytes(end.join(lines).encode())
+    ours, theirs = (read_log(tmp_path / f"{name}.csv", thrusters=(), joints={}) for name in ("ours", "theirs"))
+    assert theirs.channels.keys() == ours.channels.keys() != set()
+    for kind, channel in ours.channels.items():
+        assert np.array_equal(theirs.channels[kind].values, channel.values)
+
+
+def test_a_cell_without_end_is_one_line(tmp_path):
+    (tmp_path / "dive.csv").write_text("time,x\n0.0," + "1" * 200_000 + "\n")
+    with pytest.raises(ConfigurationError, match=r"log dive\.csv: cannot be read \(field larger than field limit"):
+        read_log(tmp_path / "dive.csv", thrusters=(), joints={})
+
+
 def test_a_gap_divides_a_log():
     table = columns()
     keep = (table["time"] < 4.0) | (table["time"] > 5.5)

@@ -112,7 +112,7 @@ def test_the_command(script, tmp_path):
     for other, said in (
         (tmp_path / "none", "holds no rows of a campaign"),
         (bounds, "the bounds differ"),
-        (running, "no metrics.json"),
+        (running, "holds no campaign that came to its end"),
     ):
         done = script("compare_campaigns", str(a), str(other), "--out", str(tmp_path / "x"))
         assert done.returncode == 2

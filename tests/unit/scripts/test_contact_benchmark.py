@@ -1,6 +1,11 @@
 """The contact benchmark: pinned cases, a door that no entry can break, scores that do not depend on the door."""
 
+import io
 import json
+import os
+import re
+import subprocess
+import sys
 from dataclasses import fields, replace
 from pathlib import Path
 
@@ -9,11 +14,12 @@ import pytest
 
 import bad_entries
 from scenarios.assembly import assemble
+from scenarios.contact_benchmark import door
 from scenarios.contact_benchmark.cases import CASES, FAMILIES, BenchmarkCase, cases, digest
 from scenarios.contact_benchmark.door import EntryProcess
 from scenarios.contact_benchmark.entries import ENTRIES, Entry
-from scenarios.contact_benchmark.leaderboard import page
-from scenarios.contact_benchmark.score import KEPT, ScoredCase, behind_door, median, score, share
+from scenarios.contact_benchmark.leaderboard import page, read_result
+from scenarios.contact_benchmark.score import ENTRY_SEED, KEPT, ScoredCase, behind_door, median, score, share
 from scenarios.contact_benchmark.wire import Briefing, CommandCodec, EntryError, EstimateCodec
 from scenarios.runner import run
 from scenarios.scenario import Control
@@ -24,7 +30,7 @@ from sim.interfaces.spatial import exp_so3, pose
 from untyped import untyped
 
 GROUND = GroundPlane(time=1.0, p_W=np.ones(3), normal_W=np.ones(3), scatter=0.0, beams=3, silent=())
-DIGEST = "d090bbf90ede"  # of the 100 public cases of version 0
+DIGEST = "d090bbf90ede"  # of the 100 public cases
 
 
 def run_behind_door(control, longest, *, estimator="", **limits):
@@ -101,6 +107,7 @@ def test_the_truth_is_not_in_the_memory_of_the_entry(monkeypatch, tmp_path, rng,
     sought = (true, rng.normal(size=3), told)
     masked = np.stack([np.frombuffer(each.tobytes(), dtype=np.uint8) ^ bad_entries.MASK for each in sought])
     np.save(tmp_path / "patterns.npy", masked)
+    monkeypatch.setattr(door, "_KEPT_GROUPS", (*door._KEPT_GROUPS, "BENCHMARK_TEST_"))
     monkeypatch.setenv(bad_entries.PATTERNS, str(tmp_path / "patterns.npy"))
     monkeypatch.setenv(bad_entries.FOUND, str(tmp_path / "found"))
     run_behind_door(Control(controller="bad_entries:SearchesItself"), 0.02, estimator=estimator)
@@ -201,15 +208,112 @@ def test_rows_of_a_changed_entry_are_refused_and_none_is_doubled(script, monkeyp
         assert f"(changed: {changed}); --anew throws them away, or take another --out" in refused.stderr
         assert len(refused.stderr.splitlines()) == 1
         changed.write_text(before)
-    for option, there in (("--seed", "20261123"), ("--entry", f"{entry.stem}:Failing")):
-        refused = scored(option, {"--seed": 7, "--entry": "default"}[option])
+    monkeypatch.setattr(sys, "stdin", io.StringIO("7\n"))
+    other = {f"--entry {entry.stem}:Failing": ("--entry", "default"), "cases of digest": ("--fresh",)}
+    for there, given in other.items():
+        refused = scored(*given)
         assert refused.returncode == 2
-        assert f"holds runs of {option} {there}, asked for are those of {option}" in refused.stderr
+        assert f"holds runs of {there}" in refused.stderr
+        assert f", asked for are those of {there.split(' ')[0]}" in refused.stderr
     helper.write_text(DYING)
     assert "ended with code 7: last words" in scored("--anew").stdout
     (row,) = read_rows(out)
     assert row["class"] == "entry failed"
     assert "ended with code 7: last words" in row["detail"]
+
+
+SNOOPING = """
+import os
+from pathlib import Path
+
+
+def read(path):
+    try:
+        return path.read_bytes()
+    except OSError:
+        return b""
+
+
+class Snoops:
+    period = 0.002
+
+    def __init__(self, model, *, water_error):
+        self.seen, self.parents = [], 0
+
+    def init(self, estimate):
+        return None
+
+    def step(self, state, estimate, reference):
+        return state, None
+
+    def brief(self, briefing):
+        self.seen += [repr((briefing.seed, briefing.task, briefing.control, briefing.estimator)).encode()]
+        self.seen += [read(Path("/proc/self/cmdline")), repr(os.listdir(".")).encode()]
+        self.seen += [b"own environment " + repr(dict(os.environ)).encode()]
+        process, places = os.getpid(), [Path.cwd(), Path({out!r})]
+        while process > 1 and self.parents < 2:  # itself and the benchmark: what is above them is the tests' own
+            home = Path("/proc", str(process))
+            self.seen += [read(home / name) for name in ("cmdline", "environ", "comm")]
+            self.seen += [read(each) for each in home.glob("fd/*") if each.is_file() and not each.is_fifo()]
+            process, self.parents = int(read(home / "stat").rpartition(b")")[2].split()[1]), self.parents + 1
+        for place in places:
+            self.seen += [read(file) for file in place.rglob("*") if file.is_file()]
+        with open({log!r}, "ab") as log:
+            log.write(b"%d parents, seed %d\\n" % (self.parents, briefing.seed) + b"\\n".join(self.seen))
+        raise RuntimeError("seen enough")
+"""
+
+
+@pytest.mark.skipif(not Path("/proc/self/cmdline").exists(), reason="looks into /proc")
+def test_an_entry_finds_its_case_nowhere(root: Path, tmp_path: Path):
+    """By the command, with a fresh case: arguments, environment, files and parents tell the seed to nobody."""
+    seed, out, log = 8_414_709_848_078_965_066, tmp_path / "out", tmp_path / "log"
+    (tmp_path / "snooping_entry.py").write_text(SNOOPING.format(out=str(out), log=str(log)))
+    command = ["scripts/benchmarks/contact_score.py", "--fresh", "--entry", "snooping_entry:Snoops", "--cases", "1"]
+    paths = os.pathsep.join([str(tmp_path), str(root), str(root / "scripts")])
+    done = subprocess.run(
+        [sys.executable, *command, "--workers", "1", "--out", str(out)],
+        input=f"{seed}\n",
+        cwd=root,
+        env={name: os.environ[name] for name in ("PATH", "HOME")} | {"PYTHONPATH": paths, "MARK_OF_THE_PARENT": "1"},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert "the entry raised RuntimeError: seen enough" in done.stdout, done.stdout + done.stderr
+    seen = log.read_bytes()
+    ((parents, briefed),) = re.findall(rb"(\d+) parents, seed (\d+)", seen)
+    assert int(parents) == 2
+    assert int(briefed) == ENTRY_SEED
+    (environment,) = re.findall(rb"own environment (.*)", seen)
+    assert b"MARK_OF_THE_PARENT" not in environment
+    assert b'"versions"' in seen  # it did read the benchmark's files
+    for told in (str(seed).encode(), seed.to_bytes(8, "little"), f"{seed:x}".encode()):
+        assert told not in seen
+    assert json.loads((out / "metrics.json").read_text())["benchmark"]["seed"] == seed
+
+
+@pytest.mark.parametrize("text", ["x", "-3", "1.5", "9" * 30])
+def test_a_seed_that_is_none_is_refused(text: str, script, monkeypatch):
+    monkeypatch.setattr(sys, "stdin", io.StringIO(text))
+    refused = script("benchmarks.contact_score", "--fresh")
+    assert refused.returncode == 2
+    assert refused.stderr.startswith("error: --fresh: ")
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ("[]", r"must be a table, got \[\]"),
+        ('{"benchmark": 5, "rows": []}', r"\[benchmark\]: must be a table, got 5"),
+        ('{"benchmark": {"version": 1}, "rows": []}', r"\[benchmark\]: seed is missing"),
+        ("[" * 9000, "tables deep"),
+    ],
+)
+def test_a_damaged_result_is_one_line(change: str, said: str, tmp_path: Path):
+    (tmp_path / "metrics.json").write_text(change)
+    with pytest.raises(ConfigurationError, match=said):
+        read_result(tmp_path)
 
 
 @pytest.mark.long
@@ -295,7 +399,7 @@ def test_intervals():
 def test_results_of_other_cases_make_no_table():
     row = {"case": 0, "family": "barrel", "class": KEPT, "door": None}
     row |= dict.fromkeys(("force_rms_n", "force_peak_n", "path_max_m", "excursion_max_m", "energy_j"), 1.0)
-    about = {"version": 0, "seed": 1, "public": False, "cases": 1, "cases_digest": "a", "entry": "mine", "code": "c"}
+    about = {"version": 1, "seed": 1, "public": False, "cases": 1, "cases_digest": "a", "entry": "mine", "code": "c"}
     about["source"] = "0123456789abcdef" + "fedcba9876543210"  # of a controller and an estimator
     one = {"benchmark": about, "rows": [row]}
     assert "| mine | 100 (3 to 100) |" in page([one])  # by hand: the least share is 0.025

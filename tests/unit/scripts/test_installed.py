@@ -1,5 +1,6 @@
 """The scenario layer as others import it: under one name, from any folder, from the installed wheel."""
 
+import os
 import shutil
 import subprocess
 import sys
@@ -46,7 +47,8 @@ print(abs(data.qvel[2]) < 0.1)
 
 
 def python(program: str | Path, code: str, folder: Path) -> subprocess.CompletedProcess[str]:
-    return subprocess.run([program, "-c", code], cwd=folder, capture_output=True, text=True, check=False)
+    env = {name: value for name, value in os.environ.items() if name != "PYTHONSAFEPATH"}  # which a command has set
+    return subprocess.run([program, "-c", code], cwd=folder, env=env, capture_output=True, text=True, check=False)
 
 
 def test_no_module_is_loaded_twice_and_a_folder_without_modules_hides_nothing(root: Path, tmp_path: Path):

@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 from scenarios.study import read_rows, row_table
 from scenarios.study.row_table import LAYOUT, Row, RowTable
 from sim.interfaces.errors import ConfigurationError
+from sim.runs import saving
 
 NUMBERS = st.integers() | st.floats(allow_nan=False, allow_infinity=False)
 VALUES = st.recursive(
@@ -166,11 +167,13 @@ def test_another_version_of_the_schema_is_refused(tmp_path, monkeypatch):
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="writes to /dev/full")
-def test_a_full_disk_costs_the_row_at_hand_only(tmp_path):
+def test_a_full_disk_costs_the_row_at_hand_only(tmp_path, monkeypatch):
     table = filled(tmp_path, [{"run": 0}])
-    (tmp_path / f".000000.parquet.{os.getpid()}").symlink_to("/dev/full")  # where the new file is written to
-    with pytest.raises(ConfigurationError, match=r"000000.parquet: cannot be written \(No space left on device\)"):
-        table.extend([{"run": 1, "new": 1.0}])
+    said = r"000000.parquet: cannot be written \(No space left on device\)"
+    with monkeypatch.context() as full:
+        full.setattr(saving, "_not_through_a_link", lambda *_: os.open("/dev/full", os.O_WRONLY))
+        with pytest.raises(ConfigurationError, match=said):
+            table.extend([{"run": 1, "new": 1.0}])
     assert read_rows(tmp_path) == [{"run": 0}]
     table.extend([{"run": 1, "new": 1.0}])
     assert read_rows(tmp_path) == [{"run": 0}, {"run": 1, "new": 1.0}]

@@ -143,7 +143,7 @@ WORK = 'name = "x"\n[task]\nkind = "SurfaceWork"\n'
 def test_a_bad_file_is_one_line_that_says_what_is_allowed(text, said, tmp_path):
     file = tmp_path / "s.toml"
     file.write_text(text)
-    with pytest.raises(ConfigurationError, match=f"scenario .*s.toml: .*{said}") as refused:
+    with pytest.raises(ConfigurationError, match=f"scenario .*s.toml': .*{said}") as refused:
         read_scenario(file)
     assert "\n" not in str(refused.value)
     assert len(str(refused.value)) <= LONGEST

@@ -13,7 +13,6 @@ from typing import Any, ClassVar
 import jsonschema
 import numpy as np
 import pytest
-from rich.console import Console
 
 import models
 from models.vehicle import Vehicle
@@ -25,6 +24,7 @@ from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import AbortCode, WorkState
 from sim.loop.recording import STATES, Event, Recording, Series
 from sim.runs.command_line import Interrupted, RunOptions
+from sim.runs.terminal import PlainConsole
 
 DT = 0.002
 SCHEMA = json.loads((Path(__file__).resolve().parents[3] / "sim/schemas/study_contact.schema.json").read_text())
@@ -246,7 +246,7 @@ def test_a_signal_after_the_run_costs_nothing_of_it(tmp_path, monkeypatch):
     monkeypatch.setattr(whole_run, "assessed", assessed)
     monkeypatch.setattr(whole_run, "results_table", lambda _: "")
     said = StringIO()
-    monkeypatch.setattr(whole_run, "Console", lambda: Console(file=said))
+    monkeypatch.setattr(whole_run, "PlainConsole", lambda: PlainConsole(file=said))
     with pytest.raises(Interrupted) as ended:
         whole_run.command(barrel(quick=True), RunOptions(record=False, out=tmp_path / "out"), 0.0)
     assert ended.value.code == 143

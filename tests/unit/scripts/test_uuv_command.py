@@ -30,6 +30,7 @@ def uuv(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureF
     monkeypatch.setattr(sys, "path", list(sys.path))
     monkeypatch.setenv("MUJOCO_GL", "")  # has it restored: the verb `picture` sets it
     monkeypatch.delenv("MUJOCO_GL")
+    monkeypatch.setenv("PYTHONSAFEPATH", "")  # likewise: every verb sets it
 
     def call(*args: str, code: int = 0) -> str:
         monkeypatch.setattr(sys, "argv", ["uuv", *args])
@@ -237,7 +238,9 @@ def test_a_task_of_ones_own_is_run_and_replayed(uuv, tmp_path: Path):
     made = json.loads(uuv("run", "clean-barrel", "--json", "--no-record", "--task", "draw:Circle", *asked))
     assert made["accepted"], made["failed"]
     assert made["provenance"]["options"]["task"] == {"kind": "draw:Circle", "radius": 0.05}
-    assert "the same to the bit" in uuv("replay", "draw")
+    refused = uuv("replay", "draw", code=2)
+    assert "scenario.toml': names code, 'draw:Circle', which is not run unless you say --trust" in refused
+    assert "the same to the bit" in uuv("replay", "draw", "--trust")
     for task, said in (
         ("draw:Round", "error: --task: task 'draw:Round': cannot be imported"),
         ("other:Thing", "error: --task: [task]: task 'other:Thing' must be a dataclass that inherits Task"),

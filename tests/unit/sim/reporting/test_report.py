@@ -16,13 +16,14 @@ from rich.console import Console
 import models
 from models.objects.targets import barrel
 from models.vehicle import Vehicle
+from run_records import every_run
 from sim.evaluation.metrics import Assessment, TrueObject, assess
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import Target, ToolPath, WorkState
 from sim.interfaces.pose_covariance import PoseCovariance
 from sim.interfaces.spatial import pose
 from sim.loop.recording import STATES, Event, Recording, Series
-from sim.reporting import series_tables
+from sim.reporting import series_files
 from sim.reporting.report import write_report
 from sim.reporting.report_figures import object_as_found
 from sim.reporting.results_table import results_table
@@ -202,11 +203,11 @@ def test_second_run_is_laid_over_the_first_from_the_start_of_the_work():
 @pytest.mark.parametrize("ending", [".parquet", ".npz"])
 def test_series_are_read_back_as_they_were(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ending: str):
     if ending == ".npz":
-        monkeypatch.setattr(series_tables, "find_spec", lambda _: None)
+        monkeypatch.setattr(series_files, "find_spec", lambda _: None)
     run = recorded(WorkState.WORK, WorkState.DONE)
     run = replace(run, series={**run.series, "q": replace(run["thrust"], labels=VEHICLE.joint_names, unit="rad")})
     write_series(run, tmp_path)
-    (tmp_path / "metrics.json").write_text(json.dumps({"run": {"simulated_s": run.duration}}))
+    (tmp_path / "metrics.json").write_text(json.dumps(every_run(simulated_s=run.duration)))
     past = PastRun.of(tmp_path)
     assert {file.suffix for file in tmp_path.iterdir()} == {".json", ending}
     assert past.units()["q.joint1"] == "rad"

@@ -1,0 +1,134 @@
+"""A document of others becomes a dataclass, or one line says where in it the fault is."""
+
+import json
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+
+import pytest
+
+from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.files import bytes_of, folder_name
+from sim.interfaces.tables import DEEPEST, TableReader, json_of, toml_of
+
+
+@dataclass(frozen=True, kw_only=True)
+class Inner:
+    share: float = field(metadata={"schema": {"minimum": 0, "maximum": 1}})
+    digest: str = field(default="ab", metadata={"schema": {"pattern": "^[a-f]+$"}})
+
+
+@dataclass(frozen=True, kw_only=True)
+class Outer:
+    inner: Inner
+    state: Literal["done", "abort"]
+    place: tuple[float, float] = (0.0, 0.0)
+    names: list[str] = field(default_factory=list)
+    more: Mapping[str, int] = field(default_factory=dict)
+    seed: int | None = None
+    rest: Any = None
+
+
+GOOD: dict[str, Any] = {"inner": {"share": 0.25}, "state": "done", "place": [1, 2.5], "more": {"a": 3}, "rest": [{}]}
+
+
+def test_a_table_becomes_a_dataclass():
+    made = TableReader().made(Outer, {**GOOD, "names": ["x"], "seed": None})
+    assert made == Outer(inner=Inner(share=0.25), state="done", place=(1.0, 2.5), names=["x"], more={"a": 3}, rest=[{}])
+    assert isinstance(made.place[0], float)
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"inner": {"share": 1.5}}, r"inner.share: must be at least 0 and at most 1, got 1.5"),
+        ({"inner": {"share": 0.5, "digest": "xyz"}}, r"inner.digest: must be of the form \^\[a-f\]\+\$, got 'xyz'"),
+        ({"inner": {"shares": 0.5}}, r"\[inner\] has no 'shares'; it has share, digest \(did you mean share\?\)"),
+        ({"inner": {}}, r"\[inner\]: share is missing"),
+        ({"inner": None}, r"\[inner\]: must be a table, got None"),
+        ({"state": "don"}, r"state: allowed done, abort, got 'don' \(did you mean done\?\)"),
+        ({"state": ["done"]}, r"state: allowed done, abort, got \['done'\]"),
+        ({"place": [1.0]}, r"place: must be 2 values"),
+        ({"place": 5}, r"place: must be a list, got 5"),
+        ({"names": [1]}, r"names: must be text, got 1"),
+        ({"more": {"a": True}}, r"more.a: must be a whole number, got True"),
+        ({"more": []}, r"more: must be a table, got \[\]"),
+        ({"seed": 1.5}, r"seed: must be a whole number, got 1.5"),
+    ],
+)
+def test_a_fault_is_told_with_its_place(change: dict[str, Any], said: str):
+    with pytest.raises(ConfigurationError, match=said):
+        TableReader().made(Outer, {**GOOD, **change})
+
+
+@pytest.mark.parametrize("given", [[], 5, None, "x"])
+def test_what_is_no_table_is_refused(given: Any):
+    with pytest.raises(ConfigurationError, match=r"study\.json: must be a table, got"):
+        TableReader("study.json").made(Outer, given)
+
+
+def test_keys_of_a_later_version_can_be_passed_over():
+    assert TableReader(passes_unknown=True).made(Outer, {**GOOD, "later": 1}).state == "done"
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("", "the file is empty"),
+        ("{", "cannot be read"),
+        ('{"a": NaN}', "NaN is no JSON"),
+        ('{"a": 1e999}', r"\[a\]: must be a finite number, got inf"),
+        ('{"a": 1, "b": 2, "a": 3}', "the key 'a' stands twice in one table"),
+        ('{"a": ' + "9" * 5000 + "}", "cannot be read"),
+        ('{"a": ' + "9" * 30 + "}", r"\[a\]: a whole number of more than 63 bits"),
+        ("[" * 50_000 + "]" * 50_000, f"more than {DEEPEST} tables deep"),
+        ("[" * 50 + "]" * 50, f"more than {DEEPEST} tables deep"),
+        (r'{"a": "\u001b[2J"}', r"\[a\]: a control character in the text"),
+        (r'{"\u0007": 1}', "is no name of a value"),
+        (r'{"a": "\ud800"}', r"\[a\]: a control character in the text"),
+        (json.dumps({"a" * 300: 1}), "is no name of a value"),
+        (json.dumps({"a": "b" * 2000}), "larger than 1000 bytes"),
+    ],
+)
+def test_what_can_neither_be_printed_nor_computed_with_is_refused(text: str, said: str, tmp_path: Path):
+    file = tmp_path / "x.json"
+    file.write_text(text)
+    with pytest.raises(ConfigurationError, match=said) as refused:
+        json_of(file, "metrics", 1000 if "larger" in said else 10**6)
+    assert str(refused.value).startswith("metrics '")
+    assert str(refused.value).isprintable()
+
+
+def test_a_document_is_read_as_it_stands(tmp_path: Path):
+    content = {"[/red]k": [1.5, None, True, "two\nlines"], "ünï": {"a": -3}}
+    (tmp_path / "x.json").write_text(json.dumps(content), encoding="utf-8")
+    assert json_of(tmp_path / "x.json", "x") == content
+    (tmp_path / "x.toml").write_text("a = inf\n[b]\nc = [1]\n")
+    assert toml_of(tmp_path / "x.toml", "x") == {"a": float("inf"), "b": {"c": [1]}}
+
+
+def test_only_regular_files_are_read(tmp_path: Path):
+    (tmp_path / "zero").symlink_to("/dev/zero")
+    os.mkfifo(tmp_path / "pipe")
+    for name in ("zero", "pipe"):
+        with pytest.raises(ConfigurationError, match=f"log '.*{name}': it is no regular file"):
+            bytes_of(tmp_path / name, "log")
+    (tmp_path / "sparse").touch()
+    os.truncate(tmp_path / "sparse", 10**12)
+    with pytest.raises(ConfigurationError, match="larger than 100 bytes"):
+        bytes_of(tmp_path / "sparse", "log", 100)
+
+
+@pytest.mark.parametrize("name", ["clean_barrel", "a-b/case_0007", "élan2"])
+def test_names_that_a_folder_may_have(name: str):
+    assert folder_name(name, "name") == name
+
+
+@pytest.mark.parametrize(
+    "name", ["../x", "/x", "a/../b", "a//b", "", "x\x1b", "[/bold]", "a b", "a" * 300, "-", ".", 5]
+)
+def test_names_that_no_folder_may_have(name: Any):
+    with pytest.raises(ConfigurationError, match=r"^name: must be "):
+        folder_name(name, "name")

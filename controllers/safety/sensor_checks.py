@@ -23,7 +23,7 @@ from sim.interfaces.messages import Fault, FaultKind, StateEstimate
 _AXES = "xyz"
 
 
-class Finding(NamedTuple):
+class SensorFinding(NamedTuple):
     """One sensor found to be off."""
 
     part: str
@@ -37,7 +37,7 @@ class SensorCheck:
     """One row: the kind of its fault, and how to read what the estimate says."""
 
     kind: FaultKind
-    found: Callable[[StateEstimate], Iterator[Finding]]
+    found: Callable[[StateEstimate], Iterator[SensorFinding]]
 
 
 def sensor_faults(estimate: StateEstimate) -> Iterator[Fault]:
@@ -47,33 +47,33 @@ def sensor_faults(estimate: StateEstimate) -> Iterator[Fault]:
             yield Fault(kind=check.kind, part=part, index=index, time=time, figures=figures)
 
 
-def _gyro(estimate: StateEstimate) -> Iterator[Finding]:
+def _gyro(estimate: StateEstimate) -> Iterator[SensorFinding]:
     """Axes of the gyro that are off the change of the attitude."""
     for i, off in enumerate(estimate.gyro_off_B.tolist()):
         if off:
             either = ", unless the attitude drifts" if estimate.attitude_off_B[i] else ""
             said = f"{math.degrees(off):+.2f} deg/s off the change of the attitude{either}"
-            yield Finding(_AXES[i], i, estimate.time, said)
+            yield SensorFinding(_AXES[i], i, estimate.time, said)
 
 
-def _attitude(estimate: StateEstimate) -> Iterator[Finding]:
+def _attitude(estimate: StateEstimate) -> Iterator[SensorFinding]:
     """An attitude that is off the integral of the rates."""
     off = estimate.attitude_off_B.tolist()
     if any(map(math.isnan, off)):
-        yield Finding("", -1, estimate.time, "no rotation")
+        yield SensorFinding("", -1, estimate.time, "no rotation")
         return
     axes = [i for i in range(3) if off[i]]
     if axes:
         turned = ", ".join(f"{math.degrees(off[i]):+.2f} deg about {_AXES[i]}" for i in axes)
         either = ", unless the gyro does" if estimate.gyro_off_B[axes].any() else ""
-        yield Finding("", -1, estimate.time, f"leaves the integral of the rate by {turned}{either}")
+        yield SensorFinding("", -1, estimate.time, f"leaves the integral of the rate by {turned}{either}")
 
 
-def _accelerometer(estimate: StateEstimate) -> Iterator[Finding]:
+def _accelerometer(estimate: StateEstimate) -> Iterator[SensorFinding]:
     """A jump of the accelerometer's bias."""
     if math.isfinite(estimate.imu_jump_age):
         time = estimate.time - estimate.imu_jump_age
-        yield Finding("accelerometer", -1, time, "the bias of the accelerometer jumped and is estimated anew")
+        yield SensorFinding("accelerometer", -1, time, "the bias of the accelerometer jumped and is estimated anew")
 
 
 SENSOR_CHECKS = (

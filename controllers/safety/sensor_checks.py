@@ -27,7 +27,11 @@ class SensorFinding(NamedTuple):
     """One sensor found to be off."""
 
     part: str
+<<<<<<< HEAD
     number: int  # of the axis; -1 where the whole sensor is meant
+=======
+    axis: int  # its number; -1 where the whole sensor is meant
+>>>>>>> w61-gyro
     time: float  # [s] at which it was found
     figures: str
 
@@ -43,8 +47,8 @@ class SensorCheck:
 def sensor_faults(estimate: StateEstimate) -> Iterator[Fault]:
     """All faults that `estimate` tells of, each time anew."""
     for check in SENSOR_CHECKS:
-        for part, index, time, figures in check.found(estimate):
-            yield Fault(kind=check.kind, part=part, index=index, time=time, figures=figures)
+        for part, axis, time, figures in check.found(estimate):
+            yield Fault(kind=check.kind, part=part, index=axis, time=time, figures=figures)
 
 
 def _gyro(estimate: StateEstimate) -> Iterator[SensorFinding]:

@@ -39,7 +39,7 @@ class Sway:
 
     def found(self) -> int:
         """Ticks from the onset to the first finding; -1: none."""
-        told = [e.gyro_off_B.any() or e.attitude_off_B.any() for e in self.estimates]
+        told = [bool(e.gyro_off_B.any() or e.attitude_off_B.any()) for e in self.estimates]
         return told.index(True) - ONSET if True in told else -1
 
     def attitude_error(self) -> Array:

@@ -27,11 +27,7 @@ class SensorFinding(NamedTuple):
     """One sensor found to be off."""
 
     part: str
-<<<<<<< HEAD
-    number: int  # of the axis; -1 where the whole sensor is meant
-=======
     axis: int  # its number; -1 where the whole sensor is meant
->>>>>>> w61-gyro
     time: float  # [s] at which it was found
     figures: str
 

@@ -18,7 +18,7 @@ from scipy.stats import chi2, t
 from calib.fit import LEAST_FREEDOM, Data, Fit, Problem, centred, pair_cost, solve, solve_robustly, tips_of
 from calib.loads import BoundLoads, Loads
 from calib.paper import WARNING, paper_run
-from calib.parameters import DEFAULT_FREE, DEFAULT_PRIOR, Parameters, prior_deviations, select
+from calib.parameters import DEFAULT_FREE, DEFAULT_PRIOR, Parameters, prior_deviations, select, widest_prior
 from calib.rank import RankReport, rank_report
 from calib.touches import checked_series, first_tcp, without_repeats
 from calib.verification import PointTouches, kabsch, places, scores
@@ -374,7 +374,8 @@ def _map_fit(
     def run(chosen: Parameters, on: Data) -> tuple[Fit, Data]:
         problem = Problem(arm, on, chosen, mean)
         deviations = prior_deviations(chosen, {k: v for k, v in (prior or {}).items() if k in _words(chosen)})
-        return solver(problem, deviations, noise=how.noise, adapt=prior is None, iterations=how.max_iterations)
+        widest = widest_prior(chosen, arm.reach) if prior is None else None
+        return solver(problem, deviations, noise=how.noise, widest=widest, iterations=how.max_iterations)
 
     prior_deviations(parameters, prior)  # refuses unknown words before the first estimate
     fit, used = run(parameters, data)

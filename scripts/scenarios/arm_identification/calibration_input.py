@@ -3,6 +3,7 @@
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
@@ -12,6 +13,7 @@ import numpy as np
 import models
 from calib import verification
 from calib.arm_files import ArmSource, read_arm
+from calib.doubts import Doubt, Told, doubts
 from calib.identification import Calibration, identify
 from calib.loads import Loads
 from calib.moving_base import in_own_names, on_moving_base, own_arm, own_parameters, with_base
@@ -95,6 +97,7 @@ class CalibrationOutcome:
     tips: tuple[Array, Array] | None = None  # (N,) [m] error of the tip in the base: nominal, identified
     uncorrected: dict[str, verification.Cloud] = field(default_factory=dict)  # hovering: hull motion ignored
     rigid: Calibration | None = None  # where compliances are identified: the same touches without them
+    doubts: tuple[Doubt, ...] = ()  # wrong inputs that explain the touches better than the arm found
 
 
 def nominal(name: str, folder: Path, base: str | None, tip: str | None) -> ArmSource:
@@ -337,6 +340,10 @@ def solve(
     plain = identify(series, arm, free=list(free) or None, **options)
     if case.X_BA is None:
         outcome = _judged(case, plain, plain.arm, series)
+        if method == "map":
+            again = partial(identify, nominal=arm, free=list(free) or None, **{**options, "distances": ()})
+            told = Told(names=case.touches.names, distances=case.distances)
+            outcome = replace(outcome, doubts=doubts(plain, series, again, told))
         if case.loads is None:
             return outcome
         words = [word for word in free if word != "compliance" and word not in {f"c{k + 1}" for k in range(arm.n)}]
@@ -468,7 +475,7 @@ def failed(outcome: CalibrationOutcome, method: Literal["map", "paper"]) -> list
 
     Convergence counts for `method` "map" only: the published three iterations do not converge.
     """
-    found, out = outcome.calibration, []
+    found, out = outcome.calibration, [str(doubt) for doubt in outcome.doubts]
     if not found.cost < found.cost_nominal:
         out.append("the touches of a point lie no closer than by the nominal arm")
     if outcome.clouds and not outcome.clouds["identified"].rms <= outcome.clouds["nominal"].rms:

@@ -22,7 +22,7 @@ from calib.fit import LEAST_FREEDOM
 from calib.identification import Calibration, MapFit
 from calib.parameters import widest_prior
 from calib.simulation import HAND_NOISE
-from calib.touches import first_tcp
+from calib.touches import first_tcp, motions, moved, spread
 from models.arms.kinematics import ROW
 from models.arms.serial_arm import SerialArm
 from sim.interfaces.errors import ConfigurationError
@@ -32,6 +32,7 @@ REFUSED = 100.0  # odds to 1 above which a wrong input is the better explanation
 REACHES = (0.05, 50.0)  # [m] of arms; beyond, the unit of the lengths is wrong
 _LIKE_HAND = 3.0  # factor of `HAND_NOISE` that is one standard deviation of how well a point is touched
 _SHARE_OF_MOTION, _LIKE_SHARE = 3e-4, 4.0  # noise over the motion of the joints; factor that is one deviation of it
+_COINCIDE = 0.15  # scatter by a nominal arm, as a share of the motion of the joints, that is no accident
 _BLUNDERS = 20.0  # blunders are rare: their share is drawn from the density 20 (1 - share)^19
 _FOREIGN = 10.0  # times the deviation to which arms are made: errors of a table that is of another arm
 _WRONG_LENGTH = 0.1  # standard deviation of a wrong known length, as a share of it
@@ -39,7 +40,6 @@ _MADE_SCALE = 1e-3  # standard deviation of the size of a whole arm, slides incl
 _SEATS = 4.0  # most touches of a point that count for its place: the seat of a ball repeats its errors
 _SAME = 2e-4  # [rad], [m] a hand does not find a posture again so closely in every joint
 _RANGE = 0.1  # [rad], [m] over which a hand spreads a joint at least
-_STILL, _STILL_SHARE = np.deg2rad(1.0), 5e-3  # [rad], of the reach: joints that move less about each point tell nothing
 _CLUSTER = 3  # least touches of a point
 _SCREENED = 4  # readings of a refused file that are fitted, the nearest by the nominal arm
 _ABOUT = 0.3  # logarithm of distances, for each point, within which a reading is worth a fit
@@ -113,14 +113,13 @@ def _untold(found: Calibration, series: Sequence[Array]) -> Iterator[Doubt]:
         )
     if found.degrees_of_freedom < LEAST_FREEDOM:
         yield Doubt(reason="the touches are too few for what is identified: they fit any arm")
-    moves = np.sqrt(np.mean(np.vstack([(q - q.mean(axis=0)) ** 2 for q in series]), axis=0))
-    still = moves < np.where(arm.slides, _STILL_SHARE * arm.reach, _STILL)
-    places = found.estimate.parameters.index // ROW
-    for k in np.flatnonzero(still & np.isin(np.arange(arm.n), places)):
-        unit = f"{1e3 * moves[k]:.2g} mm" if arm.slides[k] else f"{np.rad2deg(moves[k]):.2g} deg"
+    still = ~np.any([moved(q, arm) for q in series], axis=0)
+    most = np.max([motions(q) for q in series], axis=0)
+    for k in np.flatnonzero(still & np.isin(np.arange(arm.n), found.estimate.parameters.index // ROW)):
+        unit = f"{1e3 * most[k]:.2g} mm" if arm.slides[k] else f"{np.rad2deg(most[k]):.2g} deg"
         yield Doubt(
-            reason=f"joint {k + 1} hardly moves while a point is touched ({unit} RMS): nothing is told of it; move it, "
-            "or leave its parameters out of those that are free"
+            reason=f"joint {k + 1} moves by {unit} RMS about any point: nothing is told of it; move it, or leave its "
+            "parameters out of those that are free"
         )
 
 
@@ -152,9 +151,7 @@ def _repeats(series: Sequence[Array], names: Sequence[str]) -> Iterator[Doubt]:
 # Two points in one series
 
 
-def _two_points(
-    free: Calibration, series: Sequence[Array], again: Again, names: Sequence[str]
-) -> Iterator[Doubt]:
+def _two_points(free: Calibration, series: Sequence[Array], again: Again, names: Sequence[str]) -> Iterator[Doubt]:
     """Series that fit far better as touches of two points each than as `free`, which knows no distances."""
     parts: list[Array] = []
     split, cost = [], 0.0
@@ -174,7 +171,7 @@ def _two_points(
         return
     yield Doubt(
         reason=f"{', '.join(split)}: touches of two points, not of one",
-        log_odds=_log_evidence(apart) - _log_evidence(free) - cost,
+        log_odds=_log_evidence(apart, parts) - _log_evidence(free, series) - cost,
     )
 
 
@@ -239,27 +236,37 @@ def _slope(free: Calibration, q: Array, k: int) -> Array:
 
 
 def _scatter(found: Calibration, series: Sequence[Array]) -> Doubt:
-    """Touches that come no closer than those of no point: by a hand's noise, and by the motion of the joints.
-
-    The motion is what the tips do when the joints take their values in any order. An arm that shrinks, or joint values
-    in a unit that makes them small, shrink it as much as the noise.
-    """
-    rng, square, count = np.random.default_rng(0), 0.0, 0
-    for q in series:
-        for _ in range(_SHUFFLES if len(q) > 1 else 0):
-            p = found.arm.tips(np.ascontiguousarray(rng.permuted(q, axis=0)), found.tcp)
-            square, count = square + float(((p - p.mean(axis=0)) ** 2).sum()), count + 3 * len(q)
-    motion = np.sqrt(square / max(count, 1))
+    """Touches that come no closer than those of no point: by a hand's noise, and by the motion of the joints."""
+    motion = motion_of(found.arm, found.tcp, series)
     share = found.noise / max(motion, 1e-12)
     odds = max(
-        _log_unlike(found.noise, HAND_NOISE, _LIKE_HAND, motion),
-        _log_unlike(share, _SHARE_OF_MOTION, _LIKE_SHARE, 1.0),
+        _log_unlike(found.noise, HAND_NOISE, _LIKE_HAND, motion), _log_unlike(share, _SHARE_OF_MOTION, _LIKE_SHARE, 1.0)
     )
     return Doubt(
         reason=f"touches scatter by {1e3 * found.noise:.3g} mm about their points, {100.0 * share:.2g} % of the motion "
         "of the joints: they are not touches of points by this arm",
         log_odds=odds,
     )
+
+
+def motion_of(arm: SerialArm, tcp: Array, series: Sequence[Array]) -> float:
+    """RMS distance [m] along each axis of the tips from their mean when the joints take their values in any order.
+
+    The touches of a point are judged by it: an arm that shrinks, or joint values in a unit that makes them small,
+    shrink it as much as their scatter.
+    """
+    rng, square, count = np.random.default_rng(0), 0.0, 0
+    for q in series:
+        for _ in range(_SHUFFLES if len(q) > 1 else 0):
+            p = arm.tips(np.ascontiguousarray(rng.permuted(q, axis=0)), tcp)
+            square, count = square + float(((p - p.mean(axis=0)) ** 2).sum()), count + 3 * len(q)
+    return float(np.sqrt(square / max(count, 1)))
+
+
+def coincide(arm: SerialArm, series: Sequence[Array]) -> bool:
+    """True if the touches of each point lie close together by the nominal `arm`, beside the motion of its joints."""
+    tcp = first_tcp(arm, series)
+    return spread(arm, tcp, series) < _COINCIDE * np.sqrt(3.0) * motion_of(arm, tcp, series)
 
 
 def _log_unlike(value: float, usual: float, factor: float, most: float) -> float:
@@ -331,13 +338,14 @@ def _information(found: Calibration) -> Array:
 # Other readings of a refused file
 
 
-def _log_evidence(found: Calibration) -> float:
+def _log_evidence(found: Calibration, series: Sequence[Array]) -> float:
     """Logarithm of how well an arm as made explains all touches, each of unknown noise of a hand's or more."""
-    square = np.concatenate(found.residuals) ** 2
+    square = np.concatenate(found.residuals) ** 2 + 3.0 * HAND_NOISE**2
     free = min(found.degrees_of_freedom / (3.0 * len(square)), 1.0)
     away = found.estimate.changes / _as_made(found)
     bounded = np.isfinite(widest_prior(found.estimate.parameters, found.nominal.reach))
-    return -2.0 * free * float(np.log(square + 3.0 * HAND_NOISE**2).sum()) - 0.5 * float((away[bounded] ** 2).sum())
+    motion = max(motion_of(found.arm, found.tcp, series), 1e-12)
+    return -2.0 * free * float(np.log(square / motion**2).sum()) - 0.5 * float((away[bounded] ** 2).sum())
 
 
 def _other_readings(
@@ -354,16 +362,17 @@ def _other_readings(
     read = [(total, k, range(len(series))) for k, total in enumerate((misses - given).sum(axis=1))]
     if single and len(series) > 1:
         read += [(misses[k, i] - given[i], k, (i,)) for k in range(len(changes)) for i in range(len(series))]
-    own, best = _log_evidence(found), Doubt(reason="", log_odds=-np.inf)
+    own, best = _log_evidence(found, series), Doubt(reason="", log_odds=-np.inf)
     for miss, k, chosen in sorted(read, key=lambda one: one[0])[:_SCREENED]:
         if miss > _ABOUT * len(chosen):
             continue
         text, change = changes[k]
         meant = [change(q) if i in chosen else q for i, q in enumerate(series)]
         try:
-            odds = _log_evidence(again(meant, distances=told.distances, method=_BRIEF)) - own - np.log(len(read))
+            other = again(meant, distances=told.distances, method=_BRIEF)
         except ConfigurationError:
             continue
+        odds = _log_evidence(other, meant) - own - np.log(len(read))
         if odds > best.log_odds:
             where = f" of {told.names[chosen[0]]}" if len(chosen) < len(series) else ""
             best = Doubt(reason=f"{text}{where} explains the touches better", log_odds=odds)

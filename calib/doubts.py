@@ -153,6 +153,8 @@ def _repeats(series: Sequence[Array], names: Sequence[str]) -> Iterator[Doubt]:
 
 def _two_points(free: Calibration, series: Sequence[Array], again: Again, names: Sequence[str]) -> Iterator[Doubt]:
     """Series that fit far better as touches of two points each than as `free`, which knows no distances."""
+    if free.loads is not None:
+        return  # its payloads are those of the series as they are
     parts: list[Array] = []
     split, cost = [], 0.0
     for name, q in zip(names, series, strict=True):
@@ -341,7 +343,7 @@ def _information(found: Calibration) -> Array:
 def _log_evidence(found: Calibration, series: Sequence[Array]) -> float:
     """Logarithm of how well an arm as made explains all touches, each of unknown noise of a hand's or more."""
     square = np.concatenate(found.residuals) ** 2 + 3.0 * HAND_NOISE**2
-    free = min(found.degrees_of_freedom / (3.0 * len(square)), 1.0)
+    free = 1.0 - len(series) / len(square)
     away = found.estimate.changes / _as_made(found)
     bounded = np.isfinite(widest_prior(found.estimate.parameters, found.nominal.reach))
     motion = max(motion_of(found.arm, found.tcp, series), 1e-12)

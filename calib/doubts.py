@@ -116,7 +116,7 @@ def _untold(found: Calibration, series: Sequence[Array]) -> Iterator[Doubt]:
     still = ~np.any([moved(q, arm) for q in series], axis=0)
     most = np.max([motions(q) for q in series], axis=0)
     for k in np.flatnonzero(still & np.isin(np.arange(arm.n), found.estimate.parameters.index // ROW)):
-        unit = f"{1e3 * most[k]:.2g} mm" if arm.slides[k] else f"{np.rad2deg(most[k]):.2g} deg"
+        unit = f"{1e3 * most[k]:.1f} mm" if arm.slides[k] else f"{np.rad2deg(most[k]):.1f} deg"
         yield Doubt(
             reason=f"joint {k + 1} moves by {unit} RMS about any point: nothing is told of it; move it, or leave its "
             "parameters out of those that are free"

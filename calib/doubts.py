@@ -40,6 +40,7 @@ _MADE_SCALE = 1e-3  # standard deviation of the size of a whole arm, slides incl
 _SEATS = 4.0  # most touches of a point that count for its place: the seat of a ball repeats its errors
 _SAME = 2e-4  # [rad], [m] a hand does not find a posture again so closely in every joint
 _RANGE = 0.1  # [rad], [m] over which a hand spreads a joint at least
+_TWO_SEATS = 5e-3  # [m] apart, two seats are no longer one: a ball leans on one flank by less
 _CLUSTER = 3  # least touches of a point
 _SCREENED = 4  # readings of a refused file that are fitted, the nearest by the nominal arm
 _ABOUT = 0.3  # logarithm of distances, for each point, within which a reading is worth a fit
@@ -156,13 +157,14 @@ def _two_points(free: Calibration, series: Sequence[Array], again: Again, names:
     if free.loads is not None:
         return  # its payloads are those of the series as they are
     parts: list[Array] = []
-    split, cost = [], 0.0
+    split: list[tuple[str, int]] = []
+    cost = 0.0
     for name, q in zip(names, series, strict=True):
         labels = _clusters(free, q)
         if labels is None:
             parts.append(q)
             continue
-        split.append(name)
+        split.append((name, len(parts)))
         cost += len(q) * np.log(2.0)
         parts += [q[labels], q[~labels]]
     if not split:
@@ -171,10 +173,12 @@ def _two_points(free: Calibration, series: Sequence[Array], again: Again, names:
         apart = again(parts, distances=(), method=_BRIEF)
     except ConfigurationError:
         return
-    yield Doubt(
-        reason=f"{', '.join(split)}: touches of two points, not of one",
-        log_odds=_log_evidence(apart, parts) - _log_evidence(free, series) - cost,
-    )
+    far = [name for name, k in split if np.linalg.norm(apart.points[k] - apart.points[k + 1]) > _TWO_SEATS]
+    if far:
+        yield Doubt(
+            reason=f"{', '.join(far)}: touches of two points, not of one",
+            log_odds=_log_evidence(apart, parts) - _log_evidence(free, series) - cost,
+        )
 
 
 def _clusters(found: Calibration, q: Array) -> np.ndarray | None:

@@ -8,7 +8,7 @@ A URDF or MJCF has six numbers a joint. They become rows of a table (`models.arm
 
 import hashlib
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -50,7 +50,13 @@ _DH_NAMES = {
     "alpha": 3,
     "beta": 4,
 }
+_COLUMNS = ("theta", "d", "a", "alpha", "beta")
+_ANGLES, _LENGTHS = (0, 3, 4), (1, 2)
 _UNITS = {"angle": ("rad", "deg"), "length": ("m", "mm")}
+_FACTORS = {"deg": np.pi / 180.0, "mm": 1e-3}
+_LONGEST = 50.0  # [m] an arm that reaches farther is written in millimetres, where no unit is stated
+_DETOUR = 5.0  # times the reach of an arm: longer links cancel
+_POSTURES = 64
 _LONGEST_KEY = 60  # characters of a column's name
 
 
@@ -164,66 +170,34 @@ def _of_rows(
     tip: str | None,
 ) -> ArmSource:
     """An arm of rows given by name; units from the names ("alpha_deg", "d [mm]"), from `about`, or from the size."""
-    notes: list[str] = []
-    from models.arms.kinematics import ROW
     from models.arms.serial_arm import SerialArm  # its kernels compile on import: first what can be refused
 
-    table = np.zeros((len(rows), ROW))
-    stated = {"angle": "", "length": ""}
     units = about.get("units") or {}
     if not isinstance(units, Mapping) or any(value not in _UNITS.get(key, ()) for key, value in units.items()):
         raise ConfigurationError(
             f"arm {file}: units: allowed {{angle: rad or deg, length: m or mm}}, got {shown(units)}"
         )
-    stated |= units
-    names, types = [], []
-    for k, row in enumerate(rows):
-        seen = set()
-        for key, value in row.items():
-            if len(key) > _LONGEST_KEY:
-                raise ConfigurationError(f"arm {file}: row {k + 1}: no column is called {shown(key)}")
-            word = re.split(r"[\[( ]", key)[0].removesuffix("_deg").removesuffix("_rad").removesuffix("_mm")
-            word = word.removesuffix("_m")
-            if word in ("name", "joint"):
-                names.append(str(value))
-                continue
-            if word in ("type", "joint_type"):
-                types.append(str(value).lower()[:1])
-                continue
-            if word not in _DH_NAMES:
-                raise ConfigurationError(
-                    f"arm {file}: unknown column {key!r}; allowed theta, d, a, alpha, beta, name, type"
-                )
-            unit = re.search(r"(deg|rad|mm|m)(?:rees|ians)?[\])]?$", key[len(word) :])
-            column = _DH_NAMES[word]
-            try:
-                figure = float(value) if isinstance(value, str) else number(value, key)
-            except ValueError:
-                raise ConfigurationError(
-                    f"arm {file}: row {k + 1}: {key} must be a number, got {shown(value)}"
-                ) from None
-            said = unit.group(1) if unit else stated["length" if column in (1, 2) else "angle"]
-            table[k, column] = figure * {"deg": np.pi / 180.0, "mm": 1e-3}.get(said, 1.0)
-            seen.add((column, said))
-        missing = {0, 1, 2, 3} - {column for column, _ in seen}
-        if missing:
-            lacking = [("theta", "d", "a", "alpha")[i] for i in sorted(missing)]
-            raise ConfigurationError(f"arm {file}: row {k + 1} lacks {', '.join(lacking)}")
-    if not np.all(np.isfinite(table)):
-        raise ConfigurationError(f"arm {file}: every number must be finite")
-    angles, lengths = np.abs(table[:, [0, 3, 4]]).max(), np.abs(table[:, [1, 2]]).max()
-    if angles > 4.0 * np.pi:
-        notes.append(f"{file.name}: angles look like degrees (the largest is {angles:.4g}), turned into radians")
-        table[:, [0, 3, 4]] = np.deg2rad(table[:, [0, 3, 4]])
-    if lengths > 50.0:
-        notes.append(f"{file.name}: lengths look like millimetres (the largest is {lengths:.4g}), turned into metres")
-        table[:, [1, 2]] *= 1e-3
+    read = _table_of(file, rows, units)
+    table, notes = read.table, list(_guessed_angles(file, read))
     n = len(table)
-    letters = str(about.get("joint_types") or "".join(types) or "r" * n)
-    arm = SerialArm.from_dh(table[:, :4], letters, beta=table[:, 4], name=f"arm {file}")
+    letters = str(about.get("joint_types") or "".join(read.types) or "r" * n)
+    reach = _extent(file, table, letters)
+    if "length" not in read.stated and reach > _LONGEST:
+        notes.append(f"{file.name}: lengths look like millimetres (the arm reaches {reach:.4g}), turned into metres")
+        table[:, _LENGTHS] *= 1e-3
+        reach *= 1e-3
+    if reach < _LONGEST and np.abs(table[:, _LENGTHS]).max() > _DETOUR * reach:
+        notes.append(
+            f"{file.name}: along nearly parallel axes d up to {np.abs(table[:, 1]).max():.4g} m cancel, the arm "
+            f"reaches {reach:.3g} m: the same arm with frames near it is used"
+        )
+        arm = _near_frames(SerialArm(table=readonly(table), joint_types=letters))
+    else:
+        arm = SerialArm.from_dh(table[:, :4], letters, beta=table[:, 4], name=f"arm {file}")
     X_base_0 = checked_pose(about.get("X_base_0", np.eye(4)), f"arm {file}: X_base_0")
     X_n_flange = checked_pose(about.get("X_n_flange", np.eye(4)), f"arm {file}: X_n_flange")
     joint_names = _joint_names(file, about, n)
+    names = read.names
     if not joint_names and len(names) == n and len(set(names)) == n and not all(name.isdigit() for name in names):
         joint_names = tuple(names)
     tcp = checked(about.get("tcp", np.zeros(3)), (3,), f"arm {file}: tcp")
@@ -231,13 +205,120 @@ def _of_rows(
     return ArmSource(
         path=file,
         kind=kind,
-        arm=replace(arm, X_base_0=X_base_0, X_n_flange=X_n_flange, limits=limits, joint_names=joint_names),
+        arm=replace(
+            arm,
+            X_base_0=X_base_0 @ arm.X_base_0,
+            X_n_flange=arm.X_n_flange @ X_n_flange,
+            limits=limits,
+            joint_names=joint_names,
+        ),
         base=base or str(about.get("base", "base")),
         tip=tip or str(about.get("tip", "flange")),
         tcp=tcp,
         sha256=digest,
         notes=tuple(notes),
     )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Table:
+    """Rows as read: in rad and m where a unit is stated, else as the file has them."""
+
+    table: Array  # (n, 5)
+    stated: frozenset[str]  # of "angle" and "length": those with a stated unit
+    names: list[str]  # of the joints
+    types: list[str]
+
+
+def _table_of(file: Path, rows: list[dict[str, Any]], units: Mapping[str, str]) -> _Table:
+    """The rows of a table; a stated unit counts for all columns of its kind that state none."""
+    table = np.zeros((len(rows), len(_COLUMNS)))
+    names: list[str] = []
+    types: list[str] = []
+    said: dict[str, set[str]] = {"angle": {units["angle"]} if "angle" in units else set(), "length": set()}
+    said["length"] |= {units["length"]} if "length" in units else set()
+    bare = np.zeros(table.shape, dtype=bool)
+    for k, row in enumerate(rows):
+        seen = set()
+        for key, value in row.items():
+            word, unit = _word_and_unit(file, k, key)
+            if word in ("name", "joint"):
+                names.append(str(value))
+            elif word in ("type", "joint_type"):
+                types.append(str(value).lower()[:1])
+            else:
+                column = _DH_NAMES[word]
+                kind = "length" if column in _LENGTHS else "angle"
+                if unit:
+                    said[kind].add(unit)
+                table[k, column] = _figure(file, k, key, value) * _FACTORS.get(unit, 1.0)
+                bare[k, column] = not unit
+                seen.add(column)
+        if missing := {0, 1, 2, 3} - seen:
+            lacking = [("theta", "d", "a", "alpha")[i] for i in sorted(missing)]
+            raise ConfigurationError(f"arm {file}: row {k + 1} lacks {', '.join(lacking)}")
+    if not np.all(np.isfinite(table)):
+        raise ConfigurationError(f"arm {file}: every number must be finite")
+    for kind, columns in (("angle", _ANGLES), ("length", _LENGTHS)):
+        chosen = units.get(kind) or (min(said[kind]) if len(said[kind]) == 1 else "")
+        for column in columns:
+            table[bare[:, column], column] *= _FACTORS.get(chosen, 1.0)
+    return _Table(
+        table=table, stated=frozenset(kind for kind, found in said.items() if found), names=names, types=types
+    )
+
+
+def _word_and_unit(file: Path, k: int, key: str) -> tuple[str, str]:
+    """Word of a column's name, and the unit that it states or an empty text."""
+    if len(key) > _LONGEST_KEY:
+        raise ConfigurationError(f"arm {file}: row {k + 1}: no column is called {shown(key)}")
+    word = re.split(r"[\[( ]", key)[0].removesuffix("_deg").removesuffix("_rad").removesuffix("_mm").removesuffix("_m")
+    if word not in _DH_NAMES and word not in ("name", "joint", "type", "joint_type"):
+        raise ConfigurationError(f"arm {file}: unknown column {key!r}; allowed theta, d, a, alpha, beta, name, type")
+    unit = re.search(r"(deg|rad|mm|m)(?:rees|ians)?[\])]?$", key[len(word) :])
+    return word, unit.group(1) if unit else ""
+
+
+def _figure(file: Path, k: int, key: str, value: Any) -> float:
+    try:
+        return float(value) if isinstance(value, str) else number(value, key)
+    except ValueError:
+        raise ConfigurationError(f"arm {file}: row {k + 1}: {key} must be a number, got {shown(value)}") from None
+
+
+def _guessed_angles(file: Path, read: _Table) -> Iterator[str]:
+    """Turns angles without a stated unit into radians where they look like degrees, and says so."""
+    largest = np.abs(read.table[:, _ANGLES]).max()
+    if "angle" not in read.stated and largest > 4.0 * np.pi:
+        yield f"{file.name}: angles look like degrees (the largest is {largest:.4g}), turned into radians"
+        read.table[:, _ANGLES] = np.deg2rad(read.table[:, _ANGLES])
+
+
+def _extent(file: Path, table: Array, letters: str) -> float:
+    """Largest distance of the flange from the base over many postures, in the unit of the table's lengths.
+
+    The lengths themselves do not tell it: along nearly parallel axes, d of hundreds of metres cancel.
+    """
+    from models.arms.serial_arm import SerialArm
+
+    size = max(float(np.abs(table[:, _LENGTHS]).max()), 1e-300)
+    unit = table.copy()
+    unit[:, _LENGTHS] /= size  # a table in millimetres is no reason to refuse it here
+    arm = SerialArm.from_dh(unit[:, :4], letters, beta=unit[:, 4], name=f"arm {file}")
+    q = np.random.default_rng(0).uniform(-np.pi, np.pi, (_POSTURES, len(table)))
+    return size * float(np.linalg.norm(arm.flange(np.where(arm.slides, 0.0, q))[:, :3, 3], axis=1).max())
+
+
+def _near_frames(arm: "SerialArm") -> "SerialArm":
+    """The same arm with the origin of each frame where its axis passes nearest to the one before."""
+    from models.arms import kinematics
+    from models.arms.serial_arm import SerialArm
+
+    X = kinematics.frames(arm.table, arm.slides, arm.X_base_0, np.zeros((1, arm.n)))[0]
+    axes, points = X[:-1, :3, 2], [X[0, :3, 3]]
+    for z, o in zip(axes[1:], X[1:-1, :3, 3], strict=True):
+        points.append(o + z * float(z @ (points[-1] - o)))
+    return SerialArm.from_axes(axes, points, X[-1] @ arm.X_n_flange, arm.joint_types)
 
 
 def _joint_names(file: Path, about: Mapping[str, Any], n: int) -> tuple[str, ...]:

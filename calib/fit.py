@@ -6,7 +6,9 @@ are therefore replaced by m centred points, which keeps the degrees of freedom r
 
 That criterion alone has its minimum at an arm shrunk to a point. The prior fixes the scale and every other direction
 that touching does not observe. Where no prior is stated, its deviations and the noise are those that maximise the
-evidence of the data [MacKay 1992, eq. 2.25-2.27]. Columns are scaled to unit size by the prior's deviations.
+evidence of the data [MacKay 1992, eq. 2.25-2.27], the deviations within bounds: those of touches that do not belong
+together, or of very many touches, grow without end in directions that touching does not observe. Columns are scaled to
+unit size by the prior's deviations.
 """
 
 from collections.abc import Callable
@@ -178,6 +180,7 @@ class Problem:
         self.arm, self.data, self.parameters, self.mean = arm, data, parameters, mean
         self.index = parameters.index
         self._slides = arm.slides
+        self._parallel = np.isin(np.arange(arm.n), arm.near_parallel)
         self._length = 1.0
         self._length = self.scale(mean)[0]  # [m]
 
@@ -189,7 +192,7 @@ class Problem:
         by the relative size, so that touching carries no information about size.
         """
         table, tcp = self._split(full)[:2]
-        length, gradient = kernels.arm_size(table, self.arm.X_n_flange, tcp)
+        length, gradient = kernels.arm_size(table, self.arm.X_n_flange, tcp, self._parallel)
         padded = np.concatenate([gradient, np.zeros(self.arm.n)])
         return length / self._length, padded[self.index] / self._length
 
@@ -327,7 +330,7 @@ def solve(
     deviations: Array,
     *,
     noise: float | None,
-    adapt: bool,
+    widest: Array | None,
     start: Array | None = None,
     iterations: int = 100,
 ) -> Fit:
@@ -335,9 +338,9 @@ def solve(
 
     Args:
         problem: arm, data, free parameters and prior mean.
-        deviations: (P,) standard deviations of the prior; the start where `adapt` is set.
+        deviations: (P,) standard deviations of the prior; the start where `widest` is given.
         noise: [m] standard deviation of a touch; None estimates it.
-        adapt: choose the deviations that maximise the evidence of the data.
+        widest: (P,) choose the deviations that maximise the evidence of the data, up to these; None keeps them.
         start: (5 n + 3 + n,) start of the iteration; None starts at the prior mean.
         iterations: largest number of Levenberg-Marquardt steps altogether.
 
@@ -345,15 +348,17 @@ def solve(
         The solution.
     """
     full = (problem.mean if start is None else start).copy()
+    if widest is not None:
+        deviations = np.minimum(deviations, widest)
     given = deviations
     history: list[float] = []
     sigma = noise if noise is not None else FIRST_NOISE
     full, converged = problem.descend(full, sigma, deviations, min(iterations, 3), history)
     fit = problem.summary(full, sigma, deviations, history, converged)
-    if noise is not None and not adapt:
+    if noise is not None and widest is None:
         full, converged = problem.descend(full, sigma, deviations, iterations - len(history) + 1, history)
         return problem.summary(full, sigma, deviations, history, converged)
-    pools = _pooled(problem.parameters) if adapt else []
+    pools = [] if widest is None else _pooled(problem.parameters)
     # With few degrees of freedom the residuals vanish, and an estimated noise would be far too small.
     estimate = noise is None and problem.data.degrees - fit.effective >= LEAST_FREEDOM
     for _ in range(_ROUNDS):
@@ -365,7 +370,8 @@ def solve(
         deviations = deviations.copy()
         for pool in pools:
             square = float(away[pool] @ away[pool]) + _PSEUDO * float(given[pool] @ given[pool]) / len(pool)
-            deviations[pool] = np.sqrt(square / (float(known[pool].sum()) + _PSEUDO))
+            chosen = np.sqrt(square / (float(known[pool].sum()) + _PSEUDO))
+            deviations[pool] = chosen if widest is None else np.minimum(chosen, widest[pool])
         left = iterations - (len(history) - 1)
         full, converged = problem.descend(full, sigma, deviations, left, history) if left > 0 else (full, False)
         fit = problem.summary(full, sigma, deviations, history, converged)

@@ -18,9 +18,9 @@ from scipy.stats import chi2, t
 from calib.fit import LEAST_FREEDOM, Data, Fit, Problem, centred, pair_cost, solve, solve_robustly, tips_of
 from calib.loads import BoundLoads, Loads
 from calib.paper import WARNING, paper_run
-from calib.parameters import DEFAULT_FREE, DEFAULT_PRIOR, Parameters, prior_deviations, select
+from calib.parameters import DEFAULT_FREE, DEFAULT_PRIOR, Parameters, prior_deviations, select, widest_prior
 from calib.rank import RankReport, rank_report
-from calib.touches import checked_series, first_tcp, without_repeats
+from calib.touches import checked_series, first_tcp, moved, without_repeats
 from calib.verification import PointTouches, kabsch, places, scores
 from models.arms.kinematics import ROW
 from models.arms.serial_arm import SerialArm
@@ -317,6 +317,10 @@ def identify(
             "series: no point was touched in enough different poses; at least three different touches are needed, got "
             + ", ".join(str(len(places)) for places in kept)
         )
+    if not any(moved(q, arm).any() for q in used):
+        raise ConfigurationError(
+            "series: no joint moves by a degree about any point; touches of one posture tell nothing of an arm"
+        )
     guess = first_tcp(arm, used) if tcp is None else checked(tcp, (3,), "tcp")
     bound = None if loads is None else loads.bind(arm, [len(q) for q in touches])
     q = np.ascontiguousarray(np.vstack(used))
@@ -374,7 +378,8 @@ def _map_fit(
     def run(chosen: Parameters, on: Data) -> tuple[Fit, Data]:
         problem = Problem(arm, on, chosen, mean)
         deviations = prior_deviations(chosen, {k: v for k, v in (prior or {}).items() if k in _words(chosen)})
-        return solver(problem, deviations, noise=how.noise, adapt=prior is None, iterations=how.max_iterations)
+        widest = widest_prior(chosen, arm.reach) if prior is None else None
+        return solver(problem, deviations, noise=how.noise, widest=widest, iterations=how.max_iterations)
 
     prior_deviations(parameters, prior)  # refuses unknown words before the first estimate
     fit, used = run(parameters, data)
@@ -465,6 +470,7 @@ def _assemble(observed: _Observed, data: Data, parameters: Parameters, fit: Fit,
             f"the arm found is far from the nominal one ({dh_numbers.names[k]} by {amount}): are the table, the joint "
             "signs and the joint zeros right?"
         )
+    warnings += _at_the_bound(arm, parameters, fit)
     tips_nominal = tips_of(arm, mean, data)[0]
     return Calibration(
         tcp=readonly(tcp),
@@ -495,6 +501,24 @@ def _assemble(observed: _Observed, data: Data, parameters: Parameters, fit: Fit,
         loads=bound,
         scores=_scores(arm, data, parameters, fit, points[live]),
     )
+
+
+def _at_the_bound(arm: SerialArm, parameters: Parameters, fit: Fit) -> list[str]:
+    """Warning of the groups for which the touches ask for a wider prior than arms are made to."""
+    widest = widest_prior(parameters, arm.reach)
+    held = {group: k for k, group in enumerate(parameters.groups) if fit.deviations[k] == widest[k]}
+    if not held:
+        return []
+    bounds = (
+        f"{group} by {np.rad2deg(widest[k]):.2g} deg"
+        if parameters.units[k] == "rad"
+        else f"{group} by {1e3 * widest[k]:.2g} mm"
+        for group, k in held.items()
+    )
+    return [
+        f"the arm found is far from the nominal one: its {', '.join(bounds)} and more, beyond which arms are not made "
+        "and the prior is held; are the table, the joint signs and the joint zeros right? (a prior may be stated)"
+    ]
 
 
 def _scores(arm: SerialArm, data: Data, parameters: Parameters, fit: Fit, points: Array) -> Array:

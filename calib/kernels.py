@@ -17,17 +17,19 @@ _V, _M, _T, _X4 = (types.Array(float64, d, "C", readonly=True) for d in (1, 2, 3
 _FLAGS, _PLACES = types.Array(boolean, 1, "C", readonly=True), types.Array(int64, 1, "C", readonly=True)
 
 
-@kernel(signature=types.Tuple((float64, float64[::1]))(_M, _M, _V))
-def arm_size(table, X_flange, tcp):
+@kernel(signature=types.Tuple((float64, float64[::1]))(_M, _M, _V, _FLAGS))
+def arm_size(table, X_flange, tcp, parallel):
     """Size of the arm [m], the root of the summed squares of all lengths that touching observes, and its derivative.
 
     The last link and the tool count as one length, from the last joint to the tip. The d of the first joint is left
-    out, because it moves the base only.
+    out, because it moves the base only. Along parallel axes the sum of the d counts: shifts that cancel move no tip,
+    and an arm could else grow by them to make its residuals small beside its size.
 
     Args:
         table: (n, 5) rows (theta0, d, a, alpha, beta).
         X_flange: (4, 4) flange in the last frame.
         tcp: (3,) [m] tool point in the flange.
+        parallel: (n,) bool, True where the axis is parallel to that of the next joint.
 
     Returns:
         The size, and its derivative (5 n + 3,) by the table row by row, then by the tool point.
@@ -54,12 +56,23 @@ def arm_size(table, X_flange, tcp):
         for i in range(3):
             column = R[i, 0] * X_flange[0, j] + R[i, 1] * X_flange[1, j] + R[i, 2] * X_flange[2, j]
             gradient[ROW * n + j] += tip[i] * column
+    first = 0
     for k in range(n - 1):
         square += table[k, A] ** 2
         gradient[ROW * k + A] = table[k, A]
-        if k > 0:
-            square += table[k, D] ** 2
-            gradient[ROW * k + D] = table[k, D]
+        if k < n - 2 and parallel[k]:
+            continue
+        shift, way = 0.0, 1.0  # along the axis of joint `first`, which those up to k share
+        for j in range(first, k + 1):
+            shift += way * table[j, D]
+            gradient[ROW * j + D] = way
+            way *= math.copysign(1.0, math.cos(table[j, ALPHA]))
+        if first == 0:
+            shift = 0.0
+        square += shift**2
+        for j in range(first, k + 1):
+            gradient[ROW * j + D] *= shift
+        first = k + 1
     length = math.sqrt(square)
     return length, gradient / max(length, 1e-300)
 

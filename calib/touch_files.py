@@ -106,15 +106,15 @@ def read_touches(
     series = [np.array(rows) for rows in points.values()]
     if is_degrees:
         series = [np.where(hinges, np.deg2rad(one), one) for one in series]
-    if limits is not None:
-        for name, one in zip(points, series, strict=True):
-            _refuse_beyond(name, one, np.asarray(limits), hinges, joint_names)
-    return Touches(
+    read = Touches(
         series=tuple(readonly(one) for one in series),
         names=tuple(points),
         sha256=digest.hexdigest(),
         notes=tuple(notes),
     )
+    if limits is not None and (said := beyond_limits(read, np.asarray(limits), hinges, joint_names)):
+        raise ConfigurationError(f"{said[0]}: not joint values of this arm, or in another unit or order")
+    return read
 
 
 def check_touches(paths: Sequence[Path | str]) -> None:
@@ -185,20 +185,32 @@ def _refuse_poses(file: Path, rows: Sequence[_Row]) -> None:
         )
 
 
-def _refuse_beyond(name: str, q: Array, limits: Array, hinges: np.ndarray, joint_names: Sequence[str]) -> None:
-    """Raise ConfigurationError for joint values (m, n) outside the arm's `limits` (n, 2)."""
+def beyond_limits(read: Touches, limits: Array, hinges: np.ndarray, joint_names: Sequence[str]) -> list[str]:
+    """Of each point with joint values beyond the arm's limits, the worst.
+
+    Args:
+        read: touches.
+        limits: (n, 2) joint limits [rad], slides [m]; infinite or NaN where there are none.
+        hinges: (n,) bool, True for a hinge.
+        joint_names: of the joints; may be empty.
+    """
+    out = []
     with np.errstate(invalid="ignore"):
         slack = np.where(hinges, _BEYOND, _BEYOND * np.diff(limits, axis=1)[:, 0])
-        beyond = np.maximum(limits[:, 0] - q, q - limits[:, 1]) - slack
-    worst = np.unravel_index(int(np.nanargmax(np.where(np.isfinite(beyond), beyond, -np.inf))), beyond.shape)
-    if np.isfinite(beyond[worst]) and beyond[worst] > 0.0:
-        touch, joint = int(worst[0]), int(worst[1])
+    for name, q in zip(read.names, read.series, strict=True):
+        with np.errstate(invalid="ignore"):
+            beyond = np.maximum(limits[:, 0] - q, q - limits[:, 1]) - slack
+        beyond = np.where(np.isfinite(beyond), beyond, -np.inf)
+        touch, joint = np.unravel_index(int(np.argmax(beyond)), beyond.shape)
+        if beyond[touch, joint] <= 0.0:
+            continue
         word, (low, high) = "rad" if hinges[joint] else "m", limits[joint]
         called = joint_names[joint] if joint < len(joint_names) else f"joint {joint + 1}"
-        raise ConfigurationError(
-            f"touches of {name!r}: touch {touch + 1} has {called} at {q[worst]:.4g} {word}, the arm's limits are "
-            f"{low:.4g} to {high:.4g}: not joint values of this arm, or in another unit or order"
+        out.append(
+            f"touches of {name!r}: touch {touch + 1} has {called} at {q[touch, joint]:.4g} {word}, the arm's limits "
+            f"are {low:.4g} to {high:.4g}"
         )
+    return out
 
 
 def _hinges(joint_types: str | None, width: int) -> np.ndarray:

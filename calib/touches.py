@@ -9,6 +9,7 @@ from models.arms.serial_arm import SerialArm
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array, real_array, shown
 
+STILL, STILL_SHARE = np.deg2rad(1.0), 5e-3  # [rad], of the reach: least RMS motion of a joint that is identified
 _SAME = 1e-9  # [rad] or [m] below this difference two touches count as one written twice
 _TWO_TURNS = 4.0 * np.pi  # [rad] beyond this a joint angle is taken as degrees
 _LONGEST_SLIDE = 50.0  # [m] beyond this a slide is taken as millimetres
@@ -69,6 +70,16 @@ def _refuse_degrees(series: list[Array], arm: SerialArm) -> None:
             f"{said}; the touches of a point lie {1e3 * as_degrees:.3g} mm about it if read as degrees and "
             f"{1e3 * as_radians:.3g} mm as radians: they look like degrees, radians are needed (numpy.deg2rad)"
         )
+
+
+def motions(q: Array) -> Array:
+    """RMS motion (n,) [rad] or [m] of each joint about its mean over the touches `q` (m, n) of a point."""
+    return np.sqrt(np.mean((q - q.mean(axis=0)) ** 2, axis=0))
+
+
+def moved(q: Array, arm: SerialArm) -> np.ndarray:
+    """Mask (n,) of the joints that move enough over the touches `q` (m, n) of a point to tell something of the arm."""
+    return motions(q) > np.where(arm.slides, STILL_SHARE * arm.reach, STILL)
 
 
 def first_tcp(arm: SerialArm, series: Sequence[Array]) -> Array:

@@ -67,7 +67,8 @@ def case_of(options: CalibrationOptions, folder: Path, rng: np.random.Generator)
     if options.touches:
         if options.touching != "noise":
             raise ConfigurationError("--touches and --touching: one of the two")
-        return from_files(source, options.touches, options.held_out, options.units, options.distance)
+        held, units, limits = options.held_out, options.units, options.limits
+        return from_files(source, options.touches, held, units, options.distance, limits)
     if options.distance or options.held_out:
         raise ConfigurationError("--distance and --held-out go with --touches")
     contact = options.touching != "noise"
@@ -154,7 +155,7 @@ def plan_touches(options: CalibrationOptions, folder: Path, console: Console, rn
     source = nominal(options.arm, folder, options.base, options.tip)
     so_far = touch_plan.NewPoints(count=points, pin=options.pin, noise=noise)
     if options.touches:
-        so_far = from_files(source, options.touches, (), options.units, options.distance)
+        so_far = from_files(source, options.touches, (), options.units, options.distance, options.limits)
     for note in source.notes if isinstance(so_far, touch_plan.NewPoints) else so_far.notes:
         console.print(note, style="yellow", highlight=False)
     made = touch_plan.planned(source, so_far, options.plan or 0, free=options.free, prior=dict(options.prior), rng=rng)

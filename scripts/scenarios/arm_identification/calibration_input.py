@@ -3,20 +3,23 @@
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
 import mujoco
 import numpy as np
+from scipy.stats import f
 
 import models
 from calib import verification
 from calib.arm_files import ArmSource, read_arm
+from calib.doubts import Doubt, Told, coincide, doubts
 from calib.identification import Calibration, identify
 from calib.loads import Loads
 from calib.moving_base import in_own_names, on_moving_base, own_arm, own_parameters, with_base
 from calib.simulation import EccentricGears, Sag, Seating, reach, read_by_encoders, true_joints, wrong_arm
-from calib.touch_files import Touches, read_touches
+from calib.touch_files import Touches, beyond_limits, read_touches
 from models.arms import dh_geometry, published_arms
 from models.arms.serial_arm import SerialArm
 from models.naming import ARM_BASE_BODY, TIP_SITE
@@ -28,6 +31,7 @@ from sim.interfaces.errors import ConfigurationError, ReachError
 from sim.interfaces.spatial import GRAVITY, Array, finite_number, readonly
 from sim.loop.rollout import Observer
 
+_FOLDS, _LEAST_FOLD = 4, 12  # groups of points left out in turn; touches, less one a point, that the rest needs
 TOOLS = {"straight": (0.0, 0.0, 0.15), "off-axis": (0.06, 0.0, 0.15)}  # [m] tip in the flange
 # Tool direction in an arm's base whose z axis points up.
 LOOKING_DOWN = (0.0, 0.0, -1.0)
@@ -95,6 +99,8 @@ class CalibrationOutcome:
     tips: tuple[Array, Array] | None = None  # (N,) [m] error of the tip in the base: nominal, identified
     uncorrected: dict[str, verification.Cloud] = field(default_factory=dict)  # hovering: hull motion ignored
     rigid: Calibration | None = None  # where compliances are identified: the same touches without them
+    doubts: tuple[Doubt, ...] = ()  # wrong inputs that explain the touches better than the arm found
+    worse: tuple[str, ...] = ()  # data on which the nominal arm is better beyond chance
 
 
 def nominal(name: str, folder: Path, base: str | None, tip: str | None) -> ArmSource:
@@ -161,6 +167,7 @@ def from_files(
     held_out: Sequence[Path],
     units: Literal["auto", "rad", "deg"],
     distances: Sequence[tuple[str, str, float]],
+    limits: Literal["arm", "encoders"] = "arm",
 ) -> CalibrationCase:
     """Calibration case from the user's own touches.
 
@@ -170,18 +177,19 @@ def from_files(
         held_out: Touches for validation only.
         units: Unit of the angles.
         distances: Known distances: point, point, [m].
+        limits: "encoders": the touches may be beyond the limits of the arm.
 
     Raises:
-        ConfigurationError: A file is unusable, or `distances` names an unknown point.
+        ConfigurationError: A file is unusable, `distances` names an unknown point, or touches are beyond the limits
+            and do not coincide either.
     """
-    how = {
-        "joint_types": source.arm.joint_types,
-        "joint_names": source.arm.joint_names,
-        "units": units,
-        "limits": source.arm.limits,
-    }
+    how = {"joint_types": source.arm.joint_types, "joint_names": source.arm.joint_names, "units": units}
     read = read_touches(touches, **how)
     rest = read_touches(held_out, **how) if held_out else None
+    notes = [*source.notes, *read.notes, *(rest.notes if rest else ())]
+    for each in (read, rest):
+        if each is not None:
+            notes += _beyond(source.arm, each, limits)
     pairs = []
     for first, second, length in distances:
         for name in (first, second):
@@ -194,8 +202,24 @@ def from_files(
         touches=read,
         distances=tuple(pairs),
         held_out=rest,
-        notes=(*source.notes, *read.notes, *(rest.notes if rest else ())),
+        notes=tuple(notes),
     )
+
+
+def _beyond(arm: SerialArm, read: Touches, limits: Literal["arm", "encoders"]) -> list[str]:
+    """Notes on touches beyond the limits of the arm, which is wrong about them where the touches coincide.
+
+    Raises:
+        ConfigurationError: They do not coincide, and the encoders are not to be believed.
+    """
+    said = beyond_limits(read, arm.limits, ~arm.slides, arm.joint_names)
+    if not said:
+        return []
+    if limits == "arm" and not coincide(arm, list(read.series)):
+        raise ConfigurationError(
+            f"{said[0]}: not joint values of this arm, or in another unit or order; --limits encoders if they are"
+        )
+    return [f"{line}: the encoders are believed, the limits of the arm look too narrow" for line in said]
 
 
 def simulated(
@@ -337,6 +361,14 @@ def solve(
     plain = identify(series, arm, free=list(free) or None, **options)
     if case.X_BA is None:
         outcome = _judged(case, plain, plain.arm, series)
+        if method == "map":
+            again = partial(identify, nominal=arm, free=list(free) or None, **{**options, "distances": ()})
+            told = Told(names=case.touches.names, distances=case.distances)
+            outcome = replace(
+                outcome,
+                doubts=doubts(plain, series, again, told),
+                worse=(*_worse_points(case, plain), *_worse_predicted(plain, series, again)),
+            )
         if case.loads is None:
             return outcome
         words = [word for word in free if word != "compliance" and word not in {f"c{k + 1}" for k in range(arm.n)}]
@@ -383,6 +415,53 @@ def _judged(case: CalibrationCase, found: Calibration, arm: SerialArm, series: S
         half_width=half_width,
         tips=tips,
     )
+
+
+def _worse_points(case: CalibrationCase, found: Calibration) -> list[str]:
+    """Points, used or held out, about which the nominal arm brings the touches closer, beyond chance."""
+    sets = [(case.touches, [weights > 0.0 for weights in found.weights], found.touched_tips(case.touches.series))]
+    if case.held_out is not None:
+        every = [np.ones(len(q), dtype=bool) for q in case.held_out.series]
+        sets.append((case.held_out, every, [found.tips(q) for q in case.held_out.series]))
+    out = []
+    for touches, used, tips in sets:
+        for name, q, mine, p in zip(touches.names, touches.series, used, tips, strict=True):
+            if mine.sum() < 2:
+                continue
+            before, after = _scatter(found.nominal.tips(q[mine], found.nominal_tcp)), _scatter(p[mine])
+            if after > before * _chance(3 * (int(mine.sum()) - 1)):
+                out.append(f"{name}: {1e3 * after:.3g} mm against {1e3 * before:.3g} by the nominal arm")
+    return out
+
+
+def _worse_predicted(found: Calibration, series: Sequence[Array], again: Callable[..., Calibration]) -> list[str]:
+    """Whether points left out of the fit, all in turn, lie closer by the nominal arm, beyond chance."""
+    if found.loads is not None:
+        return []  # its payloads are those of all points
+    folds = [range(k, len(series), _FOLDS) for k in range(min(_FOLDS, len(series)))]
+    square, degrees = np.zeros(2), 0
+    for fold in folds:
+        rest = [q for i, q in enumerate(series) if i not in fold]
+        if sum(len(q) - 1 for q in rest) < _LEAST_FOLD:
+            return []
+        other = again(rest)
+        for i in fold:
+            used = found.weights[i] > 0.0
+            if used.sum() < 2:
+                continue
+            q = series[i][used]
+            both = found.nominal.tips(q, found.nominal_tcp), other.tips(q)
+            square += [used.sum() * _scatter(p) ** 2 for p in both]
+            degrees += 3 * (int(used.sum()) - 1)
+    before, after = np.sqrt(square / max(degrees, 1))
+    if degrees and after > before * _chance(degrees):
+        return [f"points left out of the fit: {1e3 * after:.3g} mm along an axis against {1e3 * before:.3g}"]
+    return []
+
+
+def _chance(degrees: int) -> float:
+    """Ratio of two RMS values of so many degrees of freedom each that chance exceeds once in a thousand times."""
+    return float(np.sqrt(f.isf(1e-3, degrees, degrees)))
 
 
 def _first_tcp(case: CalibrationCase) -> Array:
@@ -468,7 +547,7 @@ def failed(outcome: CalibrationOutcome, method: Literal["map", "paper"]) -> list
 
     Convergence counts for `method` "map" only: the published three iterations do not converge.
     """
-    found, out = outcome.calibration, []
+    found, out = outcome.calibration, [str(doubt) for doubt in outcome.doubts]
     if not found.cost < found.cost_nominal:
         out.append("the touches of a point lie no closer than by the nominal arm")
     if outcome.clouds and not outcome.clouds["identified"].rms <= outcome.clouds["nominal"].rms:
@@ -477,6 +556,8 @@ def failed(outcome: CalibrationOutcome, method: Literal["map", "paper"]) -> list
         before, after = np.median(list(outcome.held_out.values()), axis=0)
         if not after <= before:
             out.append("the touches held out lie no closer than by the nominal arm")
+    if outcome.worse:
+        out.append(f"the nominal arm is better ({'; '.join(outcome.worse)})")
     if method == "map" and not found.converged:
         out.append(f"the fit did not settle in {len(found.history) - 1} steps")
     return out

@@ -31,6 +31,8 @@ class CalibrationOptions(ScenarioOptions):
     """Tip link or site of a URDF or MJCF."""
     units: Literal["auto", "rad", "deg"] = "auto"
     """Unit of the angles in the touches."""
+    limits: Literal["arm", "encoders"] = "arm"
+    """Touches beyond the arm's joint limits: arm refuses those that do not coincide either, encoders believes all."""
     touching: Touching = "noise"
     """Simulated touching: noise (by hand), or by contact with the hull clamped or hovering."""
     points: int | None = None

@@ -109,7 +109,10 @@ def test_single_and_repeated_touches_are_said_and_left_out(series: list[Array], 
 def test_touches_of_another_arm_are_doubted():
     other = Arm.from_dh(UR10E * [1, 1.3, 0.6, 1] + [0.3, 0.05, 0.1, 0.2])
     result = identify(touch(other, OFF_AXIS, np.random.default_rng(22)), UR10E)
-    assert any("far from the nominal one" in line for line in result.warnings)
+    assert any("not of this arm" in line for line in result.warnings)
+    far = Arm.from_dh(UR10E + np.array([0.02, 0.01, 0.01, 0.02]) * (-1.0) ** np.arange(6)[:, None])
+    result = identify(touch(far, OFF_AXIS, np.random.default_rng(22)), UR10E)
+    assert any("far from the nominal one" in line and "the prior is held" in line for line in result.warnings)
     shuffled = [q[:, ::-1] for q in touch(Arm.from_dh(PAPER), OFF_AXIS, np.random.default_rng(23))]
     assert any("nominal" in line or "not of this arm" in line for line in identify(shuffled, UR10E).warnings)
 

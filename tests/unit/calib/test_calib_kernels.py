@@ -13,19 +13,34 @@ from uncompiled import uncompiled
 def test_the_size_is_the_root_of_summed_squares(rng: np.random.Generator) -> None:
     """Of an arm without flange and tool: all its a and all its d but the first; and its derivative."""
     table = drawn_arm(rng)[0]
-    size, _ = kernels.arm_size(table, np.eye(4), np.zeros(3))
+    size, _ = kernels.arm_size(table, np.eye(4), np.zeros(3), np.zeros(len(table), dtype=bool))
     assert size == pytest.approx(np.sqrt(np.sum(table[:, 2] ** 2) + np.sum(table[1:, 1] ** 2)))
     table, _, _, X_flange, tcp = drawn_arm(rng)
-    size, slope = kernels.arm_size(table, X_flange, tcp)
+    parallel = np.arange(len(table)) == 1
+    size, slope = kernels.arm_size(table, X_flange, tcp, parallel)
     h, n = 1e-6, len(table)
     for i in range(5 * n + 3):
         e = h * np.eye(5 * n + 3)[i]
         ahead, behind = (
-            kernels.arm_size(table + s * e[: 5 * n].reshape(n, 5), X_flange, tcp + s * e[5 * n :])[0] for s in (1, -1)
+            kernels.arm_size(table + s * e[: 5 * n].reshape(n, 5), X_flange, tcp + s * e[5 * n :], parallel)[0]
+            for s in (1, -1)
         )
         # The last beta leaves the length of link and tool as it is only together with alpha: it is not counted.
         if i != 5 * (n - 1) + 4:
             assert slope[i] == pytest.approx((ahead - behind) / (2 * h), abs=1e-8)
+
+
+def test_shifts_along_parallel_axes_that_cancel_are_no_size(rng: np.random.Generator) -> None:
+    """Two axes that point the same way, or one against the other."""
+    for alpha, against in ((0.01, -1.0), (np.pi - 0.01, 1.0)):
+        table, _, _, X_flange, tcp = drawn_arm(rng)
+        table[1, 3] = alpha
+        parallel = np.arange(len(table)) == 1
+        shifted = table.copy()
+        shifted[1:3, 1] += 0.7, 0.7 * against
+        sizes = [kernels.arm_size(each, X_flange, tcp, parallel)[0] for each in (table, shifted)]
+        assert sizes[1] == pytest.approx(sizes[0], rel=1e-12)
+        assert kernels.arm_size(shifted, X_flange, tcp, np.zeros_like(parallel))[0] != pytest.approx(sizes[0], rel=1e-3)
 
 
 def test_touches_are_centred_about_the_weighted_mean_of_their_series(rng: np.random.Generator) -> None:

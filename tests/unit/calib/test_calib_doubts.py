@@ -1,0 +1,149 @@
+"""A wrong file, table or length is refused with its odds; right ones are not, and units that are stated stay."""
+
+from collections.abc import Callable
+from functools import partial
+
+import numpy as np
+import pytest
+
+from calib import identify
+from calib.arm_files import read_arm
+from calib.doubts import Told, coincide, doubts
+from calib.parameters import widest_prior
+from calib.simulation import touch, wrong_arm
+from models.arms import published_arms
+from models.arms.serial_arm import SerialArm
+from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.spatial import Array
+
+TIP = np.array([0.06, -0.02, 0.15])
+POINTS = np.array([[0.45, -0.3, 0.2], [0.4, 0.35, 0.3], [-0.4, 0.3, 0.25]])
+APART = float(np.linalg.norm(POINTS[0] - POINTS[1]))
+NAMES = ("a", "b", "c")
+Series = list[Array]
+
+
+@pytest.fixture(scope="module")
+def nominal() -> SerialArm:
+    return published_arms.load("panda")
+
+
+@pytest.fixture(scope="module")
+def series(nominal: SerialArm) -> Series:
+    rng = np.random.default_rng(4)
+    errors = {"theta": 4e-3, "d": 1e-3, "a": 1e-3, "alpha": 4e-3}
+    return touch(wrong_arm(nominal, errors, rng), TIP, rng, points=POINTS, touches=16)
+
+
+def doubted(series: Series, nominal: SerialArm, length: float = APART) -> str:
+    told = [(0, 1, length, 5e-5)] if len(series) > 1 else []
+    found = identify(series, nominal, distances=told)
+    names = NAMES[: len(series)]
+    return "; ".join(
+        map(str, doubts(found, series, partial(identify, nominal=nominal), Told(names=names, distances=told)))
+    )
+
+
+def columns(*order: int) -> Callable[[Series], Series]:
+    return lambda series: [np.ascontiguousarray(q[:, list(order)]) for q in series]
+
+
+def scaled(joint: int, factor: float) -> Callable[[Series], Series]:
+    return lambda series: [q * np.where(np.arange(q.shape[1]) == joint, factor, 1.0) for q in series]
+
+
+WRONG = {
+    "two points in one file": (lambda s: [np.vstack(s[:2]), s[2]], "touches of two points"),
+    "columns exchanged": (columns(0, 1, 4, 3, 2, 5, 6), "columns 3 and 5 exchanged"),
+    "sign flipped": (scaled(3, -1.0), "joint 4 with the other sign"),
+    "degrees turned twice": (scaled(3, np.pi / 180.0), "joint 4 turned from degrees once too often"),
+    "the same file twice": (lambda s: [s[0], s[0], s[2]], "the same touches twice"),
+    "repeated rows": (
+        lambda s: [np.vstack([q[:4]] * 4) + 1e-5 * np.sin(np.arange(7 * 16)).reshape(16, 7) for q in s],
+        "the rest repeats them",
+    ),
+    "a column that stands still": (
+        lambda s: [np.where(np.arange(7) == 2, q[0], q) for q in s],
+        "joint 3 moves by 0.0 deg",
+    ),
+    "a zero of ten degrees": (lambda s: [q + 0.17 * (np.arange(7) == 1) for q in s], "theta2 would be off by"),
+    "too few touches": (lambda s: [s[0][:4]], "too few"),
+}
+
+
+@pytest.mark.parametrize("kind", WRONG)
+def test_a_wrong_file_is_refused_by_its_name(kind: str, series: Series, nominal: SerialArm) -> None:
+    spoil, said = WRONG[kind]
+    assert said in doubted(spoil(series), nominal)
+
+
+def test_right_files_are_not_doubted(series: Series, nominal: SerialArm) -> None:
+    assert doubted(series, nominal) == ""
+    assert doubted(series, nominal, 1.002 * APART) == ""
+
+
+@pytest.mark.parametrize("share", [0.96, 1.04])
+def test_a_wrong_length_is_refused_with_its_odds(share: float, series: Series, nominal: SerialArm) -> None:
+    said = doubted(series, nominal, share * APART)
+    assert f"known distance a to b: told {share * APART:.5g} m" in said
+    assert "to 1)" in said
+
+
+def test_a_prior_that_the_touches_choose_is_bounded(series: Series, nominal: SerialArm) -> None:
+    found = identify([np.vstack(series[:2])], nominal)
+    assert np.all(found.estimate.prior <= widest_prior(found.estimate.parameters, nominal.reach))
+    assert found.arm.reach > 0.9 * nominal.reach
+
+
+def test_touches_of_one_posture_tell_nothing(rng: np.random.Generator) -> None:
+    arm = SerialArm.from_dh([[0.3, 0.1, 0.5, 0.2]])
+    with pytest.raises(ConfigurationError, match="no joint moves by a degree"):
+        identify([0.7 + 1e-4 * rng.standard_normal((20, 1))], arm)
+
+
+def test_thousands_of_touches_settle() -> None:
+    """Shifts along parallel axes that cancel would let the arm look larger, and its residuals smaller, without end."""
+    rng = np.random.default_rng(1)
+    nominal = published_arms.load("ur10e")
+    truth = wrong_arm(nominal, {"theta": 2e-3, "d": 5e-4, "a": 5e-4, "alpha": 2e-3, "beta": 2e-3}, rng)
+    few = touch(truth, TIP, rng, touches=60)
+    many = [np.vstack([q + 1e-4 * rng.standard_normal(q.shape) for _ in range(25)]) for q in few]
+    found = identify(many, nominal)
+    assert found.converged
+    assert len(found.history) < 60  # measured 10
+
+
+def test_touches_coincide_by_the_arm_that_made_them(series: Series, nominal: SerialArm) -> None:
+    assert coincide(nominal, series)
+    assert not coincide(nominal, columns(0, 1, 4, 3, 2, 5, 6)(series))
+    assert not coincide(nominal, [0.01 * q + 0.5 for q in columns(1, 0, 2, 3, 4, 5, 6)(series)])
+
+
+CANCELLING = (
+    "theta,{d},a,alpha\n0,0.09,0,1.5703\n-1.2,312.4,-0.09,-0.0009\n1.7,-271.9,-0.33,0.0031\n-0.5,-40.39,0,1.57\n"
+)
+
+
+@pytest.mark.parametrize("d", ["d", "d [m]", "d_m"])
+def test_lengths_that_cancel_are_metres(d: str, tmp_path, within) -> None:
+    file = tmp_path / "maker.csv"
+    file.write_text(CANCELLING.format(d=d))
+    source = read_arm(file)
+    rows = np.loadtxt(file, delimiter=",", skiprows=1)
+    exact = SerialArm(table=np.column_stack([rows, np.zeros(4)]), joint_types="rrrr")
+    q = np.random.default_rng(3).uniform(-2.0, 2.0, (10, 4))
+    within("flange", source.arm.flange(q) - exact.flange(q), 1e-11)  # 1e-13
+    assert source.arm.reach < 2.0
+    assert any("cancel" in note for note in source.notes)
+
+
+def test_a_stated_unit_is_not_overruled(tmp_path) -> None:
+    file = tmp_path / "dh.csv"
+    file.write_text("theta,d [m],a,alpha\n0,300,0,1.5\n0,0,-600,0\n")
+    with pytest.raises(ConfigurationError, match="looks like millimetres"):
+        read_arm(file)
+    file.write_text("theta [rad],d,a,alpha\n20,0.3,0,1.5\n0,0,-0.6,0\n")
+    with pytest.raises(ConfigurationError, match="looks like degrees"):
+        read_arm(file)
+    file.write_text("theta,d [mm],a,alpha\n0,30,0,1.5\n0,0,40,0\n")
+    assert read_arm(file).arm.table[1, 2] == pytest.approx(0.04)

@@ -201,7 +201,7 @@ def beyond_limits(read: Touches, limits: Array, hinges: np.ndarray, joint_names:
         with np.errstate(invalid="ignore"):
             beyond = np.maximum(limits[:, 0] - q, q - limits[:, 1]) - slack
         beyond = np.where(np.isfinite(beyond), beyond, -np.inf)
-        touch, joint = np.unravel_index(int(np.argmax(beyond)), beyond.shape)
+        touch, joint = divmod(int(np.argmax(beyond)), beyond.shape[1])
         if beyond[touch, joint] <= 0.0:
             continue
         word, (low, high) = "rad" if hinges[joint] else "m", limits[joint]

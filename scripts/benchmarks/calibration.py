@@ -132,7 +132,7 @@ def main() -> int:
 
     def alone() -> float:
         data = Data(q=rows, starts=starts, weights=np.ones(len(rows)))
-        return solve(Problem(source.arm, data, parameters, mean), deviations, noise=NOISE, adapt=False).cost
+        return solve(Problem(source.arm, data, parameters, mean), deviations, widest=None, noise=NOISE).cost
 
     ways = {
         SAME: alone,

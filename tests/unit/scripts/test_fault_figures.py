@@ -38,3 +38,5 @@ def test_a_work_that_was_not_left_has_no_last_touch():
     kept = figures(trace([(0.5, WorkState.WORK, "")]), "transverse", 4)
     assert kept.touch_s is None
     assert kept.reaction_s is None
+    assert kept.reaction == str(WorkState.WORK)  # the set force never fell
+    assert not kept.damage

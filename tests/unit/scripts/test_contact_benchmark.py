@@ -8,18 +8,30 @@ import subprocess
 import sys
 from dataclasses import fields, replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 import bad_entries
+from models.hydrodynamics import SEA_WATER
 from scenarios.assembly import assemble
 from scenarios.contact_benchmark import door
 from scenarios.contact_benchmark.cases import CASES, FAMILIES, BenchmarkCase, cases, digest
 from scenarios.contact_benchmark.door import EntryProcess
 from scenarios.contact_benchmark.entries import ENTRIES, Entry
 from scenarios.contact_benchmark.leaderboard import page, read_result
-from scenarios.contact_benchmark.score import ENTRY_SEED, KEPT, ScoredCase, behind_door, median, score, share
+from scenarios.contact_benchmark.score import (
+    DISC,
+    ENTRY_SEED,
+    KEPT,
+    ScoredCase,
+    ThrusterEnergy,
+    behind_door,
+    median,
+    score,
+    share,
+)
 from scenarios.contact_benchmark.wire import Briefing, CommandCodec, EntryError, EstimateCodec
 from scenarios.runner import run
 from scenarios.scenario import Control
@@ -411,3 +423,13 @@ def test_results_of_other_cases_make_no_table():
         page([one, {"benchmark": {**other, "cases": 10, "cases_digest": "b"}, "rows": [row]}])
     with pytest.raises(ConfigurationError, match="at least one"):
         page([])
+
+
+def test_energy_of_thrusters_is_that_of_each_disc():
+    """4 N ahead and 9 N astern for two samples: sum of |T|^1.5 is 8 + 27, over sqrt(2 rho A)."""
+    counted, timestep = ThrusterEnergy(0.002), 0.002
+    for tick in range(20):
+        truth = SimpleNamespace(thrust=np.array([4.0, -9.0]))
+        counted.observe(untyped(SimpleNamespace(tick=tick, truth=truth)))
+    area = np.pi * DISC**2 / 4.0
+    assert counted.energy == pytest.approx(35.0 / np.sqrt(2.0 * SEA_WATER * area) * 20 * timestep)

@@ -87,3 +87,21 @@ def test_share_used_in_a_current(name, rng, within):
 def test_a_friction_that_cannot_be(drag):
     with pytest.raises(ConfigurationError, match="drag"):
         ThrustMargin.of(models.load("uuv_puma").compile(), drag=drag)
+
+
+@pytest.mark.parametrize("yaw", [0.7, -2.1])
+def test_share_used_by_a_turned_hull_in_a_current(yaw, rng, within):
+    """A level hull at any heading meets the current turned into its own axes; MuJoCo is asked at heading 0."""
+    install()
+    model = models.load("uuv_puma").compile()
+    vehicle, holding = Vehicle.of(model), ThrustMargin.of(model)
+    table, q = vehicle.thruster_table, vehicle.q_home
+    c, s = np.cos(yaw), np.sin(yaw)
+    R_WB = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    for _ in range(3):
+        f_tip_G, current_W = rng.normal(size=3) * 60.0, rng.normal(size=3) * 0.3
+        current_B = R_WB.T @ current_W
+        thrust = np.linalg.solve(vehicle.thruster_wrench, needed(model, q, f_tip_G, current_B))
+        taken = table[:, INFLOW_LOSS] * (vehicle.thruster_wrench[:3].T @ -current_B)
+        shares = np.where(thrust > 0.0, thrust / (table[:, FORWARD] - taken), -thrust / (table[:, REVERSE] + taken))
+        within("share", holding.in_current(current_W).used(q, R_WB, f_tip_G) - shares.max(), 1e-9)

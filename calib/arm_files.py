@@ -56,7 +56,7 @@ _UNITS = {"angle": ("rad", "deg"), "length": ("m", "mm")}
 _FACTORS = {"deg": np.pi / 180.0, "mm": 1e-3}
 _LONGEST = 50.0  # [m] an arm that reaches farther is written in millimetres, where no unit is stated
 _DETOUR = 5.0  # times the reach of an arm: longer links cancel
-_POSTURES = 64
+_POSTURES = 64  # drawn to guess the reach of an arm
 _LONGEST_KEY = 60  # characters of a column's name
 
 

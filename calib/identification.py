@@ -21,7 +21,7 @@ from calib.paper import WARNING, paper_run
 from calib.parameters import DEFAULT_FREE, DEFAULT_PRIOR, Parameters, prior_deviations, select, widest_prior
 from calib.rank import RankReport, rank_report
 from calib.touches import checked_series, first_tcp, moved, without_repeats
-from calib.verification import PointTouches, kabsch, places, scores
+from calib.verdicts.verification import PointTouches, kabsch, places, scores
 from models.arms.kinematics import ROW
 from models.arms.serial_arm import SerialArm
 from sim.interfaces.errors import ConfigurationError
@@ -234,7 +234,7 @@ class Calibration:
     def half_widths(self, q: ArrayLike, payload_mass: float = 0.0, confidence: float = 0.95) -> Array:
         """Half-widths of the predictive intervals of touches of one new point about their mean, along the base's axes.
 
-        Errors that the parameters cannot express (gears, sag, seating) widen them: see `calib.verification`.
+        Errors that the parameters cannot express (gears, sag, seating) widen them: see `calib.verdicts.verification`.
 
         Args:
             q: (M, n) joint values of all touches of that point.
@@ -522,7 +522,7 @@ def _at_the_bound(arm: SerialArm, parameters: Parameters, fit: Fit) -> list[str]
 
 
 def _scores(arm: SerialArm, data: Data, parameters: Parameters, fit: Fit, points: Array) -> Array:
-    """Scores (3 K,) of the touches in use, see `calib.verification`; `points` (S, 3) [m] are those of the series."""
+    """Scores (3 K,) of the touches in use, see `calib.verdicts.verification`; `points` (S, 3) [m] are the series'."""
     J = tips_of(arm, fit.full, data)[1][:, parameters.index]
     series, used = [], []
     for s in range(len(data.starts)):

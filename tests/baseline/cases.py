@@ -14,7 +14,7 @@ import numpy as np
 from bands import Figures, numbers_of
 from calib import identify as calibrate
 from calib.simulation import HAND_NOISE
-from calib.verification import kabsch
+from calib.verdicts.verification import kabsch
 from controllers.mkps import Chain, solve
 from models.arms import published_arms
 from perception import identify

@@ -97,7 +97,7 @@ NAMELESS = """
         ),
         pytest.param(["--least-chance", "1.5"], None, "least, a chance", id="no chance"),
         pytest.param(["--range", "12"], None, "not identified", id="camera sees nothing"),
-        pytest.param(KNOWN, short_armed, "out of reach", id="out of reach"),
+        pytest.param([*KNOWN, "--forces", "60"], short_armed, "out of reach", id="out of reach"),
         pytest.param([], lambda: NAMELESS, "thrusters, body 'arm_base' (carries the arm)", id="no names"),
         pytest.param([], lambda: "<mujoco", "not an MJCF", id="not an MJCF"),
         pytest.param(["--vehicle", "nautilus"], None, "uuv_puma", id="unknown vehicle"),

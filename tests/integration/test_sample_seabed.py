@@ -109,7 +109,11 @@ def test_over_a_bad_cloud_it_does_not_descend(script, tmp_path, cloud, said):
 
 @pytest.mark.parametrize(
     ("text", "said"),
-    [("", "the file is empty"), ("# x y z\n", "the file is empty"), ("0 0 -2.5\n1 0 -2.5 7\n", "line 2: expected 3")],
+    [
+        ("", "the file is empty"),
+        ("# x y z\n", "there is no point in it"),
+        ("0 0 -2.5\n1 0 -2.5 7\n", "line 2: expected 3"),
+    ],
     ids=["empty", "comments alone", "wrong columns"],
 )
 def test_a_file_that_is_no_cloud_is_refused_before_anything_moves(script, tmp_path, text, said):

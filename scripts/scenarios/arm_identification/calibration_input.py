@@ -12,14 +12,14 @@ import numpy as np
 from scipy.stats import f
 
 import models
-from calib import verification
 from calib.arm_files import ArmSource, read_arm
-from calib.doubts import Doubt, Told, coincide, doubts
 from calib.identification import Calibration, identify
 from calib.loads import Loads
 from calib.moving_base import in_own_names, on_moving_base, own_arm, own_parameters, with_base
 from calib.simulation import EccentricGears, Sag, Seating, reach, read_by_encoders, true_joints, wrong_arm
 from calib.touch_files import Touches, beyond_limits, read_touches
+from calib.verdicts import verification
+from calib.verdicts.doubts import Doubt, Told, coincide, doubts
 from models.arms import dh_geometry, published_arms
 from models.arms.serial_arm import SerialArm
 from models.naming import ARM_BASE_BODY, TIP_SITE

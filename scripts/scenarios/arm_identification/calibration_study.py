@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from calib import Calibration, Loads, identify
 from calib.simulation import HAND_NOISE, Sag, read_by_encoders, true_joints
 from calib.touch_files import read_touches
-from calib.verification import compare, flange_poses
+from calib.verdicts.verification import compare, flange_poses
 from models.arms import published_arms
 from models.arms.serial_arm import SerialArm
 from scenarios.arm_identification.calibration_input import (

@@ -8,9 +8,9 @@ import pytest
 
 from calib import identify
 from calib.arm_files import read_arm
-from calib.doubts import Told, coincide, doubts
 from calib.parameters import widest_prior
 from calib.simulation import touch, wrong_arm
+from calib.verdicts.doubts import Told, coincide, doubts
 from models.arms import published_arms
 from models.arms.serial_arm import SerialArm
 from sim.interfaces.errors import ConfigurationError

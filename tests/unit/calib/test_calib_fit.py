@@ -11,7 +11,7 @@ from calib.parameters import DEFAULT_PRIOR
 from calib.planner import design, plan, random_merits
 from calib.simulation import HAND_NOISE, EccentricGears, Sag, Seating, read_by_encoders, touch, true_joints, wrong_arm
 from calib.touches import first_tcp
-from calib.verification import compare, flange_poses, icp, kabsch, track
+from calib.verdicts.verification import compare, flange_poses, icp, kabsch, track
 from dh_product import tips_here
 from models.arms.kinematics import BETA, ROW
 from sim.interfaces.errors import ConfigurationError

@@ -179,11 +179,11 @@ def test_binary_ply_with_an_index_that_is_not_finite():
 
 @pytest.mark.parametrize("name", ["a.ply", "a.off", "a.stl"])
 def test_a_mesh_that_may_not_be_read_is_no_malformed_one(tmp_path, monkeypatch, name):
-    def refused(path: Path) -> bytes:
+    def refused(path: Path, *_: int) -> int:
         raise PermissionError(13, "Permission denied", str(path))
 
     (tmp_path / name).write_text("0 0 0\n")
-    monkeypatch.setattr(Path, "read_bytes", refused)
+    monkeypatch.setattr("sim.interfaces.files.os.open", refused)
     monkeypatch.setitem(sys.modules, "trimesh", None)
     with pytest.raises(ImportError if name == "a.stl" else ConfigurationError, match=r"permission denied|trimesh"):
         read_mesh(tmp_path / name)

@@ -72,11 +72,11 @@ def test_files_of_open3d_hold_the_same_points(tmp_path, open3d, within):
 
 @pytest.mark.parametrize("name", ["a.ply", "a.pcd", "a.xyz"])
 def test_a_file_that_may_not_be_read_is_one_clear_error(tmp_path, monkeypatch, name):
-    def refused(path: Path) -> bytes:
+    def refused(path: Path, *_: int) -> int:
         raise PermissionError(13, "Permission denied", str(path))
 
     (tmp_path / name).write_text("0 0 0\n")
-    monkeypatch.setattr(Path, "read_bytes", refused)
+    monkeypatch.setattr("sim.interfaces.files.os.open", refused)
     with pytest.raises(ConfigurationError, match="permission denied"):
         read_cloud(tmp_path / name)
 

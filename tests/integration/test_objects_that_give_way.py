@@ -17,6 +17,7 @@ def work_on(*perturbations, **options) -> Run:
     return run(assemble(replace(barrel(seed=1, quick=True, **options), perturbations=perturbations)))
 
 
+@pytest.mark.long(guarded_by="tests/unit/controllers/tasks/test_arrival.py::test_what_does_not_agree_is_left_out")
 def test_object_that_swings_is_refused_before_contact():
     recording = work_on(MovingObject(amplitude=(0.0, 0.02, 0.0), frequency=0.1)).recording
     assert recording.final.abort is AbortCode.OBJECT_MOVES

@@ -77,7 +77,10 @@ def placed(scenario: Scenario) -> PlacedSurfaceWork:
     return scenario.task.place(scenario, own, np.random.default_rng(scenario.seed))
 
 
-@pytest.mark.parametrize(("fouled", "dented"), [(0.03, 0.0), (0.0, 0.03), (0.02, 0.02)])
+BOTH = pytest.mark.long(guarded_by="tests/integration/test_path_scripts.py::test_work_on_what_the_sea_has_left")
+
+
+@pytest.mark.parametrize(("fouled", "dented"), [(0.03, 0.0), (0.0, 0.03), pytest.param(0.02, 0.02, marks=BOTH)])
 def test_work_on_what_the_sea_has_left(fouled: float, dented: float):
     """The vehicle knows the clean barrel; what stands there lies off it along the path, both ways where both are."""
     work = placed(barrel_scenario(seed=1, fouled=fouled, dented=dented))

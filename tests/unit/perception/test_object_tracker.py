@@ -34,7 +34,12 @@ def estimate() -> StateEstimate:
     )
 
 
-@pytest.mark.parametrize("shift", [0.01, 0.05])
+FARTHER = pytest.mark.long(
+    guarded_by="tests/unit/perception/test_object_tracker.py::test_a_push_is_noticed_in_two_frames_and_measured"
+)
+
+
+@pytest.mark.parametrize("shift", [0.01, pytest.param(0.05, marks=FARTHER)])
 def test_a_push_is_noticed_in_two_frames_and_measured(surface, shift, within):
     tracker = ObjectTracker(surface, VIEW)
     state, motion = tracker.init(), None

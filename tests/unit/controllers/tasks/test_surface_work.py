@@ -38,7 +38,7 @@ from sim.interfaces.messages import (
 from sim.interfaces.spatial import Array, exp_so3, pose
 from told import Told
 
-PERIOD = 0.01  # [s]
+PERIOD, FINE = 0.02, 0.01  # [s] enough for most that is asked here; that of jobs
 SCAN_POSE = pose(p=[-1.0, 0.2, 0.5])
 WORK_POSE = pose(p=[-0.6, 0.0, 0.3])
 JOURNEY = [
@@ -110,6 +110,7 @@ class Script(Told):
     sigma: float = np.inf  # [N] stated standard deviation of the normal force; inf: none
     friction: float | None = None  # share of the felt force that is felt across the tool too; None: that is not known
     hollow: tuple[float, float] | None = None  # [m] part of the path on which the tool does not fit
+    period: float = PERIOD  # [s] of the planner
 
     def run(self, seconds: float = 120.0) -> "Script":
         own = models.load("uuv_puma_side" if self.side else "uuv_puma").compile()
@@ -120,13 +121,13 @@ class Script(Told):
             barrel(),
             self.job,
             X_WB_scan=SCAN_POSE,
-            period=PERIOD,
+            period=self.period,
             holding=self.holding,
         )
         X_WB, state, command, seen, scanning = SCAN_POSE, None, None, None, False
         looks, finds, faults = iter(self.looks), iter(self.finds), ()
-        for tick in range(round(seconds / PERIOD)):
-            time, zero = tick * PERIOD, np.zeros(3)
+        for tick in range(round(seconds / self.period)):
+            time, zero = tick * self.period, np.zeros(3)
             estimate = StateEstimate(
                 time=time,
                 X_WB=X_WB,
@@ -169,9 +170,9 @@ class Script(Told):
     def _moved(self, X_WB: Array, wanted: Array) -> Array:
         way = wanted[:3, 3] - X_WB[:3, 3]
         length = float(np.linalg.norm(way))
-        if length <= self.fastest * PERIOD:
+        if length <= self.fastest * self.period:
             return wanted
-        return pose(wanted[:3, :3], X_WB[:3, 3] + way * (self.fastest * PERIOD / length))
+        return pose(wanted[:3, :3], X_WB[:3, 3] + way * (self.fastest * self.period / length))
 
 
 @pytest.fixture(autouse=True)
@@ -243,13 +244,13 @@ def test_tool_reference_is_continuous_and_its_velocity_the_derivative(surface):
             return STIFFNESS * max(0.0, surface - float(tip(reference)[2]))
         return reference.force
 
-    script = Script(felt=felt).run()
+    script = Script(felt=felt, period=FINE).run()
     moving = script.of(WorkState.TARE, *IN_CONTACT, WorkState.RETREAT, WorkState.DONE)
     steps = np.linalg.norm(np.diff([tip(r) for r in moving], axis=0), axis=1)
-    assert steps.max() <= 1.01 * script.job.approach.speed * PERIOD
+    assert steps.max() <= 1.01 * script.job.approach.speed * FINE
     for state in (WorkState.APPROACH, WorkState.WORK):
         places, velocity = (np.array([what(r) for r in script.of(state)]) for what in (tip, lambda r: r.v_WG_W))
-        central = 0.5 * (places[2:] - places[:-2]) / PERIOD
+        central = 0.5 * (places[2:] - places[:-2]) / FINE
         assert np.abs(velocity[1:-1] - central).max() < 3e-4  # half a step of the acceleration
     # Away from the surface that was met, and from the one that was expected.
     assert tip(script.end)[2] >= max(surface, 0.0) + script.job.approach.standoff - 2e-3
@@ -300,7 +301,7 @@ def test_a_knock_is_not_a_contact(smooth):
             return 30.0 if next(knocks) % 10 < 3 else 0.0  # 30 ms of 40 ms
         return obedient(reference)
 
-    script = Script(felt=felt).run()
+    script = Script(felt=felt, period=FINE).run()
     assert script.states == smooth.states
     assert tip(script.of(WorkState.APPROACH)[-1])[2] <= 0.0
 

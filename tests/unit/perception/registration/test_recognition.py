@@ -94,9 +94,6 @@ def rendered(shown: dict[str, np.ndarray], surfaces: dict[str, ModelSurface], se
     return Scan.of_grid(depth + noise, tangent_x, tangent_y)
 
 
-@pytest.mark.long(
-    guarded_by="tests/unit/perception/registration/test_recognition.py::test_a_known_object_hides_and_explains"
-)
 def test_what_is_found_explains_its_part_of_the_scan():
     """An anode hides half of a manifold, which alone is found on the anode: a pixel shows one object only."""
     sensor = SensorModel(noise_length=1.0)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from benchmarks.ik_parts import REACHER
 from controllers.mkps import Chain, IkOptions, solve, solve_many
 from models.arms import published_arms
 from sim.interfaces.errors import ConfigurationError
@@ -21,19 +22,6 @@ KINDS = {
     "position, axis and turn": {"axis_tolerance": 1e-3, "turn_tolerance": 1e-2},
     "position and a loose rotation": {"orientation_tolerance": 0.4},
 }
-REACHER = """
-<robot name="reacher">
-  <link name="base"/> <link name="turret"/> <link name="boom"/> <link name="stick"/> <link name="tip"/>
-  <joint name="turn" type="revolute"><parent link="base"/><child link="turret"/>
-    <origin xyz="0.02 0 0.07" rpy="0 0 -0.9"/><axis xyz="0 0 -1"/><limit lower="-1.6" upper="0.2"/></joint>
-  <joint name="lift" type="revolute"><parent link="turret"/><child link="boom"/>
-    <origin xyz="0 0.01 0.04"/><axis xyz="0 1 0"/><limit lower="0" upper="1.5"/></joint>
-  <joint name="bend" type="revolute"><parent link="boom"/><child link="stick"/>
-    <origin xyz="0 0 0.1"/><axis xyz="0 1 0"/><limit lower="-1.5" upper="1.5"/></joint>
-  <joint name="end" type="fixed"><parent link="stick"/><child link="tip"/>
-    <origin xyz="0 0.02 0.09" rpy="0.3 0 0"/></joint>
-</robot>
-"""
 
 
 def drawn_arm(n: int, seed: int) -> Chain:

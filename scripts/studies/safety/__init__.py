@@ -1,0 +1,1 @@
+"""Studies of what sensors and thrusters do wrong."""

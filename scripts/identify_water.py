@@ -9,7 +9,8 @@ first manoeuvre is planned.
 
 from scenarios.start import parse, run_scenario  # isort: skip
 
-from scenarios.water_identification.options import WaterOptions, identify_water
+from scenarios.cli.identify_water import identify_water
+from scenarios.water_identification.options import WaterOptions
 
 
 def main() -> int:

@@ -8,13 +8,12 @@ import numpy as np
 from models.vehicle import Vehicle
 from perception.navigation.raw_navigation import RawNavigation
 from perception.navigation.strapdown_filter import Navigation
-from scenarios.arm_camera import arm_camera, believed_mount
 from scenarios.contact_parts import believed_and_built, controller
 from scenarios.own_vehicle import OwnVehicle
 from scenarios.perturbations.perturbation import Loop, perturb
-from scenarios.scenario import Scenario
+from scenarios.scenario import PlacedTask, Scenario
+from scenarios.sensors.arm_camera import arm_camera, believed_mount
 from scenarios.tasks.start_place import check_start
-from scenarios.tasks.task import PlacedTask
 from sim import hydrodynamics
 from sim.interfaces.spatial import Array, exp_so3, pose
 from sim.loop.rollout import Parts, ticks_per_period

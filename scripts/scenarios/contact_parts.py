@@ -25,8 +25,7 @@ from perception.clouds.scan import SensorModel
 from perception.clouds.sonar_cloud import sonar_model
 from scenarios.kinds import CONTROLLER, CONTROLLERS, SENSORS, class_of, told
 from scenarios.own_vehicle import OwnVehicle, vehicle_spec
-from scenarios.scenario import Belief, Control, VehicleSetup
-from scenarios.tasks.task import Task
+from scenarios.scenario import Belief, Control, Task, VehicleSetup
 from sim.interfaces.errors import ConfigurationError, UuvError
 from sim.interfaces.protocols import Controller, Estimator, Sensor
 from sim.interfaces.spatial import Array, finite_number, shown

@@ -1,9 +1,8 @@
 """First start: compiles the kernels of the loop on all cores, before one process would do it one after the other.
 
-    ./uvw run python -m scenarios.first_start      # lists them anew, into first_start.json: after a change of kernels
-
-The list says which kernels a contact job needs, what they take, and which of them call which. It only saves time: a
-kernel that is missing, or that takes something else by now, is compiled where it is first called.
+The list (first_start.json, written by `scripts/benchmarks/list_kernels.py`) says which kernels a contact job needs,
+what they take, and which of them call which. It only saves time: a kernel that is missing, or that takes something
+else by now, is compiled where it is first called.
 """
 
 import contextlib
@@ -12,12 +11,11 @@ import json
 import os
 import subprocess
 import sys
-import tempfile
 import threading
 import time
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from queue import SimpleQueue
@@ -25,7 +23,6 @@ from typing import Any
 
 import numba
 import numpy as np
-from numba.core import event
 from numba.core.registry import CPUDispatcher
 from numba.np import numpy_support
 from rich.console import Console
@@ -34,7 +31,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from sim.evaluation.run_metrics import StartMetrics
 from sim.interfaces.errors import UuvError
 from sim.interfaces.kernels import is_stored, store
-from sim.interfaces.kernels.stored import StoredKernel, counts
+from sim.interfaces.kernels.stored import counts
 from sim.loop.record_box import RecordBoxType
 
 LIST = Path(__file__).with_suffix(".json")
@@ -152,7 +149,7 @@ class _Worker:
 
     def __init__(self) -> None:
         self._process = subprocess.Popen(
-            [sys.executable, "-m", "scenarios.first_start", "--worker"],
+            [sys.executable, "-m", "scenarios.first_start"],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,
@@ -317,81 +314,5 @@ def _work() -> None:
         answers.flush()
 
 
-class _Stopwatch(event.Listener):
-    """Seconds of each compilation, without those of the project's kernels within it."""
-
-    def __init__(self) -> None:
-        self.spent: dict[tuple[int, Any], float] = {}  # by dispatcher and arguments
-        self._open: list[tuple[float, list[float]]] = []
-
-    def on_start(self, event: event.Event) -> None:
-        self._open.append((time.process_time(), []))
-
-    def on_end(self, event: event.Event) -> None:
-        began, inner = self._open.pop()
-        data: Any = event.data
-        whole, kernel = time.process_time() - began, data["dispatcher"]
-        ours = kernel.py_func.__module__.partition(".")[0] in ROOMS
-        self.spent[id(kernel), data["args"]] = whole - sum(inner)
-        if self._open:
-            self._open[-1][1].extend([whole] if ours else inner)
-
-
-def _can_be_told(args: Any) -> bool:
-    """True if types can be listed; a kernel with others, such as the water's, is compiled with those that call it."""
-    try:
-        return all(decoded(json.loads(json.dumps(encoded(each)))) == each for each in args)
-    except UuvError:
-        return False
-
-
-def listed() -> list[Job]:
-    """What a job of clean_barrel.py compiles; slow, and it needs an empty cache."""
-    from scenarios import assemble, barrel
-    from scenarios.runner import run_through
-
-    watch = _Stopwatch()
-    with event.install_listener("numba:compile", watch):
-        for name, given, *_ in CALLS:
-            Job(name, None, given, (), 0.0).do()
-        run_through(assemble(barrel(quick=True)))
-    made = [
-        (name, args, kernel)
-        for name, kernel in kernels()
-        for args in kernel.overloads
-        if isinstance(kernel._cache, StoredKernel) and kernel._can_compile and _can_be_told(args)
-    ]
-    rows = {id(kernel.overloads[args].library): row for row, (_, args, kernel) in enumerate(made)}
-
-    def called(library: Any) -> set[int]:
-        found = set[int]()
-        for each in library._linking_libraries:
-            found |= {rows[id(each)]} if id(each) in rows else called(each)
-        return found
-
-    after = [called(kernel.overloads[args].library) - {row} for row, (_, args, kernel) in enumerate(made)]
-    order: list[int] = []
-    while len(order) < len(made):  # those that a job calls before it
-        order += [row for row in range(len(made)) if row not in order and after[row].issubset(order)]
-    found: list[Job] = []
-    for row in order:
-        name, args, kernel = made[row]
-        before = tuple(sorted(order.index(each) for each in after[row]))
-        seconds = round(watch.spent.get((id(kernel), args), 0.0), 2)
-        found.append(Job(name, [encoded(each) for each in args], (), before, seconds))
-    for name, given, seconds, needs in CALLS:
-        before = tuple(row for row, job in enumerate(found) if job.kernel.startswith(needs))
-        found.append(Job(name, None, given, before, seconds))
-    return found
-
-
-def _write() -> None:
-    with tempfile.TemporaryDirectory() as empty:
-        os.environ[store.FOLDER] = empty
-        rows = [json.dumps(asdict(job)) for job in listed()]
-    LIST.write_text("[\n" + ",\n".join(rows) + "\n]\n", encoding="utf-8")
-    print(f"{len(rows)} kernels listed in {LIST}")
-
-
 if __name__ == "__main__":
-    _work() if "--worker" in sys.argv else _write()
+    _work()

@@ -143,9 +143,9 @@ class ContactOptions(VehicleOptions):
         if self.target_pose == "known" and "identification" in self.published:
             raise ConfigurationError("--target-pose known and --published identification: one of the two")
         from controllers.planning.promise import WANTED, PromiseLimits, StopLimits
-        from scenarios.arm_camera import ArmCameraSetup
         from scenarios.kinds import SURVEY
         from scenarios.scenario import Belief, Control, Scenario, Sensing
+        from scenarios.sensors.arm_camera import ArmCameraSetup
         from scenarios.tasks.surface_work import SurfaceWorkTask, ToolTurn
 
         turn = None
@@ -507,7 +507,7 @@ def run_job(scenario: "Scenario", options: RunOptions, started: float, after: st
     if isinstance(options, TrialOptions) and options.trials:
         from scenarios.campaigns.task_trials import command_trials
 
-        return command_trials(scenario, options)
+        return command_trials(scenario, options.trials, options)
     from scenarios.command import command
 
     return command(scenario, options, started, after)

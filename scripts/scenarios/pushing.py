@@ -23,9 +23,8 @@ from scenarios.assembly import assemble
 from scenarios.own_vehicle import OwnVehicle
 from scenarios.perturbations.perturbation import Loop, Perturbation
 from scenarios.runner import run_through
-from scenarios.scenario import Scenario, VehicleSetup
+from scenarios.scenario import PlacedTask, Scenario, Task, VehicleSetup
 from scenarios.site import OpenWater, Site
-from scenarios.tasks.task import PlacedTask, Task
 from sim.interfaces.messages import Command, Reference, StateEstimate, Target, WorkState
 from sim.interfaces.spatial import Array, rotation_angle, skew
 from sim.loop.rollout import Moment
@@ -268,18 +267,6 @@ def holdable_directions(vehicle: Vehicle, arm: ArmDynamics, q: Array, directions
         tau = free + force * (np.array(pushed) - free).T @ (R_BG.T @ direction)
         held.append(bool(np.all(np.abs(tau) <= vehicle.torque_limits)))
     return np.array(held)
-
-
-def sphere(count: int) -> Array:
-    """Unit vectors (count, 3) spread evenly over the sphere: the six axes first, then a Fibonacci spiral."""
-    axes = np.vstack([np.eye(3), -np.eye(3)])
-    rest = count - len(axes)
-    if rest <= 0:
-        return axes[:count]
-    k = np.arange(rest) + 0.5
-    z, turn = 1.0 - 2.0 * k / rest, np.pi * (1.0 + np.sqrt(5.0)) * k
-    r = np.sqrt(1.0 - z * z)
-    return np.vstack([axes, np.column_stack([r * np.cos(turn), r * np.sin(turn), z])])
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -10,9 +10,9 @@ import numpy as np
 from scenarios import first_start
 from scenarios.assembly import Assembly, assemble
 from scenarios.inputs import check_inputs
+from scenarios.outcome import RunResult
 from scenarios.saving.saved_run import SavedRun, check_observers, checked_phase, snapshot_of
 from scenarios.scenario import Scenario
-from scenarios.tasks.task import RunResult
 from scenarios.ticks.compiled_ticks import reason
 from scenarios.ticks.ticks_around import ticks_for
 from sim.evaluation.metrics import Assessment

@@ -1,21 +1,43 @@
-"""Scenario: everything a run needs and nothing else, as a value and (`scenario_file`) as a TOML file."""
+"""Scenario: everything a run needs and nothing else, as a value and (`scenario_file`) as a TOML file.
 
+A `Task` says what is to be done; placed at a site that was drawn from the seed it is a `PlacedTask`.
+"""
+
+from abc import ABC, abstractmethod
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass, field
-from typing import TypeVar
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
+
+import mujoco
+import numpy as np
 
 from controllers.ik.method import Method as IkMethod
-from scenarios.arm_camera import ArmCameraSetup
 from scenarios.methods import AblatedMethod, PublishedMethod
+from scenarios.outcome import CloudRecorder, NoFigures, Pictures, RunResult
+from scenarios.own_vehicle import OwnVehicle
 from scenarios.perturbations.perturbation import Perturbation
+from scenarios.sensors.arm_camera import ArmCameraSetup
 from scenarios.site import Site
-from scenarios.tasks.task import Task
+from sim.evaluation.metrics import Assessment, Bounds
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.files import folder_name
-from sim.interfaces.protocols import Sensor
-from sim.interfaces.spatial import finite_number, whole_number
+from sim.interfaces.messages import WorkState
+from sim.interfaces.protocols import Controller, Estimator, Planner, Sensor, TargetFinder, TargetFollower
+from sim.interfaces.spatial import Array, finite_number, whole_number
+from sim.loop.rollout import Observer
+
+if TYPE_CHECKING:  # a task is described, and refused, without the kernels of what carries it out
+    from rich.table import Table
+
+    from perception.clouds.scan import SensorModel
+    from sim.loop.recording import Recorder
+    from sim.plant.soil_contact import SoilForce
 
 P = TypeVar("P", bound=Perturbation)
+LONGEST = 400.0  # [s] simulated, default limit of a run
 _MOST_LOOKS = 40  # frames that arrive before the wait for a scan times out
+_NOT_FOLLOWED = "--follow: this task has no object that it could follow"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -93,6 +115,142 @@ class Control:
         laws = {"force-law", "normal-force-law"} & {*self.published}
         if len(laws) + ("force-control" in self.without) > 1:
             raise ConfigurationError("--without force-control, --published force-law and normal-force-law: one of them")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Task(ABC):
+    """What is to be done; the base of all tasks. Its fields are keys of a scenario's file."""
+
+    spares: ClassVar[Collection[str]] = ()  # named parts of the vehicle that it does without
+    looks: ClassVar[bool] = False  # a camera or a sonar looks at the site, which takes a ray caster
+
+    @property
+    def tool(self) -> str | None:
+        """Tool that the task needs, in place of one of another shape; None: the vehicle's own."""
+        return None
+
+    def check_inputs(self, scenario: "Scenario") -> None:
+        """Refuses an object that is none for it, and names and files that there are not, before anything is compiled.
+
+        Calls nothing compiled. A task that follows an object overrides it, others add to it.
+
+        Raises:
+            ConfigurationError: Which one, what is allowed, and what was given.
+        """
+        if scenario.sensing.follow:
+            raise ConfigurationError(_NOT_FOLLOWED)
+
+    def least_seconds(self, scenario: "Scenario") -> float:
+        """Time [s] that the work itself takes at least, as it is asked for; 0 where nothing says so."""
+        del scenario
+        return 0.0
+
+    @abstractmethod
+    def place(self, scenario: "Scenario", own: OwnVehicle, rng: np.random.Generator) -> "PlacedTask":
+        """The task at its site.
+
+        Args:
+            scenario: The whole description.
+            own: The vehicle's model of itself.
+            rng: Draws the site and its coarse detection.
+
+        Raises:
+            UuvError: A number is out of range, or the vehicle is not fit for the task.
+        """
+
+
+class PlacedTask(ABC):
+    """A task at its site. The truth about the site goes to plant and evaluation only."""
+
+    begun: ClassVar[tuple[WorkState, ...]] = (WorkState.WORK,)  # a run in none of these states counts as refused
+    exact_start: ClassVar[bool] = False  # True: the hull starts at `X_WB`, without an error of place and heading
+
+    @property
+    def longest(self) -> float:
+        """Limit [s] of the simulated time of a run."""
+        return LONGEST
+
+    @property
+    def stands(self) -> bool:
+        """True if the pressed tool stops on its path, which tells navigation how the hull moves."""
+        return False
+
+    @property
+    @abstractmethod
+    def title(self) -> str:
+        """Title of log and report."""
+
+    @property
+    @abstractmethod
+    def X_WB(self) -> Array:
+        """Pose (4, 4) of the hull at which the work begins, but for the start's error."""
+
+    @property
+    def bounds(self) -> Bounds | None:
+        """Bounds of force and path, drawn in log and report; None: it has none."""
+        return None
+
+    @property
+    def soil(self) -> "SoilForce | None":
+        """Soil that acts on the tool."""
+        return None
+
+    @abstractmethod
+    def scene(self, vehicle: mujoco.MjSpec) -> mujoco.MjSpec:
+        """Adds the site to the spec of the true vehicle, in place, and returns it."""
+
+    def sensors(self, model: mujoco.MjModel) -> "tuple[list[Sensor], SensorModel | None]":
+        """Sensors that see the site, and the model that perception has of them; None: its default."""
+        return [], None
+
+    def estimator(self, navigation: Estimator) -> Estimator:
+        """Estimator of the vehicle's state, around `navigation`."""
+        return navigation
+
+    def finder(self, sensor: "SensorModel | None", seed: int) -> TargetFinder | None:
+        """Finder of the object; `seed` is that of its random sampling."""
+        return None
+
+    def follower(self, sensor: "SensorModel | None") -> TargetFollower:
+        """Follower of the object while the vehicle looks at it.
+
+        Raises:
+            ConfigurationError: This task follows nothing.
+        """
+        del sensor
+        raise ConfigurationError(_NOT_FOLLOWED)
+
+    @abstractmethod
+    def planner(self) -> Planner:
+        """Planner of the task."""
+
+    def controller(self) -> Controller | None:
+        """Controller of a test rig, in place of that of the scenario; None: that of the scenario."""
+        return None
+
+    def assess(self, ran: RunResult, seed: int) -> Assessment:
+        """Assessment of a run against the truth; here, that it ended well."""
+        return Assessment.of(ran.recording, NoFigures(), [], seed=seed, wall_s=ran.wall_s)
+
+    def pictures(self, ran: RunResult) -> Pictures:
+        """Figures of the report."""
+        return ()
+
+    def tables(self) -> "Iterable[Table]":
+        """Tables for the terminal beside that of the metrics, once the run is assessed."""
+        return ()
+
+    def observers(self) -> tuple[Observer, ...]:
+        """Observers of the loop whose results the assessment needs."""
+        return ()
+
+    def write_files(self, folder: Path) -> tuple[Path, ...]:
+        """Write what the task leaves beside report and metrics to `folder`; returns the files."""
+        return ()
+
+    def story(self, recorder: "Recorder", log: Any) -> Observer:
+        """Observer that adds clouds to recording and log."""
+        return CloudRecorder(recorder, log)
 
 
 @dataclass(frozen=True, kw_only=True)

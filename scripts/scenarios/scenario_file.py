@@ -34,10 +34,9 @@ from models.registry import Registry
 from scenarios.kinds import TRUST
 from scenarios.perturbations import perturbation
 from scenarios.perturbations.perturbation import Perturbation
-from scenarios.scenario import Scenario
+from scenarios.scenario import Scenario, Task
 from scenarios.site import SITE_OBJECTS, SiteObject
-from scenarios.tasks import task
-from scenarios.tasks.task import Task
+from scenarios.tasks import registry as tasks
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import shown
 from sim.interfaces.tables import TableReader, toml_of
@@ -52,7 +51,7 @@ _MOST = 1_000_000  # [bytes] of a file
 @cache
 def registries() -> Mapping[type, Registry[Any]]:
     """Registry of each base class of which a file names the kind."""
-    return {SiteObject: SITE_OBJECTS, Task: task.registry(), Perturbation: perturbation.registry()}
+    return {SiteObject: SITE_OBJECTS, Task: tasks.registry(), Perturbation: perturbation.registry()}
 
 
 def read_scenario(file: str | Path, *, trust: bool = False) -> Scenario:

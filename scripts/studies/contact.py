@@ -15,7 +15,6 @@ from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 
 from controllers.planning.promise import StopLimits
-from scenarios.arm_camera import ArmCameraSetup
 from scenarios.campaigns.contact_study import (
     KEPT,
     PATHS,
@@ -30,6 +29,7 @@ from scenarios.campaigns.contact_study import (
 )
 from scenarios.campaigns.study_report import METHODS, summarise
 from scenarios.command import command
+from scenarios.sensors.arm_camera import ArmCameraSetup
 from scenarios.study import Row, Study, StudyOptions
 from scenarios.study.options import at_least
 from sim import hydrodynamics

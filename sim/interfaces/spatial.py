@@ -215,6 +215,18 @@ def number(value: Any, name: str) -> float:
         raise ConfigurationError(f"{name}: expected a number, got {shown(value)}") from error
 
 
+def spread_directions(count: int) -> Array:
+    """Unit vectors (count, 3) spread evenly over the sphere: the six axes first, then a Fibonacci spiral."""
+    axes = np.vstack([np.eye(3), -np.eye(3)])
+    rest = count - len(axes)
+    if rest <= 0:
+        return axes[:count]
+    k = np.arange(rest) + 0.5
+    z, turn = 1.0 - 2.0 * k / rest, np.pi * (1.0 + np.sqrt(5.0)) * k
+    r = np.sqrt(1.0 - z * z)
+    return np.vstack([axes, np.column_stack([r * np.cos(turn), r * np.sin(turn), z])])
+
+
 def finite_number(
     value: Any, name: str, *, above: float = -math.inf, least: float = -math.inf, most: float = math.inf
 ) -> float:

@@ -27,14 +27,13 @@ from scenarios.object_scenes import object_scene
 from scenarios.options import InsertionOptions, InspectionOptions, ObjectOptions, PileOptions, SeabedOptions, barrel
 from scenarios.pushing import PushCase as Push
 from scenarios.pushing import run as push
-from scenarios.pushing import sphere
 from scenarios.runner import Run, run
 from scenarios.scenario import Scenario
 from scenarios.study.local_processes import run_all
 from scenarios.tasks.surface_work import SurfaceWorkTask
 from sim.evaluation.metrics import Assessment
 from sim.interfaces.messages import WorkState
-from sim.interfaces.spatial import transform_points
+from sim.interfaces.spatial import spread_directions, transform_points
 
 __all__ = ["CASES", "run_all"]
 
@@ -180,7 +179,7 @@ def inverse_kinematics(seed: int) -> Figures:
 def hover_envelope(seed: int) -> Figures:
     """The tool pushed with 90 N at full reach in three directions, with and without compensation."""
     case = Push(
-        directions_B=sphere(6)[[0, 2, 4]],
+        directions_B=spread_directions(6)[[0, 2, 4]],
         q=np.array(POSTURES["down"]),
         settle=8.0,
         push=3.0,

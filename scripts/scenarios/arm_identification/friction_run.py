@@ -10,10 +10,11 @@ import numpy as np
 from models.arms.gear_friction import DryFriction
 from models.naming import CAMERA_SITE, TOOL_GEOM
 from models.vehicle import Vehicle
+from scenarios.outcome import RunResult
 from scenarios.own_vehicle import OwnVehicle
-from scenarios.scenario import Scenario
+from scenarios.scenario import PlacedTask, Scenario, Task
 from scenarios.site import OpenWater
-from scenarios.tasks.task import PlacedTask, RunResult, Task, object_of
+from scenarios.tasks.approach import object_of
 from sim.evaluation.friction_metrics import FrictionMetrics, FrictionParameter, FrictionRunMetrics, JointFriction
 from sim.evaluation.metrics import Assessment, Requirement
 from sim.interfaces.errors import ConfigurationError

@@ -16,9 +16,8 @@ from models.vehicle import Vehicle
 from scenarios.assembly import assemble
 from scenarios.own_vehicle import OwnVehicle
 from scenarios.runner import run_through
-from scenarios.scenario import Scenario, VehicleSetup
+from scenarios.scenario import PlacedTask, Scenario, Task, VehicleSetup
 from scenarios.site import Site
-from scenarios.tasks.task import PlacedTask, Task
 from sim.interfaces.errors import ReachError
 from sim.interfaces.spatial import Array, inverse, pose
 from sim.loop.recording import Recorder

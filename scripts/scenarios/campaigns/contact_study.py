@@ -7,7 +7,6 @@ from typing import Any, Literal, cast, get_args
 import numpy as np
 
 from controllers.planning.promise import StopLimits
-from scenarios.arm_camera import ArmCameraSetup
 from scenarios.assembly import assemble
 from scenarios.methods import Method
 from scenarios.options import barrel
@@ -17,6 +16,7 @@ from scenarios.perturbations.sensing import WanderingVision
 from scenarios.perturbations.vehicle import Gears, Payload, ThrusterSpread, Water
 from scenarios.runner import Run, run
 from scenarios.scenario import Belief, Scenario, Sensing
+from scenarios.sensors.arm_camera import ArmCameraSetup
 from scenarios.tasks.surface_work import SurfaceWorkTask, first_force
 from sim.evaluation.metrics import path_error
 from sim.interfaces.errors import ConfigurationError, HydrodynamicsError, UuvError

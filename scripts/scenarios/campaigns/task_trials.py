@@ -9,21 +9,21 @@ import numpy as np
 from scenarios import first_start
 from scenarios.assembly import assemble
 from scenarios.campaigns.trials import Spread, Trials
-from scenarios.options import TrialOptions
 from scenarios.runner import assessed, rehearse, run_through
-from scenarios.scenario import Scenario
+from scenarios.scenario import Scenario, Task
+from scenarios.study.options import PoolOptions
 from scenarios.tasks.insertion import InsertionTask
 from scenarios.tasks.seabed_sampling import SeabedSamplingTask
-from scenarios.tasks.task import Task
 from sim.evaluation import insertion_metrics, seabed_metrics
 
 
-def command_trials(scenario: Scenario, options: TrialOptions) -> int:
+def command_trials(scenario: Scenario, trials: int, options: PoolOptions) -> int:
     """Runs a scenario for the seeds from its own on, on all cores, and reports the statistics.
 
     Args:
         scenario: The description of the first.
-        options: Options of the command.
+        trials: How many seeds.
+        options: Of the harness.
 
     Returns:
         The exit code.
@@ -33,7 +33,7 @@ def command_trials(scenario: Scenario, options: TrialOptions) -> int:
     """
     first_start.build()
     assemble(scenario)  # an error in the settings is raised here once, not in every worker
-    seeds = range(scenario.seed, scenario.seed + options.trials)
+    seeds = range(scenario.seed, scenario.seed + trials)
     return TRIALS[type(scenario.task)].carry_out(scenario.name, scenario, seeds, options)
 
 

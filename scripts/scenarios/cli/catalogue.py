@@ -113,7 +113,8 @@ def things(kind: str) -> Iterator[tuple[str, str]]:
             documented = {}
             for file in (*folder.glob("*.py"), HOME / "scenarios" / "arm_identification" / "friction_run.py"):
                 documented |= _definitions(file)
-            for name, made in _kinds(folder / f"{kind}.py"):
+            listed = folder / ("registry.py" if kind == "task" else "perturbation.py")
+            for name, made in _kinds(listed):
                 yield name, documented.get(made, "")
     yield from ((point.name, f"of {point.value}") for point in entry_points(group=f"{_GROUP}.{kind}"))
 

@@ -30,7 +30,7 @@ VERBS = {  # verb: module that has `main(verb, args) -> exit code`
     "picture": "scenarios.cli.picture",
     "check": "scenarios.cli.check_vehicle",
     "wet": "scenarios.cli.wet_model",
-    "identify-water": "scenarios.water_identification.options",
+    "identify-water": "scenarios.cli.identify_water",
     "doctor": "scenarios.cli.doctor",
     "new": "scenarios.cli.skeletons",
     "completion": "scenarios.cli.completion",

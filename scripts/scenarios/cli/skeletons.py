@@ -187,7 +187,8 @@ TASK = Skeleton(
 from dataclasses import dataclass, field
 
 import numpy as np
-from scenarios.tasks.task import NoFigures, PlacedTask, Task
+from scenarios.outcome import NoFigures
+from scenarios.scenario import PlacedTask, Task
 from sim.evaluation.metrics import Assessment, Requirement
 from sim.interfaces.messages import Reference, WorkState
 from sim.interfaces.spatial import pose

@@ -6,13 +6,15 @@ delivers it after the sensor's delay. All numbers of one sensor's message come f
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import fields
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
+import mujoco
 import numpy as np
 from dm_control import composer
 from dm_control.composer.observation import observable
 from dm_env import specs
 
+from scenarios.own_vehicle import OwnVehicle
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import Measurement
 from sim.interfaces.protocols import Sensor
@@ -20,14 +22,27 @@ from sim.interfaces.spatial import Array
 from sim.loop.rollout import ticks_per_period
 from sim.plant.plant import Truth
 
-if TYPE_CHECKING:
-    from scenarios.composer.entities import VehicleEntity
-
 FARTHEST = 100.0  # [m] bound of positions; an episode ends long before
 FARTHEST_TURN = 2.0 * np.pi  # [rad] bound of rotation vectors
 FASTEST = 20.0  # [m/s, rad/s] bound of velocities
 STRONGEST = 1e4  # [N, N m] bound of forces and torques
 _NOT_NUMBERS = ("time", "noise")  # fields of a message that are no reading
+
+
+class SensedVehicle(Protocol):
+    """What readings need of a vehicle.
+
+    Attributes:
+        own: Its model, compiled alone.
+        spec: The same, uncompiled.
+        truth: Its present state.
+        readings: Its sensors.
+    """
+
+    own: OwnVehicle
+    spec: mujoco.MjSpec
+    truth: Truth
+    readings: "SensorReadings"
 
 
 class SensorReadings:
@@ -70,7 +85,7 @@ class SensorReadings:
         return message
 
 
-def readings(vehicle: "VehicleEntity") -> dict[str, observable.Observable]:
+def readings(vehicle: SensedVehicle) -> dict[str, observable.Observable]:
     """Observables of a vehicle's sensors, by SENSOR_FIELD; for `Observables.add_observable`."""
     found: dict[str, observable.Observable] = {}
     timestep = float(vehicle.own.model.opt.timestep)
@@ -85,13 +100,13 @@ def readings(vehicle: "VehicleEntity") -> dict[str, observable.Observable]:
     return found
 
 
-def _fields(sensor: Sensor, vehicle: "VehicleEntity") -> Iterable[str]:
+def _fields(sensor: Sensor, vehicle: SensedVehicle) -> Iterable[str]:
     """Names of the numbers in a sensor's message, from one sample of a resting vehicle."""
     message = _sample(sensor, vehicle)
     return [field.name for field in fields(message) if field.name not in _NOT_NUMBERS]
 
 
-def _sample(sensor: Sensor, vehicle: "VehicleEntity") -> Any:
+def _sample(sensor: Sensor, vehicle: SensedVehicle) -> Any:
     from sim import hydrodynamics
     from sim.plant.plant import Plant
     from sim.water.current import Current
@@ -101,7 +116,7 @@ def _sample(sensor: Sensor, vehicle: "VehicleEntity") -> Any:
     return message
 
 
-def _reading(vehicle: "VehicleEntity", index: int, field: str) -> Callable[[Any], Array]:
+def _reading(vehicle: SensedVehicle, index: int, field: str) -> Callable[[Any], Array]:
     def read(physics: Any) -> Array:
         del physics
         return np.ravel(np.asarray(getattr(vehicle.readings.read(index, vehicle.truth), field), dtype=np.float64))
@@ -145,7 +160,7 @@ def _thrusters(vehicle: Any) -> int:
     return len(vehicle.own.vehicle.thruster_names)
 
 
-def _vehicle_of(entity: Any) -> "VehicleEntity":
+def _vehicle_of(entity: Any) -> SensedVehicle:
     while not hasattr(entity, "readings"):
         if entity.parent is None:
             raise ConfigurationError(
@@ -158,7 +173,7 @@ def _vehicle_of(entity: Any) -> "VehicleEntity":
 class VehicleObservables(composer.Observables):
     """True state of the hull, and the readings of the vehicle's sensors; all off until they are enabled."""
 
-    def __init__(self, entity: "VehicleEntity") -> None:
+    def __init__(self, entity: Any) -> None:
         super().__init__(entity)
         self.of_sensors = readings(entity)
         for name, reading in self.of_sensors.items():

@@ -10,10 +10,10 @@ from controllers.hull.allocation import AXES, Allocation
 from models.site import scenes
 from models.vehicle import Vehicle
 from scenarios import pushing
-from scenarios.pushing import PushCase, holdable_directions, sphere
+from scenarios.pushing import PushCase, holdable_directions
 from scenarios.study import Row, Summary, Table
 from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.spatial import Array
+from sim.interfaces.spatial import Array, spread_directions
 
 POSTURES = {
     "ahead": (0.0, 0.2, 0.0, 0.0, 0.0, 0.0),
@@ -65,7 +65,7 @@ def push_case(directions: int, force: float, posture: str, gust: float, seed: in
         ConfigurationError: The drives bear the push in none of the directions.
     """
     own = scenes.vehicle_spec("uuv_puma").compile()
-    q, spread = np.array(POSTURES[posture]), sphere(directions)
+    q, spread = np.array(POSTURES[posture]), spread_directions(directions)
     held = holdable_directions(Vehicle.of(own), ArmDynamics(own), q, spread, force)
     if not held.any():
         raise ConfigurationError(f"--force {force}: the arm's drives bear it in none of the directions")

@@ -15,7 +15,8 @@ from models.naming import TIP_SITE
 from models.objects import targets
 from models.objects.target_model import TargetModel
 from models.vehicles import uuv_puma
-from perception.navigation.surface_alignment import Alignment, PictureNoise, align, prepare
+from perception.navigation.surface_alignment import Alignment, align, prepare
+from scenarios.sensors.rendered_arm_camera import hidden_by, picture_noise
 from scenarios.study import Row, Summary, Table
 from sim.interfaces.spatial import Array, exp_so3, pose, rotation_from_z
 from sim.sensors.arm_camera import (
@@ -39,7 +40,6 @@ PICTURES = 3  # after each key
 GATE = 27.9  # [-] chi-square with 3 degrees of freedom, as navigation's
 PLAIN = 0.1  # share of the cases with a surface without texture
 CLOUDY = 0.4  # share of the cases with silt
-RIM = 2  # [px] around the tool that are left out too
 CONDITION = ("constant", "shift over width", "share hidden by silt", "ln gradient over noise")
 
 
@@ -68,30 +68,6 @@ class Tool:
         at = body_id(model, link, "arm camera")
         fine, coarse = (tool_in_view(model, at, X_LC, Rays.of(camera.rays(step), camera.near)) for step in (1, GRID))
         return cls(fine, hidden_by(fine), np.isfinite(coarse))
-
-
-def hidden_by(tool: Array) -> np.ndarray:
-    """Mask (h, w) of what a tool at the depth `tool` (h, w) hides, with a rim."""
-    mask = np.isfinite(tool)
-    for _ in range(RIM):
-        grown = mask.copy()
-        grown[1:] |= mask[:-1]
-        grown[:-1] |= mask[1:]
-        grown[:, 1:] |= mask[:, :-1]
-        grown[:, :-1] |= mask[:, 1:]
-        mask = grown
-    return mask
-
-
-def picture_noise(camera: SmallStereo, attenuation: float, range_m: float) -> PictureNoise:
-    """What a tracker knows of the camera's errors at this range."""
-    stereo = camera.stereo
-    sigma = np.hypot(stereo.disparity_sigma * np.exp(attenuation * range_m), stereo.disparity_step / np.sqrt(12.0))
-    return PictureNoise(
-        intensity=camera.intensity_noise,
-        inverse_depth=float(sigma / (camera.focal * stereo.baseline)),
-        correlation=stereo.correlation,
-    )
 
 
 def run(case: KeyCase) -> Row:

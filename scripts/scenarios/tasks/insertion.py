@@ -11,10 +11,11 @@ from models.objects.manifold import Hole
 from models.objects.targets import TargetModel
 from models.site import scenes
 from models.tools.sampler import SAMPLER
+from scenarios.outcome import Pictures, RunResult
 from scenarios.own_vehicle import OwnVehicle
-from scenarios.scenario import Scenario
+from scenarios.scenario import PlacedTask, Scenario, Task
 from scenarios.site import HoleManifold, coarse_detection
-from scenarios.tasks.task import Pictures, PlacedTask, RunResult, Task, object_of, scan_pose
+from scenarios.tasks.approach import object_of, scan_pose
 from sim.evaluation.insertion_metrics import AT_THE_HOLE, TrueHole, assess_insertion
 from sim.evaluation.metrics import Assessment
 from sim.interfaces.errors import ConfigurationError

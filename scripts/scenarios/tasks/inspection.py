@@ -12,10 +12,11 @@ from models.meshes import open3d_loader
 from models.naming import HULL_BODY, TOOL_GEOM
 from models.objects.targets import TargetModel
 from models.site import scenes
+from scenarios.outcome import Pictures, RunResult
 from scenarios.own_vehicle import OwnVehicle
-from scenarios.scenario import Scenario
+from scenarios.scenario import LONGEST, PlacedTask, Scenario, Task
 from scenarios.site import Workpiece, coarse_detection
-from scenarios.tasks.task import LONGEST, Pictures, PlacedTask, RunResult, Task, object_of, scan_pose
+from scenarios.tasks.approach import object_of, scan_pose
 from sim.evaluation.inspection_metrics import InspectionBounds, TrueInspection, assess_inspection
 from sim.evaluation.metrics import Assessment
 from sim.interfaces.messages import WorkState

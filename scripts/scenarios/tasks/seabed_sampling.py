@@ -13,10 +13,11 @@ from models.site.seabed import Seabed
 from models.site.soil import SOILS, SoilTool, box, core_tube
 from models.tools import sampler
 from perception.clouds.point_files import read_cloud, read_targets
+from scenarios.outcome import Pictures, RunResult
 from scenarios.own_vehicle import OwnVehicle
-from scenarios.scenario import Scenario
+from scenarios.scenario import PlacedTask, Scenario, Task
 from scenarios.site import ALTITUDE, Ground
-from scenarios.tasks.task import Pictures, PlacedTask, RunResult, Task, object_of
+from scenarios.tasks.approach import object_of
 from sim.evaluation.metrics import Assessment
 from sim.evaluation.seabed_metrics import TrueGround, assess_seabed_work
 from sim.interfaces.errors import ConfigurationError

@@ -14,10 +14,11 @@ from models.objects.targets import TargetModel
 from models.site import scenes
 from models.site.sliding_contact import let_tool_slide
 from scenarios.kinds import SURVEY
+from scenarios.outcome import Pictures, RunResult
 from scenarios.own_vehicle import OwnVehicle
-from scenarios.scenario import Scenario
+from scenarios.scenario import LONGEST, PlacedTask, Scenario, Task
 from scenarios.site import Workpiece, coarse_detection
-from scenarios.tasks.task import LONGEST, Pictures, PlacedTask, RunResult, Task, object_of, scan_pose
+from scenarios.tasks.approach import object_of, scan_pose
 from scenarios.tasks.work_time import WorkTime
 from sim.evaluation.metrics import AskedWork, Assessment, Bounds, TrueObject, assess
 from sim.interfaces.errors import ConfigurationError

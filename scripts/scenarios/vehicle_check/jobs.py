@@ -26,13 +26,12 @@ from perception.seabed.terrain_path import core_path
 from perception.target_finder import PATH_SPACING
 from perception.toolpath.path_planner import path_on_model
 from scenarios.own_vehicle import OwnVehicle, vehicle_spec, with_tool
-from scenarios.scenario import Scenario
+from scenarios.scenario import PlacedTask, Scenario
 from scenarios.tasks.insertion import PlacedInsertion
 from scenarios.tasks.seabed_sampling import PlacedSampling, sonar_on_hull
 from scenarios.tasks.start_place import check_start, folded_at
 from scenarios.tasks.surface_work import PlacedSurfaceWork
 from scenarios.tasks.tapping import PlacedTapping
-from scenarios.tasks.task import PlacedTask
 from scenarios.vehicle_check.checked_jobs import ARM_JOBS, HOVERING
 from scenarios.vehicle_check.findings import JobVerdict
 from scenarios.vehicle_check.hover import HoverFigures, hover

@@ -11,8 +11,7 @@ from models.own.postures import PostureSearch
 from models.vehicle import Vehicle
 from models.water.thruster_curves import thrust_at
 from models.water.thrusters import curves
-from scenarios.pushing import sphere
-from sim.interfaces.spatial import Array
+from sim.interfaces.spatial import Array, spread_directions
 
 AXES = ("surge", "sway", "heave", "roll", "pitch", "yaw")
 FASTEST = 2.0  # [m/s] of a current that is tried
@@ -161,7 +160,9 @@ def tip_force(model: mujoco.MjModel, vehicle: Vehicle, q: Array) -> TipForce:
         return float(bears.min()), int(np.argmin(bears))
 
     along, by = most(np.array([0.0, 0.0, -1.0]))
-    weakest, weak_by = min((most(direction) for direction in sphere(_DIRECTIONS)), key=lambda found: found[0])
+    weakest, weak_by = min(
+        (most(direction) for direction in spread_directions(_DIRECTIONS)), key=lambda found: found[0]
+    )
     lever = np.abs(per_newton[2])
     felt = lever > _SMALL
     hidden = float((vehicle.dry_friction.stiction[felt] / lever[felt]).min()) if n and felt.any() else 0.0
@@ -187,6 +188,6 @@ def seen_workspace(search: PostureSearch, X_BC: Array) -> float:
     radius = 0.5 * search.reach
     centre = X_BC[:3, 3] + radius * X_BC[:3, 2]
     shells = np.cbrt((np.arange(_SHELLS) + 0.5) / _SHELLS)  # of equal volume
-    points = np.vstack([centre + radius * share * sphere(_DIRECTIONS) for share in shells])
+    points = np.vstack([centre + radius * share * spread_directions(_DIRECTIONS) for share in shells])
     away, _ = cKDTree(search.drawn_tips()).query(points)
     return float(np.mean(away < _NEAR * search.reach))

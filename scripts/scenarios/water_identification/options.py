@@ -10,7 +10,7 @@ import numpy as np
 from calib.water.logs import CHANNELS, WaterLog, check_log, log_of, read_log
 from scenarios.water_identification.settings import NOISE, FitSettings
 from sim.interfaces.spatial import finite_number, one_of, whole_number
-from sim.runs.command_line import RunOptions, parse
+from sim.runs.command_line import RunOptions
 
 COMMAND = "identify_water"  # name in the results
 
@@ -51,25 +51,6 @@ class WaterOptions(RunOptions):
     """Seed of a simulated vehicle, its survey, gusts and noise."""
     workers: int = 1
     """Threads."""
-
-
-def main(verb: str, args: Sequence[str]) -> int:
-    """The verb `uuv identify-water`."""
-    del verb
-    return identify_water(parse(WaterOptions, args))
-
-
-def identify_water(options: WaterOptions) -> int:
-    """Checks the inputs, identifies or plans, writes the results; returns the exit code.
-
-    Raises:
-        UuvError: Options, vehicle or logs are wrong.
-    """
-    check_inputs(options)
-    from scenarios.water_identification.command import run  # imported, and compiled, after the check
-    from sim.runs.terminal import console
-
-    return run(options, console())
 
 
 def check_inputs(options: WaterOptions) -> None:

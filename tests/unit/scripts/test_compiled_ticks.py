@@ -22,9 +22,8 @@ from scenarios.perturbations.loop import SensorFailure, ThrusterFailure
 from scenarios.perturbations.pad import Pad
 from scenarios.perturbations.vehicle import Water
 from scenarios.runner import run_through
-from scenarios.scenario import Control
+from scenarios.scenario import LONGEST, Control
 from scenarios.tasks.surface_work import SurfaceWorkTask
-from scenarios.tasks.task import LONGEST
 from scenarios.ticks.compiled_ticks import CompiledTicks, reason
 from scenarios.ticks.ticks_around import TicksAround, ticks_for
 from sim.interfaces.errors import ConfigurationError

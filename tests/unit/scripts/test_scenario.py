@@ -31,9 +31,10 @@ from scenarios.perturbations.loop import MisplacedSurface, SensorFailure, Thrust
 from scenarios.perturbations.pad import Pad
 from scenarios.perturbations.perturbation import perturb
 from scenarios.perturbations.vehicle import Gears, Payload, ThrusterSpread, Water
+from scenarios.scenario import Task
 from scenarios.scenario_file import as_dict, from_dict, registries, to_toml, with_values
 from scenarios.site import KnownObject, Site
-from scenarios.tasks import task
+from scenarios.tasks import registry as tasks
 from scenarios.tasks.surface_work import PlacedSurfaceWork, SurfaceWorkTask
 from sim.interfaces.errors import LONGEST, ConfigurationError
 from sim.interfaces.messages import WorkState
@@ -84,7 +85,7 @@ def test_random_numbers_keep_all_their_bits(rng):
 
 
 def test_every_class_that_a_file_can_name_is_registered():
-    for base, registry in ((perturbation.Perturbation, perturbation.registry()), (task.Task, task.registry())):
+    for base, registry in ((perturbation.Perturbation, perturbation.registry()), (Task, tasks.registry())):
         named = {registry.maker(name) for name in registry.names()}
         ours = {one for one in subclasses(base) if one.__module__.startswith("scenarios.")}
         nameless = {one for one in ours if one.__name__.startswith("_") or one.__subclasses__()}

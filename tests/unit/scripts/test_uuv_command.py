@@ -51,7 +51,7 @@ def test_list_names_everything_that_the_registries_do_without_importing_them(uuv
     from models.tools.tools import TOOLS
     from scenarios.contact_parts import CONTROLLERS, SENSORS
     from scenarios.perturbations.perturbation import registry
-    from scenarios.tasks import task
+    from scenarios.tasks import registry as tasks
 
     listed = {shelf.kind: [name for name, _ in catalogue.things(shelf.kind)] for shelf in catalogue.SHELVES}
     for kind, known in (("arm", ARMS), ("object", OBJECTS), ("soil", SOILS), ("tool", TOOLS)):
@@ -60,7 +60,7 @@ def test_list_names_everything_that_the_registries_do_without_importing_them(uuv
         ("controller", CONTROLLERS),
         ("sensor", SENSORS),
         ("perturbation", registry()),
-        ("task", task.registry()),
+        ("task", tasks.registry()),
     ):
         assert sorted(listed[kind]) == list(known.names())
     assert {*listed["vehicle"]} <= {*models.available()}

@@ -9,7 +9,7 @@ import pytest
 
 from perception.navigation import surface_alignment
 from scenarios.perception_studies.arm_camera import KeyCase, pairs_of, run, squared
-from scenarios.perception_studies.rendered_arm_camera import RenderedArmCamera
+from scenarios.sensors.rendered_arm_camera import RenderedArmCamera
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import SurfaceMotionMeasurement
 from sim.interfaces.spatial import Array

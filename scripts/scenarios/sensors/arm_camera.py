@@ -28,7 +28,7 @@ def arm_camera(setup: ArmCameraSetup, model: mujoco.MjModel) -> Sensor:
     """The simulated sensor; it tracks the object of the site, which may move, or else the world."""
     surface = TARGET_BODY if mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, TARGET_BODY) >= 0 else "world"
     if setup.rendered:
-        from scenarios.perception_studies.rendered_arm_camera import RenderedArmCamera  # kernels compile on import
+        from scenarios.sensors.rendered_arm_camera import RenderedArmCamera  # kernels compile on import
 
         return RenderedArmCamera(model, TIP_SITE, surface, conditions=setup)
     from sim.sensors.arm_camera import ArmCamera

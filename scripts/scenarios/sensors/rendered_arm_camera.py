@@ -11,8 +11,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from perception.navigation.surface_alignment import PreparedPicture, align, prepare
-from scenarios.perception_studies.arm_camera import hidden_by, picture_noise
+from perception.navigation.surface_alignment import PictureNoise, PreparedPicture, align, prepare
 from sim.interfaces.messages import SurfaceMotionMeasurement
 from sim.interfaces.spatial import Array, exp_so3, inverse, pose
 from sim.sensors.arm_camera import (
@@ -25,10 +24,35 @@ from sim.sensors.arm_camera import (
     silt,
     tool_in_view,
 )
-from sim.sensors.textured_view import Texture, Turbidity, expose
+from sim.sensors.textured_view import SmallStereo, Texture, Turbidity, expose
 from sim.sensors.visible_world import Rays, VisibleWorld
 
+RIM = 2  # [px] around the tool that are left out too
 PREDICTED = 2e-3  # [m] standard deviation of the motion predicted by navigation, per axis
+
+
+def hidden_by(tool: Array) -> np.ndarray:
+    """Mask (h, w) of what a tool at the depth `tool` (h, w) hides, with a rim."""
+    mask = np.isfinite(tool)
+    for _ in range(RIM):
+        grown = mask.copy()
+        grown[1:] |= mask[:-1]
+        grown[:-1] |= mask[1:]
+        grown[:, 1:] |= mask[:, :-1]
+        grown[:, :-1] |= mask[:, 1:]
+        mask = grown
+    return mask
+
+
+def picture_noise(camera: SmallStereo, attenuation: float, range_m: float) -> PictureNoise:
+    """What a tracker knows of the camera's errors at this range."""
+    stereo = camera.stereo
+    sigma = np.hypot(stereo.disparity_sigma * np.exp(attenuation * range_m), stereo.disparity_step / np.sqrt(12.0))
+    return PictureNoise(
+        intensity=camera.intensity_noise,
+        inverse_depth=float(sigma / (camera.focal * stereo.baseline)),
+        correlation=stereo.correlation,
+    )
 
 
 @dataclass(slots=True, eq=False)

@@ -1,0 +1,1 @@
+"""Simulated sensors that are made of several rooms: the camera on the arm."""

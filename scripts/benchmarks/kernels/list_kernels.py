@@ -1,9 +1,11 @@
 """Lists anew which kernels a contact job compiles, into first_start.json: after a change of kernels.
 
-    ./uvw run scripts/benchmarks/list_kernels.py
+    ./uvw run scripts/benchmarks/kernels/list_kernels.py
 
 Slow, for it compiles all of them, into a store of its own.
 """
+
+from scenarios.start import run_scenario  # isort: skip
 
 import json
 import os
@@ -87,14 +89,15 @@ def listed() -> list[Job]:
     return found
 
 
-def main() -> None:
-    """Compiles a job in an empty store, and writes what that took."""
+def main() -> int:
+    """Compiles a job in an empty store, writes what that took, and returns the exit code."""
     with tempfile.TemporaryDirectory() as empty:
         os.environ[store.FOLDER] = empty
         rows = [json.dumps(asdict(job)) for job in listed()]
     LIST.write_text("[\n" + ",\n".join(rows) + "\n]\n", encoding="utf-8")
     print(f"{len(rows)} kernels listed in {LIST}")
+    return 0
 
 
 if __name__ == "__main__":
-    main()
+    run_scenario(main)

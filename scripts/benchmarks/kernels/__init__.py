@@ -1,0 +1,1 @@
+"""List of the kernels that a job compiles."""

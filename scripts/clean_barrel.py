@@ -8,8 +8,8 @@ from scenarios.start import parse, run_scenario  # isort: skip
 
 import time
 
+from scenarios.cli.carry_out import run_job
 from scenarios.options import BarrelOptions as Options
-from scenarios.options import run_job
 
 
 def main() -> int:

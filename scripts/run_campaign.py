@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from tyro.conf import Positional, UseAppendAction
 
-from scenarios.options import run_job
+from scenarios.cli.carry_out import run_job
 from scenarios.study.options import HarnessOptions, at_least
 from sim.interfaces.errors import ConfigurationError
 from sim.runs.command_line import RunOptions

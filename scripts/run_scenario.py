@@ -14,7 +14,7 @@ from typing import Annotated
 
 from tyro.conf import Positional, UseAppendAction
 
-from scenarios.options import run_job
+from scenarios.cli.carry_out import run_job
 from sim.runs.command_line import RunOptions
 
 

@@ -1,7 +1,7 @@
 """First start: compiles the kernels of the loop on all cores, before one process would do it one after the other.
 
-The list (first_start.json, by `scripts/benchmarks/kernels/list_kernels.py`) says which kernels a contact job needs, what
-they take, and which of them call which. It only saves time: a kernel that is missing, or that takes something
+The list (first_start.json, by `scripts/benchmarks/kernels/list_kernels.py`) says which kernels a contact job needs,
+what they take, and which of them call which. It only saves time: a kernel that is missing, or that takes something
 else by now, is compiled where it is first called.
 """
 

@@ -14,7 +14,7 @@ from scenarios.study.engines import EngineName
 from scenarios.study.options import at_least
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import finite_number
-from sim.runs.command_line import RunOptions, ScenarioOptions
+from sim.runs.command_line import ScenarioOptions
 
 if TYPE_CHECKING:  # what a scenario is made of is imported when one is made: a help text needs none of it
     from scenarios.scenario import Scenario, VehicleSetup
@@ -482,32 +482,3 @@ class GearOptions(ScenarioOptions):
 def barrel(**options: Any) -> "Scenario":
     """The main job, cleaning of a barrel; `options` are those of `BarrelOptions`, such as seed=3 or quick=True."""
     return BarrelOptions(**options).scenario()
-
-
-def run_job(scenario: "Scenario", options: RunOptions, started: float, after: str = "") -> int:
-    """Checks the inputs of a job, then runs it once, or over many seeds where its options ask for trials.
-
-    What runs it is imported, and compiled, only after the check.
-
-    Args:
-        scenario: What the options describe.
-        options: Those of the job.
-        started: [s] time.perf_counter() at the start of the command.
-        after: Appended to the title of log and report.
-
-    Returns:
-        The exit code.
-
-    Raises:
-        UuvError: An input is wrong, or the work could not begin.
-    """
-    from scenarios.inputs import check_inputs
-
-    check_inputs(scenario, options.longest)
-    if isinstance(options, TrialOptions) and options.trials:
-        from scenarios.campaigns.task_trials import command_trials
-
-        return command_trials(scenario, options.trials, options)
-    from scenarios.command import command
-
-    return command(scenario, options, started, after)

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from scenarios import options as jobs
+from scenarios.cli.carry_out import run_job
 from scenarios.cli.catalogue import JOBS
 from sim.interfaces.errors import ConfigurationError, did_you_mean
 from sim.runs.command_line import JSON, QUIET, SET, TASK, Options, RunOptions, parse
@@ -65,9 +66,9 @@ def main(verb: str, args: Sequence[str]) -> int:
 
         scenario = with_values(with_values(scenario, task, TASK), values)
     if QUIET not in args and JSON not in args:
-        return jobs.run_job(scenario, chosen, started)
+        return run_job(scenario, chosen, started)
     with contextlib.redirect_stdout(io.StringIO()):
-        code = jobs.run_job(scenario, chosen, started)
+        code = run_job(scenario, chosen, started)
     folder = claimed_folder()
     from sim.reporting.series_tables import PastRun
 

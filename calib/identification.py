@@ -522,7 +522,7 @@ def _at_the_bound(arm: SerialArm, parameters: Parameters, fit: Fit) -> list[str]
 
 
 def _scores(arm: SerialArm, data: Data, parameters: Parameters, fit: Fit, points: Array) -> Array:
-    """Scores (3 K,) of the touches in use, see `calib.verdicts.verification`; `points` (S, 3) [m] are the series'."""
+    """Scores (3 K,) of the touches in use (`calib.verdicts.verification`); `points` (S, 3) [m] of the series."""
     J = tips_of(arm, fit.full, data)[1][:, parameters.index]
     series, used = [], []
     for s in range(len(data.starts)):

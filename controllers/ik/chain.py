@@ -133,7 +133,7 @@ class Chain:
     def _along_rows(
         cls, table: Array, types: str, X_base_0: Array, X_n_tip: Array, limits: Array, names: tuple[str, ...]
     ) -> Self:
-        """Build the chain of validated table rows (n, 5) of `models.arms.serial_arm`, pantograph links among them."""
+        """Build the chain of validated table rows (n, 5) of `models.arms.serial_arm`, with pantograph links."""
         axes, points, links = np.empty((3, len(table), 3))
         X = X_base_0
         for i, row in enumerate(table):

@@ -1,4 +1,4 @@
-"""Gives a user's model the names of `models.naming`: renames its parts, adds the sites, motors and thrusters named."""
+"""Gives a user's model the names of `models.naming`: renames its parts, adds sites, motors and thrusters."""
 
 from collections.abc import Mapping
 

@@ -353,7 +353,7 @@ def read(model: mujoco.MjModel) -> tuple[np.ndarray, Array]:
 
 
 def curves(table: Array) -> Array:
-    """Static curves (m, ...) of thruster rows `table` (m, ...), for the kernels of `models.water.thruster_curves`."""
+    """Static curves (m, ...) of thruster rows `table` (m, ...), as `models.water.thruster_curves` takes them."""
     from models.water import thruster_curves as rows
 
     thrusters = [unpack(row) for row in table]

@@ -35,7 +35,7 @@ class Drive(NamedTuple):
 
 
 class Flow(NamedTuple):
-    """Current of the water: rows generated ahead (`sim.water.current.Current`), and where the next one is written."""
+    """Current of the water: rows made ahead (`sim.water.current.Current`), and where the next one goes."""
 
     velocity: Array  # (N, 3) [m/s]
     acceleration: Array  # (N, 3) [m/s^2]

@@ -40,7 +40,7 @@ LEAST_SEEN = 0.25  # share of the view with a surface that a track needs
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ErrorModel:
-    """Errors of the tracker in units of the prediction, fitted to rendered pairs (`scripts/fit_arm_camera.py`).
+    """Errors of the tracker in units of the prediction, fitted to rendered pairs by `fit_arm_camera.py`.
 
     The variance of texture is exp(texture . x) times the predicted one, that of shape exp(shape . x). The condition x
     is: 1, shift since the key over the width of the view, share of the view hidden by silt, logarithm of the ratio of

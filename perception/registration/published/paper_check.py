@@ -1,4 +1,4 @@
-"""Published criterion of a fitted pose, to compare with `perception.registration.pose_check` [Konoplin 2022, eq. 2].
+"""Published criterion of a fitted pose [Konoplin 2022, eq. 2], beside `perception.registration.pose_check`.
 
 Points c_i in a plane perpendicular to o = -(S - H_D)/|S - H_D| are projected along o on the triangulated surfaces of
 model and scan of the object, which they meet in C_i and C'_i.

@@ -119,7 +119,12 @@ def test_a_file_system_without_locks_is_one_line(tmp_path, monkeypatch):
 
 
 def test_a_lock_goes_with_its_process(tmp_path, root):
-    held = "import os, sys, pathlib, sim.runs.run_folder as of\nwith of.alone_in(pathlib.Path(sys.argv[1])): os.abort()"
+    held = """
+import os, sys, pathlib
+import sim.runs.run_folder as run_folder
+with run_folder.alone_in(pathlib.Path(sys.argv[1])):
+    os.abort()
+"""
     killed = subprocess.run([sys.executable, "-c", held, str(tmp_path)], cwd=root, check=False)
     assert killed.returncode < 0
     with alone_in(tmp_path):

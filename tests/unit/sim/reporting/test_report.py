@@ -17,7 +17,7 @@ import models
 from models.objects.targets import barrel
 from models.vehicle import Vehicle
 from run_records import every_run
-from sim.evaluation.metrics import Assessment, TrueObject, assess
+from sim.evaluation.metrics import Assessment, Requirement, TrueObject, assess
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import Target, ToolPath, WorkState
 from sim.interfaces.pose_covariance import PoseCovariance
@@ -26,7 +26,7 @@ from sim.loop.recording import STATES, Event, Recording, Series
 from sim.reporting import series_files
 from sim.reporting.report import write_report
 from sim.reporting.report_figures import object_as_found
-from sim.reporting.results_table import results_table
+from sim.reporting.results_table import figures_of, results_table
 from sim.reporting.series_tables import PastRun, write_series
 from sim.reporting.timelines import thinned, timelines
 
@@ -181,6 +181,23 @@ def test_drives_are_held_against_their_limits(tmp_path: Path):
     forward = np.asarray(VEHICLE.thruster_table)[1, 0]
     row = f"<td class=n>1.0</td><td class=n>1.0</td><td class=n>N</td><td class=n>{1.0 / forward:.0%}</td>"
     assert f"<td>{VEHICLE.thruster_names[1].replace('_', ' ')}</td>{row}" in page
+
+
+def test_thrust_astern_is_held_against_the_limit_astern(tmp_path: Path):
+    run = recorded(WorkState.WORK, WorkState.DONE)
+    forward, reverse = np.asarray(VEHICLE.thruster_table)[2, :2]
+    thrust = run["thrust"].value.copy()
+    thrust[100, 2], thrust[200, 2] = -0.9 * reverse, 0.3 * forward
+    run = replace(run, series=MappingProxyType({**run.series, "thrust": replace(run["thrust"], value=thrust)}))
+    page, _ = written(tmp_path, run)
+    row = re.findall(rf"<td>{VEHICLE.thruster_names[2].replace('_', ' ')}</td>(.*?)</tr>", page)[0]
+    assert re.findall(r">([^<]+)</td>", row) == [f"{-0.9 * reverse:.1f}", f"{0.3 * forward:.1f}", "N", "90%"]
+
+
+def test_a_figure_and_its_bound_are_told_in_their_unit():
+    one = Requirement("path deviation, peak", 0.00234, 0.003, "mm", 1e3)
+    assert figures_of(one) == ("2.34", "3.00")
+    assert figures_of(replace(one, value=None)) == ("–", "3.00")
 
 
 def test_second_run_is_laid_over_the_first_from_the_start_of_the_work():

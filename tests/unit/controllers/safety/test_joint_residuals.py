@@ -22,7 +22,7 @@ MODEL = JointResidualModel(
 def stepped(q: Array, qd: Array, tau: Array, motor: Array, *, warm: bool = True) -> JointResiduals:
     """Residuals after the samples (k, 2) of angles, speeds, torques and commands of the motors."""
     residuals = JointResiduals.start(q[0], qd[0], tau[0])
-    for k in range(1, len(q)):
+    for k in range(1, len(tau)):
         residuals.tau_motor[:] = motor[k - 1]
         update_residuals(tuple(MODEL), (q[k], qd[k], tau[k]), DT * k, warm, tuple(residuals))
     return residuals

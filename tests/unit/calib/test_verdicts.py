@@ -39,24 +39,27 @@ def test_a_place_is_a_tenth_of_the_reach():
 
 
 def test_pair_distances_are_of_each_series_alone():
-    series = [np.array([[0.0, 0.0, 0.0], [0.0, 3.0, 4.0]]), np.array([[1.0, 1.0, 1.0], [1.0, 1.0, 3.0], [1.0, 4.0, 1.0]])]
+    series = [
+        np.array([[0.0, 0.0, 0.0], [0.0, 3.0, 4.0]]),
+        np.array([[1.0, 1.0, 1.0], [1.0, 1.0, 3.0], [1.0, 4.0, 1.0]]),
+    ]
     assert pair_distances(series) == pytest.approx([5.0, 2.0, 3.0, np.sqrt(13.0)])
 
 
-def refitted(rows: Array, shares: Array, noise: float, deviation: float, mine: Array) -> Array:
+def refitted(rows: Array, readings: Array, noise: float, deviation: float, mine: np.ndarray) -> Array:
     """Scores (n,) of the readings `mine` by a fit of one parameter to all the others, anew.
 
     Args:
         rows: (n,) derivatives of all readings.
-        shares: (n,) of the readings, what the fit leaves of them is their residual.
+        readings: (n,) of them, each less the mean of its four.
         noise: standard deviation of a reading.
         deviation: of the prior.
-        mine: (n,) True for the readings that are left out.
+        mine: (n,) bool, True for those that are left out.
     """
     variance = 1.0 / (rows[~mine] @ rows[~mine] / noise**2 + deviation**-2)
-    found = variance * (rows[~mine] @ shares[~mine]) / noise**2
+    found = variance * (rows[~mine] @ readings[~mine]) / noise**2
     lost = 1.0 - 1.0 / 4.0  # less the mean of four touches
-    return np.abs(shares[mine] - rows[mine] * found) / np.sqrt(rows[mine] ** 2 * variance + lost * noise**2)
+    return np.abs(readings[mine] - rows[mine] * found) / np.sqrt(rows[mine] ** 2 * variance + lost * noise**2)
 
 
 def test_touches_are_predicted_as_by_a_fit_without_their_place(rng: np.random.Generator):
@@ -97,7 +100,7 @@ def test_odds_of_touches_left_out_are_those_of_two_shares(out: int, of: int):
     assert told.reason.startswith(f"{out} of all {of} touches")
 
 
-def test_motion_is_the_rms_along_each_axis(rng: np.random.Generator):
+def test_motion_is_the_rms_along_each_axis():
     """Of a joint that swings a tip by 0.1 rad to either side, as far as its lever goes: over three axes."""
     arm = published_arms.load("ur10e")
     q = np.tile([0.3, -1.2, 1.0, 0.4, 0.5, 0.2], (8, 1))

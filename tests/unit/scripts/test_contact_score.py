@@ -1,4 +1,4 @@
-"""What an entry of the contact benchmark gets for runs made by hand: figures, class, totals and its place on the page."""
+"""What an entry of the contact benchmark gets for runs made by hand: figures, class, totals, its place on the page."""
 
 from types import SimpleNamespace
 from typing import Any
@@ -15,7 +15,9 @@ from untyped import untyped
 STATES = (WorkState.CLOSE_IN, WorkState.APPROACH, WorkState.PRESS, WorkState.WORK, WorkState.RETREAT)
 
 
-def run_of(states: tuple[WorkState, ...] = STATES, *, accepted: bool = True, collision_s: float = 0.0, peak: float = 66.0) -> Any:
+def run_of(
+    states: tuple[WorkState, ...] = STATES, *, accepted: bool = True, collision_s: float = 0.0, peak: float = 66.0
+) -> Any:
     """A row in each state: the hull 9, 1, 2, 3 and 8 cm off; `peak` [N] of force at work, 60 N set."""
     off = np.outer([0.09, 0.01, 0.02, 0.03, 0.08], [0.6, 0.0, -0.8])[: len(states)]
     series = {
@@ -26,7 +28,9 @@ def run_of(states: tuple[WorkState, ...] = STATES, *, accepted: bool = True, col
     }
 
     class Recorded(dict[str, Any]):
-        final = SimpleNamespace(state=states[-1] if states[-1] is WorkState.ABORT else WorkState.DONE, note="why", abort=None)
+        final = SimpleNamespace(
+            state=states[-1] if states[-1] is WorkState.ABORT else WorkState.DONE, note="why", abort=None
+        )
         duration = 60.0
 
         def within(self, *wanted: WorkState) -> np.ndarray:

@@ -46,7 +46,8 @@ def test_a_work_that_was_not_left_has_no_last_touch():
 
 
 @pytest.mark.parametrize(
-    ("late", "peak", "said"), [(1.9, 60.0, []), (2.1, 60.0, ["contact 2.1 s after the work was left"]), (0.0, 91.0, ["damage"])]
+    ("late", "peak", "said"),
+    [(1.9, 60.0, []), (2.1, 60.0, ["contact 2.1 s after the work was left"]), (0.0, 91.0, ["damage"])],
 )
 def test_a_late_touch_or_damage_fails_the_study(late: float, peak: float, said: list[str]):
     """Work at 60 N that is left at 2.5 s: a touch counts as late from 2 s after that on, a peak as damage from 90 N."""

@@ -216,7 +216,9 @@ def test_force_is_measured_against_what_is_set_then(study):
 def test_damage_is_of_the_largest_force_of_a_substep(study):
     most = np.repeat([30.0, 60.0, 60.0], round(1.0 / DT))
     most[700] = 84.0
-    over = study.force_over_set(recording([WorkState.APPROACH, WorkState.PRESS, WorkState.WORK], contact_most=most), 60.0)
+    over = study.force_over_set(
+        recording([WorkState.APPROACH, WorkState.PRESS, WorkState.WORK], contact_most=most), 60.0
+    )
     assert over == pytest.approx(1.4)
 
 

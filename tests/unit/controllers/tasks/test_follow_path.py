@@ -32,12 +32,11 @@ def held() -> Held:
 def followed(*pauses: tuple[float, float]) -> np.ndarray:
     """Rows (N, 4) of time [s], place [m], commanded speed [m/s] and force [N]; paused from and to each pair [s]."""
     here, phase, rows = held(), FollowPath(LIMITS, (FORCE,), rate=200.0), []
+    state = phase.enter(here, Context(0.0, PERIOD, at_rest(), None, None))
     for tick in range(4000):
         time = tick * PERIOD
         paused = any(begin <= time < end for begin, end in pauses)
         now = Context(time, PERIOD, at_rest(time=time), None, None, paused=paused)
-        if tick == 0:
-            state = phase.enter(here, now)
         if phase.step(state, here, now) is PhaseEvent.DONE:
             return np.array(rows)
         speed = np.linalg.norm(phase.setpoint(state, here, now).v_WG_W)

@@ -31,16 +31,15 @@ def recorded() -> Recording:
         "contact_force": force_H @ X_WH[:3, :3].T,
         "collision": np.zeros(STEPS),
     }
+    series = {
+        name: Series(time=time, value=np.asarray(value, dtype=np.float64).reshape(STEPS, -1), unit="", labels=())
+        for name, value in values.items()
+    }
     return Recording(
         timestep=DT,
         duration=STEPS * DT,
         vehicle=VEHICLE,
-        series=MappingProxyType(
-            {
-                name: Series(time=time, value=np.asarray(value, dtype=np.float64).reshape(STEPS, -1), unit="", labels=())
-                for name, value in values.items()
-            }
-        ),
+        series=MappingProxyType(series),
         events=(Event(time=0.0, state=WorkState.DONE, note=""),),
         targets=(),
         clouds=MappingProxyType({}),

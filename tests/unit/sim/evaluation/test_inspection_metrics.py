@@ -6,7 +6,14 @@ import numpy as np
 import pytest
 
 from models.objects.targets import TargetModel
-from sim.evaluation.inspection_metrics import TrueInspection, camera_poses, coverage, mesh_figures, off_and_view, seen_share
+from sim.evaluation.inspection_metrics import (
+    TrueInspection,
+    camera_poses,
+    coverage,
+    mesh_figures,
+    off_and_view,
+    seen_share,
+)
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array, exp_so3, pose, quat_wxyz_from_rotation, transform_points
 from untyped import untyped
@@ -85,25 +92,26 @@ def test_cameras_are_where_the_hull_carries_them(within):
     within("X_WC", found - np.array([hulls[0] @ X_BC, hulls[2] @ X_BC]), 1e-12)
 
 
-def test_coverage_is_of_all_that_can_be_seen(within):
+def test_coverage_is_of_all_that_can_be_seen():
     """The top is allowed; it and a side are seen: the side counts as visible too, the other four are not."""
     top = looking(np.array([0.0, 0.0, 1.6]), np.array([0.0, 0.0, -1.0]))
     side = looking(np.array([1.6, 0.0, 0.0]), np.array([-1.0, 0.0, 0.0]))
-    within("both seen", coverage(np.array([top, side]), truth(allowed=top[None])) - 1.0, 1e-12)
-    within("half", coverage(top[None], truth(allowed=np.array([top, side]))) - 0.5, 0.04)  # 4000 random pieces
+    assert coverage(np.array([top, side]), truth(allowed=top[None])) == 1.0
+    half = coverage(top[None], truth(allowed=np.array([top, side])))
+    assert half == pytest.approx(0.5, abs=0.04)  # 4000 random pieces
     away = looking(np.array([0.0, 0.0, 1.6]), np.array([0.0, 0.0, 1.0]))
     assert coverage(away[None], truth(allowed=away[None])) is None
 
 
-def test_a_measured_surface_is_judged_by_its_distance_from_the_true_one(within):
+def test_a_measured_surface_is_judged_by_its_distance_from_the_true_one():
     """A hundred points above the top, 0.1 to 10 mm off: of them the median is 5.05 mm and the 95 % 9.505 mm."""
-    off = 1e-4 * np.arange(1, 101)
+    off = 1e-4 * np.arange(1, 101, dtype=np.float64)
     points = np.column_stack([0.3 * np.sin(np.arange(100)), 0.2 * np.cos(np.arange(100)), 0.5 + off])
     mesh = mesh_figures(untyped(SimpleNamespace(vertices=points, deviation=-2.0 * off)), truth())
     assert mesh.vertices == 100
-    within("median [m]", mesh.true_p50_m - 5.05e-3, 1e-6)
-    within("95 % [m]", mesh.true_p95_m - 9.505e-3, 1e-6)
-    within("95 % off the model [m]", mesh.model_p95_m - 2.0 * 9.505e-3, 1e-9)
+    assert mesh.true_p50_m == pytest.approx(5.05e-3, abs=1e-6)
+    assert mesh.true_p95_m == pytest.approx(9.505e-3, abs=1e-6)
+    assert mesh.model_p95_m == pytest.approx(2.0 * 9.505e-3, rel=1e-9)
 
 
 def test_what_cannot_be_is_refused():

@@ -36,10 +36,10 @@ def test_shares_are_of_the_scenes_and_of_those_found():
 
 @pytest.mark.parametrize("degrees", [5, 6])
 def test_errors_are_covered_by_their_own_degrees_of_freedom(degrees: int):
-    """20 errors at the middles of 20 equal shares of the distribution: 19 lie within 95 %; the median is that of it."""
-    errors = chi2.ppf((np.arange(20) + 0.5) / 20.0, degrees)
+    """40 errors at the middles of 40 equal shares of the distribution: 38 lie within 95 %; the median is that of it."""
+    errors = chi2.ppf((np.arange(40) + 0.5) / 40.0, degrees)
     rows = [row(True, Decision.ACCEPT, nees=float(error), nees_degrees=degrees) for error in errors]
     told = study.consistency([*rows, row(False, Decision.REFUSE)])
-    assert (told["poses"], told["covered_percent"]) == (20, 95.0)
+    assert (told["poses"], told["covered_percent"]) == (40, 95.0)
     assert told["nees_median"] == pytest.approx(1.0, rel=0.01)
     assert told["nees_mean"] == pytest.approx(errors.mean() / degrees)

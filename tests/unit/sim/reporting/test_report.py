@@ -19,7 +19,7 @@ from models.vehicle import Vehicle
 from run_records import every_run
 from sim.evaluation.metrics import Assessment, Requirement, TrueObject, assess
 from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.messages import Target, ToolPath, WorkState
+from sim.interfaces.messages import ObjectMotion, Target, ToolPath, WorkState
 from sim.interfaces.pose_covariance import PoseCovariance
 from sim.interfaces.spatial import pose
 from sim.loop.recording import STATES, Event, Recording, Series
@@ -154,7 +154,25 @@ def test_page_states_the_covariance_of_the_pose_and_what_it_means_on_the_path(tm
     assert stated["path_normal_p95_m"] == pytest.approx(2e-3, rel=0.01)
     assert "Not determined by what was in view: a turn about (" in page
     assert "surface under the path, across the path" in page
+    assert "<td>position of the centre</td><td class=n>2.00</td><td class=n></td><td>mm</td>" in page
+    assert "<td>orientation</td><td class=n>0.23</td><td class=n></td><td>deg</td>" in page  # of 4 mrad
     assert "stated standard deviation" not in written(tmp_path, recording)[0]
+
+
+def test_page_states_how_an_object_moved(tmp_path: Path):
+    """By 3 and 4 cm, turned by 0.1 rad: 0.05 m at its radius of 0.5 m; known to 2 mm an axis."""
+    twist = np.array([0.03, -0.04, 0.0, 0.0, 0.0, 0.05])
+    still = ObjectMotion(
+        time=1.0, X_WT=TRUTH.X_WT, twist_W=0.0 * twist, covariance_W=4e-6 * np.eye(6), radius=0.5, moved=False
+    )
+    run = replace(
+        recorded(WorkState.WORK, WorkState.DONE), motions=(still, replace(still, time=2.5, twist_W=twist, moved=True))
+    )
+    page, _ = written(tmp_path, run)
+    assert (
+        "followed in 2 frames: at 2.5 s it was seen to have moved; in the end by 50.0 mm (standard deviation 2.0 mm), "
+        "turned by 5.7 deg."
+    ) in page
 
 
 def test_page_of_a_run_that_was_broken_off_says_why(tmp_path: Path):

@@ -380,6 +380,8 @@ class Recorder:
         series["p_command"].value[:] += (time - reference[:, 0])[:, None] * series["v_command"].value
         if self._full:
             slow, poses = self._slow.table(), self._poses.table()
+            for body in range(len(self._bodies)):
+                _without_sign_jumps(poses[:, 1 + 7 * body :][:, 3:7])
             series |= _split(slow[:, 0], slow[:, 1:], self._slow_columns)
             series["body_pose"] = Series(time=poses[:, 0], value=poses[:, 1:], unit="m, wxyz", labels=self._bodies)
         if self._object >= 0:
@@ -389,7 +391,9 @@ class Recorder:
             table = block.table()
             labels = tuple(map(str, range(block.width - 1))) if block.width > 2 else ()
             series[f"believed.{name}"] = Series(time=table[:, 0], value=table[:, 1:], unit="", labels=labels)
-        for item in series.values():
+        for name, item in series.items():
+            if name.startswith("quat_"):
+                _without_sign_jumps(item.value)
             item.time.setflags(write=False)
             item.value.setflags(write=False)
         return Recording(
@@ -475,6 +479,17 @@ def _estimates(command: Command) -> dict[str, Array]:
 
 def _doubled(table: Array) -> Array:
     return np.concatenate([table, np.empty_like(table)])
+
+
+def _without_sign_jumps(quat: Array) -> None:
+    """Give each unit quaternion (N, 4) the sign that is nearer to the one before it, in place; q and -q are one turn.
+
+    Rows without numbers are passed over.
+    """
+    known = np.flatnonzero(np.isfinite(quat).all(axis=1))
+    kept = quat[known]
+    turned_over = np.sum(kept[1:] * kept[:-1], axis=1) < 0.0
+    quat[known[1:][np.cumsum(turned_over) % 2 == 1]] *= -1.0
 
 
 def _total_width(columns: _Columns) -> int:

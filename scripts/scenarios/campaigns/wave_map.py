@@ -6,7 +6,7 @@ from functools import partial
 import numpy as np
 
 from scenarios.assembly import assemble
-from scenarios.campaigns.contact_study import KEPT, PathName, StudyBounds, classify, figures_of
+from scenarios.campaigns.contact_study import DAMAGED, KEPT, PathName, StudyBounds, classify, figures_of
 from scenarios.options import barrel
 from scenarios.runner import run
 from scenarios.study import Row, Summary, Table
@@ -55,7 +55,7 @@ def one_run(task: WaveTask) -> Row:
 
 def line(row: Row) -> str:
     """Line about a run that blames a thruster, or does damage; empty for others."""
-    if row["kind"] != BLAMED and row["class"] != "damaged":
+    if row["kind"] != BLAMED and row["class"] != DAMAGED:
         return ""
     return f"{_name(row)}, seed {row['seed']}, {row['path']}: {row['class']}, {row['kind']}: {row['detail']}"
 

@@ -124,7 +124,8 @@ def alike(values: Sequence[Any]) -> bool:
         return True
     if any(isinstance(value, bool) or not isinstance(value, int | float) for value in values):
         return False
-    return max(values) - min(values) <= _SAME * max(map(abs, values))
+    apart = max(values) - min(values)
+    return math.isfinite(apart) and apart <= _SAME * max(map(abs, values))
 
 
 def table(title: str, names: Sequence[str], rows: Sequence[tuple[str, Sequence[Any]]]) -> "Table":

@@ -16,6 +16,7 @@ from scenarios.campaigns.campaign import Campaign, CampaignRun, one_run, read_ca
 from scenarios.campaigns.distributions import DESIGNS, Design, Distribution, drawn
 from scenarios.options import barrel
 from scenarios.perturbations.pad import Pad
+from scenarios.study import Summary
 from scenarios.study.row_table import SCHEMA_VERSION, RowTable
 from sim.interfaces.errors import ConfigurationError
 from sim.runs.provenance import versions
@@ -198,6 +199,34 @@ def test_outcomes_are_counted_by_code(tmp_path):
     assert summary.metrics["metrics"]["contact.force_error_rms_n"]["median"] == 3.0
     assert any("--replay 3" in cell for line in summary.tables[0].rows for cell in line)
     assert summary.failed is None
+
+
+def test_shares_and_quantiles_of_many_runs(tmp_path):
+    """21 runs with 0 to 20 N: quantiles fall on runs. A share that is just the wanted one does not fail."""
+    campaign = replace(read(tmp_path, FILE), kept=20.0 / 21.0)
+
+    def summed(lost: float) -> Summary:
+        rows = [
+            {
+                "case": case,
+                "state": "done",
+                "code": "",
+                "accepted": True,
+                "metrics": {"contact.force_error_rms_n": float(case), "contact.lost_s": lost if case < 2 else 0.0},
+                "values": {"x": float(case)},
+                "drawn": {},
+            }
+            for case in range(21)
+        ]
+        rows[0]["metrics"]["contact.lost_s"] = 0.1
+        return campaign_report.summarise(rows, campaign, "mine.toml")
+
+    found = summed(0.0)
+    force = found.metrics["metrics"]["contact.force_error_rms_n"]
+    assert force == {"runs": 21, "low": 1.0, "median": 10.0, "high": 19.0, "largest": 20.0}
+    assert found.metrics["kept"]["runs"] == 20
+    assert found.failed == []
+    assert summed(0.1).failed == ["90.5% of the runs kept the bounds, not 95.2%"]
 
 
 def test_the_page_shows_what_explains_the_misses(tmp_path):

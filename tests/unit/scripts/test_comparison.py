@@ -53,6 +53,12 @@ def test_wilcoxon_in_closed_form(rng):
     assert (same.p, same.median, same.low, same.high, same.equal) == (1.0, 0.0, 0.0, 0.0, 10)
 
 
+def test_the_median_of_differences_is_not_the_difference_of_medians(rng):
+    a, b = np.array([1.0, 2.0, 9.0]), np.array([2.0, 8.0, 9.5])
+    found = PairedMetric.of("x", a, b, rng)
+    assert (found.median_a, found.median_b, found.median) == (2.0, 8.0, 1.0)
+
+
 def test_the_interval_of_the_median_holds_it_at_the_stated_rate():
     rng = np.random.default_rng(0)
     held = []

@@ -1,10 +1,13 @@
 """Figures of a fault case against a time series made by hand."""
 
+from dataclasses import asdict, replace
+
 import numpy as np
 import pytest
 
-from scenarios.campaigns.fault_cases import AT_WORK, Trace
-from scenarios.campaigns.fault_figures import figures
+from scenarios.campaigns.contact_study import DAMAGE
+from scenarios.campaigns.fault_cases import AT_WORK, PUSH, Trace
+from scenarios.campaigns.fault_figures import figures, summarise
 from sim.interfaces.messages import WorkState
 
 
@@ -40,3 +43,22 @@ def test_a_work_that_was_not_left_has_no_last_touch():
     assert kept.reaction_s is None
     assert kept.reaction == str(WorkState.WORK)  # the set force never fell
     assert not kept.damage
+
+
+@pytest.mark.parametrize(
+    ("late", "peak", "said"),
+    [(1.9, 60.0, []), (2.1, 60.0, ["contact 2.1 s after the work was left"]), (0.0, 91.0, ["damage"])],
+)
+def test_a_late_touch_or_damage_fails_the_study(late: float, peak: float, said: list[str]):
+    """Work at 60 N that is left at 2.5 s: a touch counts as late from 2 s after that on, a peak as damage from 90 N."""
+    left = trace([(0.5, WorkState.WORK, ""), (2.5, WorkState.RETREAT, "gone")])
+    one = replace(figures(left, "transverse", 4), touch_s=late, peak_n=peak, damage=peak > 90.0)
+    summary = summarise([{"path": "transverse", "seed": 4, "cases": [asdict(one)]}])
+    assert [line.split(":")[0] for line in summary.failed or []] == said
+
+
+def test_damage_is_by_the_largest_force():
+    for peak, damage in ((DAMAGE * PUSH - 0.1, False), (DAMAGE * PUSH + 0.1, True)):
+        hit = trace([(0.5, WorkState.WORK, "")])
+        hit.rows[5, 10] = peak
+        assert figures(hit, "transverse", 4).damage == damage

@@ -2,18 +2,21 @@
 
 import os
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
 from calib.water.named_fit import NamedParameter, fit_named, values_of
+from scenarios.pool import validation
 from scenarios.pool.pool_vehicle import HULLS, NOMINAL, PARAMETERS, pool_model
 from scenarios.pool.replay import Residuals, replay, score_of
 from scenarios.pool.trials import PoolTrial, names_in, read_trial, read_trials
 from scenarios.pool.validation import FITTED, medians, read_fitted, scores
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array
+from untyped import untyped
 
 REAL = Path(os.environ.get("UUV_POOL_TRIALS", "../shared/data/pool"))
 
@@ -154,6 +157,25 @@ def test_reads_fitted_parameters(tmp_path: Path):
     (tmp_path / "other.json").write_text("{}")
     with pytest.raises(ConfigurationError, match="is no file of fitted parameters"):
         read_fitted(tmp_path / "other.json")
+
+
+def test_spread_and_left_out_scores_are_those_of_the_fits_without_a_group(monkeypatch):
+    """Fits of 1, 2 and 6 without each of three groups: the jackknife's error is sqrt(2 / 3 (4 + 1 + 9))."""
+    each = {"traj1": 1.0, "traj2": 2.0, "traj3": 6.0}
+    n = len(PARAMETERS)
+
+    def fit(_hull, trials, **_):
+        (out,) = set(each) - {trial.group for trial in trials} or {None}
+        return SimpleNamespace(deviations=np.full(n, 0.5 if out is None else each[out]), values={})
+
+    monkeypatch.setattr(validation, "fit", fit)
+    monkeypatch.setattr(validation, "values_of", lambda _, deviations: float(deviations[0]))
+    monkeypatch.setattr(validation, "scores", lambda _, members, values: [(m.group, values) for m in members])
+    told = validation.validate("wu2018", untyped([SimpleNamespace(group=group) for group in each for _ in range(2)]))
+    assert told.spread == pytest.approx(np.full(n, np.sqrt(2.0 / 3.0 * 14.0)))
+    assert told.left_out == tuple((group, value) for group, value in each.items() for _ in range(2))
+    least = PARAMETERS[0].value(0.5 - 1.96 * np.sqrt(28.0 / 3.0))
+    assert told.interval(0)[0] == pytest.approx(least)
 
 
 @pytest.mark.long

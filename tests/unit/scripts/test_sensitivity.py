@@ -106,6 +106,22 @@ def test_what_becomes_a_parameter():
     assert found["path = b"].tolist() == [0.0, 1.0, 0.0]
 
 
+def test_the_adjusted_share_counts_columns_and_the_constant(rng, within):
+    """Of n runs and k columns, n - k - 1 are left to the residual: 1 - (1 - R^2) (n - 1) / (n - k - 1)."""
+    x = rng.normal(size=(40, 5))
+    found = sensitivity(columns(*x.T), x[:, 0] + rng.normal(size=40), rng, 10)
+    assert found is not None
+    within("adjusted", found.adjusted - (1.0 - (1.0 - found.explained) * 39.0 / 34.0), 1e-12)
+
+
+def test_places_count_from_the_strongest(rng):
+    x = rng.normal(size=(200, 4))
+    found = sensitivity(columns(*x.T), 9.0 * x[:, 2] - 3.0 * x[:, 0] + rng.normal(size=200), rng, 200)
+    assert found is not None
+    assert (found.place[2].tolist(), found.place[0].tolist()) == ([1, 1], [2, 2])
+    assert found.place[[1, 3]].min() == 3
+
+
 def test_too_few_runs_give_none(rng):
     x = rng.normal(size=(7, 3))
     assert sensitivity(columns(*x.T), x[:, 0], rng) is None

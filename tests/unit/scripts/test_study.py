@@ -128,9 +128,14 @@ GOOD = {
 
 
 def recording(
-    states: list[WorkState], set_force: Any = 60.0, true: Any = 60.0, note: str = "", abort: AbortCode | None = None
+    states: list[WorkState],
+    set_force: Any = 60.0,
+    true: Any = 60.0,
+    note: str = "",
+    abort: AbortCode | None = None,
+    **more: Any,
 ) -> Recording:
-    """A run through `states`, a second in each."""
+    """A run through `states`, a second in each; `more` are other series (N, k), or other values of these."""
     each = round(1.0 / DT)
     time = np.array(np.arange(len(states) * each) * DT, dtype=np.float64)
     columns = {
@@ -138,13 +143,17 @@ def recording(
         "set_force": np.broadcast_to(set_force, time.shape),
         "contact_normal": np.broadcast_to(true, time.shape),
         "contact_most": np.broadcast_to(true, time.shape),
+        **more,
     }
     return Recording(
         timestep=DT,
         duration=len(time) * DT,
         vehicle=vehicle(),
         series=MappingProxyType(
-            {name: Series(time=time, value=np.array(v)[:, None], unit="", labels=()) for name, v in columns.items()}
+            {
+                name: Series(time=time, value=np.array(v).reshape(len(time), -1), unit="", labels=())
+                for name, v in columns.items()
+            }
         ),
         events=tuple(Event(time=float(i), state=state, note=note, abort=abort) for i, state in enumerate(states)),
         targets=(),
@@ -202,6 +211,33 @@ def test_force_is_measured_against_what_is_set_then(study):
     assert over == pytest.approx(1.5)
     over = study.force_over_set(recording(states, wanted, np.repeat([30.0, 96.0, 63.0, 45.0], round(1.0 / DT))), 60.0)
     assert over == pytest.approx(1.6)
+
+
+def test_damage_is_of_the_largest_force_of_a_substep(study):
+    most = np.repeat([30.0, 60.0, 60.0], round(1.0 / DT))
+    most[700] = 84.0
+    over = study.force_over_set(
+        recording([WorkState.APPROACH, WorkState.PRESS, WorkState.WORK], contact_most=most), 60.0
+    )
+    assert over == pytest.approx(1.4)
+
+
+def test_a_run_that_never_worked_misses_no_bound(study):
+    for states, missed in ((SCANNED, []), (ABORTED, ["force_peak_n", "lost_s"])):
+        outcome = SimpleNamespace(recording=recording(states, abort=AbortCode.NOT_IDENTIFIED))
+        found = study.classify(outcome, {**GOOD, "force_peak_n": None, "lost_s": 0.1}, study.StudyBounds())
+        assert found["missed"] == missed
+
+
+def test_the_hull_is_off_its_place_where_that_stands_still(study):
+    """It travels for a second, 0.2 m behind; then it is 5 cm off while the arm unfolds, 0.3 m before and after."""
+    each = round(1.0 / DT)
+    reference = np.zeros((4 * each, 3))
+    reference[: each + 1] = np.linspace([-1.0, 2.0, 0.0], [0.0, 0.0, 0.0], each + 1)
+    off = np.repeat([[0.0, 0.12, 0.16], [0.03, 0.0, -0.04], [0.0, 0.03, 0.04], [0.3, 0.0, 0.0]], each, axis=0)
+    states = [WorkState.CLOSE_IN, WorkState.CLOSE_IN, WorkState.TARE, WorkState.WORK]
+    run = recording(states, p_WB_reference=reference, p_WB=reference + off)
+    assert study._unfolding(run) == pytest.approx(0.05)
 
 
 # -- signals ---------------------------------------------------------------------------------------------------------
@@ -285,6 +321,24 @@ def test_distributions_count_a_run_without_a_figure_as_not_within(told, study):
     found = told.distributions(rows, study.StudyBounds())["force_peak_n"]
     assert (found["count"], found["median"], found["max"], found["bound"]) == (10, 4.5, 9.0, 8.0)
     assert found["share_within"] == pytest.approx(9 / 11)
+
+
+def test_quantiles_of_a_figure(told, study):
+    """101 runs of 0 to 10 N: quantiles fall on runs."""
+    found = told.distributions([row(i, force_peak_n=0.1 * i) for i in range(101)], study.StudyBounds())["force_peak_n"]
+    assert [found[name] for name in ("median", "p95", "p99", "max")] == pytest.approx([5.0, 9.5, 9.9, 10.0])
+    assert found["share_within"] == pytest.approx(81 / 101)
+
+
+def test_a_run_is_in_one_bin_of_its_promised_chance(told):
+    """On a bound it is in the upper one, and a chance of 1 in the last."""
+    rows = [row(i, promised_chance=chance) for i, chance in enumerate((0.95, 0.96, 0.98, 1.0, None))]
+    rows[1]["class"] = "missed"
+    assert told.reliability(rows) == [
+        {"least": 0.95, "most": 0.98, "runs": 2, "mean": pytest.approx(0.955), "kept": 1},
+        {"least": 0.98, "most": 0.99, "runs": 1, "mean": 0.98, "kept": 1},
+        {"least": 0.99, "most": 1.0, "runs": 1, "mean": 1.0, "kept": 1},
+    ]
 
 
 def test_factor_of_a_method_is_the_median_of_ratios_of_the_same_runs(told):

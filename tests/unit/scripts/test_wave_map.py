@@ -2,6 +2,7 @@
 
 from typing import Any
 
+from scenarios.campaigns.contact_study import DAMAGED
 from scenarios.campaigns.wave_map import BLAMED, line, summarise
 
 
@@ -40,3 +41,13 @@ def test_a_sound_thruster_that_is_blamed_fails_the_map():
     assert "thruster sway is lost" in failed[0]
     assert line(blamed) == failed[0]
     assert line(row(0.1)) == ""
+
+
+def test_damage_is_told():
+    damaged = row(0.1, **{"class": DAMAGED, "kind": "force above 1.5 times the set one", "detail": "felt 140 N"})
+    assert "force above 1.5 times the set one: felt 140 N" in line(damaged)
+
+
+def test_the_figures_of_a_wave_are_medians():
+    told = summarise([row(0.1, force_peak_n=force) for force in (3.0, 4.0, 20.0)])
+    assert (told.tables or [])[0].rows == [("across", "0.15", "3/3  4.0, 30")]

@@ -14,6 +14,7 @@ from controllers.hull.hull_control import ThrusterLead
 from controllers.hull.station_keeping import hull_inertia
 from controllers.safety.fault_detection import FaultDetection
 from controllers.tuning import FaultLimits
+from models import hydrodynamics
 from models.vehicle import Vehicle
 from models.water.thruster_curves import thrust_at, thrust_in_flow
 from models.water.thrusters import INFLOW_LOSS, curves, inflow_levers
@@ -182,6 +183,29 @@ def test_thrust_is_predicted_in_the_inflow(rng: np.random.Generator, within: Any
 
     drag = missing(np.zeros(M), np.zeros(6))
     within("missing [N, N m]", missing(asked, -VEHICLE.thruster_wrench @ thrust) - drag, 1e-3)
+
+
+def test_what_is_missing_is_the_balance_of_momentum(rng: np.random.Generator, within: Any):
+    """A hull that flies a steady curve askew through a current: Kirchhoff's equations with drag, in vectors."""
+    X_WB, current_W = pose(exp_so3(rng.uniform(-1.0, 1.0, 3))), rng.uniform(-0.4, 0.4, 3)
+    v, w, arm_B = rng.uniform(-0.5, 0.5, 3), rng.uniform(-0.3, 0.3, 3), rng.uniform(-20.0, 20.0, 6)
+    health = FaultDetection(MODEL, period=DT)
+    state = health.init(at_rest(X_WB=X_WB, v_WB_B=v, w_WB_B=w))
+    for t in np.arange(0.02, 6.0, 0.02):
+        load = HullLoad(arm_wrench_B=arm_B, current_W=current_W)
+        command = Command(time=t, joint_torque=np.zeros(N), thrusters=np.zeros(M), scan=False, hull_load=load)
+        health.judge_hull(state, at_rest(time=float(t), X_WB=X_WB, v_WB_B=v, w_WB_B=w), command)
+
+    water = hydrodynamics.unpack(MODEL.body_user[VEHICLE.hull])
+    nu, flow = np.concatenate([v, w]), np.concatenate([X_WB[:3, :3].T @ current_W, np.zeros(3)])
+    nu_r = nu - flow
+    momentum = hull_inertia(MODEL, VEHICLE.hull, 1.0) @ nu - water.added_mass @ flow
+    turned = np.concatenate([np.cross(w, momentum[:3]), np.cross(w, momentum[3:]) + np.cross(nu_r[:3], momentum[:3])])
+    drag = water.linear_damping @ nu_r + water.quadratic_damping * np.abs(nu_r) * nu_r
+    thrust = np.array([in_flow(i, 0.0, nu_r) for i in range(M)])
+    wanted = turned + drag - arm_B - VEHICLE.thruster_wrench @ thrust
+    assert np.linalg.norm(turned) > 1.0
+    within("missing [N, N m]", state.hull.missing - wanted, 1e-5)
 
 
 @pytest.mark.parametrize("thruster", range(M))

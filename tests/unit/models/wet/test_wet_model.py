@@ -16,6 +16,7 @@ from models.wet.files import read_model, write_model
 from models.wet.geoms import Choice, primitive
 from models.wet.wetting import wet
 from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.spatial import Array, exp_so3, quat_wxyz_from_rotation
 from untyped import untyped
 from wet_files import INERTIAL, urdf, write_stl
 
@@ -115,6 +116,48 @@ def test_a_tube_too_thin_for_panels_is_its_hull():
     assert "on the convex hull: the body is too thin" in told.origin
     assert told.uncertainty == "factor 2"
     assert made.bodies["a"].volume == pytest.approx(0.5 * area, rel=1e-5)
+
+
+TETRAHEDRON = np.array([[0.1, 0.0, 0.0], [0.4, 0.0, 0.0], [0.1, 0.2, 0.0], [0.1, 0.0, 0.12]])  # [m]
+BESIDE = np.array([0.02, -0.3, 0.05])  # [m] mesh in its body
+ASKEW = exp_so3([0.5, -0.4, 0.9])
+
+
+def with_meshes(vertices: Array, triangles: Array, *places: Array) -> mujoco.MjSpec:
+    """A body with a mesh, askew, at each of the `places` (3,) [m]."""
+    spec = mujoco.MjSpec()
+    spec.add_mesh(
+        name="part", uservert=vertices.astype(np.float32).ravel(), userface=triangles.astype(np.int32).ravel()
+    )
+    body = spec.worldbody.add_body(name="a")
+    body.add_freejoint()
+    for place in places:
+        body.add_geom(
+            type=mujoco.mjtGeom.mjGEOM_MESH, meshname="part", pos=place, quat=quat_wxyz_from_rotation(ASKEW), mass=1.0
+        )
+    return spec
+
+
+def test_a_mesh_is_borne_at_the_centre_of_its_volume():
+    """A tetrahedron: a sixth of its box, and the mean of its corners."""
+    triangles = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
+    water = wet(with_meshes(TETRAHEDRON, triangles, BESIDE), panels=FAST).bodies["a"]
+    assert water.volume == pytest.approx(0.3 * 0.2 * 0.12 / 6.0, rel=1e-5)
+    centre = ASKEW @ TETRAHEDRON.mean(axis=0) + BESIDE
+    np.testing.assert_allclose(water.center_of_buoyancy, centre, atol=1e-6)
+
+
+def test_meshes_that_overlap_are_borne_at_the_centre_of_their_union():
+    """Two boxes along their own x that share half of each: one box, half as long again."""
+    low, size = np.array([0.1, 0.05, -0.02]), np.array([0.2, 0.12, 0.16])
+    vertices = low + size * np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)])
+    quads = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
+    triangles = np.array([t for a, b, c, d in quads for t in ([a, b, c], [a, c, d])])
+    shift = ASKEW @ [0.1, 0.0, 0.0]
+    water = wet(with_meshes(vertices, triangles, BESIDE, BESIDE + shift), panels=FAST).bodies["a"]
+    assert water.volume == pytest.approx(1.5 * size.prod(), rel=5e-3)
+    centre = ASKEW @ (low + 0.5 * size) + BESIDE + 0.5 * shift
+    np.testing.assert_allclose(water.center_of_buoyancy, centre, atol=5e-4)
 
 
 def test_foam_makes_it_neutral():

@@ -57,7 +57,7 @@ def assess(core: bool = True, found: bool = True, final: WorkState = WorkState.D
         "p_WB": ONES * [0.0, 0.0, -3.0],
         "quat_WB_wxyz": ONES * [1.0, 0.0, 0.0, 0.0],
     }
-    assert not changed.keys() - values.keys()
+    assert not changed.keys() - values.keys() - {"contact_least", "contact_most"}
     values |= changed
     for name in ("contact_least", "contact_most"):  # as where the plant has no substeps
         values.setdefault(name, values["contact_normal"])
@@ -172,3 +172,23 @@ def test_the_hull_against_the_ground_when_it_is_turned(within):
     within("gap [m]", turned - assess().metrics["hull"]["ground_gap_m"], 1e-9)  # the box is symmetric
     low = assess(p_WB=ONES * [0.0, 0.0, -4.8]).metrics["hull"]["ground_gap_m"]
     assert low == pytest.approx(0.0, abs=1e-12)
+
+
+def test_the_hull_against_the_ground_when_it_is_askew(within):
+    """Banked by 25 deg and turned: the lowest corner of its box is the nearest, by the sine and cosine of the bank."""
+    turn, bank, depth = np.radians(90.0), np.radians(25.0), -4.0
+    quat = quat_wxyz_from_rotation(exp_so3([0.0, 0.0, turn]) @ exp_so3([bank, 0.0, 0.0]))
+    # Turned by 90 deg, the hull's y points to -x of W: its right side, y = -0.4, hangs down and towards +x.
+    y, z = BOX[0, 1], BOX[0, 2]
+    low = depth + y * np.sin(bank) + z * np.cos(bank)
+    x = -(y * np.cos(bank) - z * np.sin(bank))
+    gap = assess(quat_WB_wxyz=ONES * quat, p_WB=ONES * [0.0, 0.0, depth]).metrics["hull"]["ground_gap_m"]
+    within("gap [m]", gap - (low - (-5.0 + SLOPE * x)) / np.hypot(1.0, SLOPE), 0.02)  # the grid of 0.1 m
+
+
+def test_the_greatest_pull_is_that_of_the_substeps(within):
+    """On the way in the tube is pulled with 7 N for a moment, and pushed at all other times."""
+    least = 50.0 * ONES
+    least[700] = -7.0
+    core = assess(contact_least=least).metrics["core"]
+    within("pull [N]", core["pull_max_n"] - 7.0, 1e-12)

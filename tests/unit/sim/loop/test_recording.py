@@ -11,7 +11,7 @@ import models
 from at_rest import at_rest
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import Command, ContactEstimate, Reference, Target, WorkState
-from sim.interfaces.spatial import pose
+from sim.interfaces.spatial import exp_so3, pose, quat_wxyz_from_rotation, rotation_from_quat_wxyz
 from sim.loop.recording import EVERY_STEP, Recorder, Recording, write_row
 from sim.loop.rollout import Moment
 
@@ -46,6 +46,7 @@ class Run:
             arm_wrench_B=np.zeros(6),
         )
         self.target: Target | None = None
+        self.X_WB = np.eye(4)  # estimated
         self.held = False  # no new references
         self.reference: Reference | None = None
 
@@ -83,7 +84,7 @@ class Run:
                     path_s=0.1,
                     note=note,
                 )
-            estimate = at_rest(time=truth.time)
+            estimate = at_rest(time=truth.time, X_WB=self.X_WB)
             command = Command(
                 time=truth.time,
                 joint_torque=np.zeros(6),
@@ -171,6 +172,31 @@ def test_digest_is_of_every_bit_of_the_trajectory():
         value[17, -1] = np.nextafter(value[17, -1], np.inf)  # NaN stays
         changed = replace(recording, series={**recording.series, name: replace(series, value=value)})
         assert (changed.digest() == recording.digest()) == np.array_equal(value, series.value, equal_nan=True), name
+
+
+def test_quaternions_keep_their_sign_through_two_turns():
+    """q and -q are one rotation: what differentiates or interpolates the series must not meet a jump."""
+    recorder, run = Recorder(MODEL), Run()
+    start, angles = exp_so3([0.4, -0.3, 0.2]), np.linspace(0.0, 4.0 * np.pi, 81)
+    turned = [exp_so3(angle * np.array([0.48, -0.6, 0.64])) @ start for angle in angles]
+    each = round(0.04 / DT)  # of the slowest rows
+    for number, R in enumerate(turned):
+        quat = quat_wxyz_from_rotation(R)
+        run.X_WB = pose(np.full((3, 3), np.nan) if number == 33 else R)  # an estimate may lack numbers
+        run.truth.xquat[:] = quat if number % 3 else -quat
+        run.show(recorder, each)
+
+    recording = recorder.recording()
+    poses = recording["body_pose"].value.reshape(81, MODEL.nbody, 7)
+    estimated = recording["quat_WB_estimate_wxyz"].value
+    assert np.isnan(estimated[2 * 33 : 2 * 34]).all()
+    for quats, rotations in (
+        (recording["quat_WB_wxyz"].value[::each], turned),
+        (np.delete(estimated[::2], 33, axis=0), [*turned[:33], *turned[34:]]),
+        (poses[:, 5, 3:], turned),
+    ):
+        assert np.sum(quats[1:] * quats[:-1], axis=1).min() > 0.9
+        assert np.allclose([rotation_from_quat_wxyz(quat) for quat in quats], rotations, atol=1e-12)
 
 
 def test_recording_is_frozen():

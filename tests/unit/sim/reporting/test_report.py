@@ -17,16 +17,16 @@ import models
 from models.objects.targets import barrel
 from models.vehicle import Vehicle
 from run_records import every_run
-from sim.evaluation.metrics import Assessment, TrueObject, assess
+from sim.evaluation.metrics import Assessment, Requirement, TrueObject, assess
 from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.messages import Target, ToolPath, WorkState
+from sim.interfaces.messages import ObjectMotion, Target, ToolPath, WorkState
 from sim.interfaces.pose_covariance import PoseCovariance
 from sim.interfaces.spatial import pose
 from sim.loop.recording import STATES, Event, Recording, Series
 from sim.reporting import series_files
 from sim.reporting.report import write_report
 from sim.reporting.report_figures import object_as_found
-from sim.reporting.results_table import results_table
+from sim.reporting.results_table import figures_of, results_table
 from sim.reporting.series_tables import PastRun, write_series
 from sim.reporting.timelines import thinned, timelines
 
@@ -154,7 +154,25 @@ def test_page_states_the_covariance_of_the_pose_and_what_it_means_on_the_path(tm
     assert stated["path_normal_p95_m"] == pytest.approx(2e-3, rel=0.01)
     assert "Not determined by what was in view: a turn about (" in page
     assert "surface under the path, across the path" in page
+    assert "<td>position of the centre</td><td class=n>2.00</td><td class=n></td><td>mm</td>" in page
+    assert "<td>orientation</td><td class=n>0.23</td><td class=n></td><td>deg</td>" in page  # of 4 mrad
     assert "stated standard deviation" not in written(tmp_path, recording)[0]
+
+
+def test_page_states_how_an_object_moved(tmp_path: Path):
+    """By 3 and 4 cm, turned by 0.1 rad: 0.05 m at its radius of 0.5 m; known to 2 mm an axis."""
+    twist = np.array([0.03, -0.04, 0.0, 0.0, 0.0, 0.05])
+    still = ObjectMotion(
+        time=1.0, X_WT=TRUTH.X_WT, twist_W=0.0 * twist, covariance_W=4e-6 * np.eye(6), radius=0.5, moved=False
+    )
+    run = replace(
+        recorded(WorkState.WORK, WorkState.DONE), motions=(still, replace(still, time=2.5, twist_W=twist, moved=True))
+    )
+    page, _ = written(tmp_path, run)
+    assert (
+        "followed in 2 frames: at 2.5 s it was seen to have moved; in the end by 50.0 mm (standard deviation 2.0 mm), "
+        "turned by 5.7 deg."
+    ) in page
 
 
 def test_page_of_a_run_that_was_broken_off_says_why(tmp_path: Path):
@@ -181,6 +199,23 @@ def test_drives_are_held_against_their_limits(tmp_path: Path):
     forward = np.asarray(VEHICLE.thruster_table)[1, 0]
     row = f"<td class=n>1.0</td><td class=n>1.0</td><td class=n>N</td><td class=n>{1.0 / forward:.0%}</td>"
     assert f"<td>{VEHICLE.thruster_names[1].replace('_', ' ')}</td>{row}" in page
+
+
+def test_thrust_astern_is_held_against_the_limit_astern(tmp_path: Path):
+    run = recorded(WorkState.WORK, WorkState.DONE)
+    forward, reverse = np.asarray(VEHICLE.thruster_table)[2, :2]
+    thrust = run["thrust"].value.copy()
+    thrust[100, 2], thrust[200, 2] = -0.9 * reverse, 0.3 * forward
+    run = replace(run, series=MappingProxyType({**run.series, "thrust": replace(run["thrust"], value=thrust)}))
+    page, _ = written(tmp_path, run)
+    row = re.findall(rf"<td>{VEHICLE.thruster_names[2].replace('_', ' ')}</td>(.*?)</tr>", page)[0]
+    assert re.findall(r">([^<]+)</td>", row) == [f"{-0.9 * reverse:.1f}", f"{0.3 * forward:.1f}", "N", "90%"]
+
+
+def test_a_figure_and_its_bound_are_told_in_their_unit():
+    one = Requirement("path deviation, peak", 0.00234, 0.003, "mm", 1e3)
+    assert figures_of(one) == ("2.34", "3.00")
+    assert figures_of(replace(one, value=None)) == ("–", "3.00")
 
 
 def test_second_run_is_laid_over_the_first_from_the_start_of_the_work():

@@ -14,7 +14,8 @@ from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import SurfaceMotionMeasurement
 from sim.interfaces.spatial import Array
 from sim.sensors import arm_camera
-from sim.sensors.arm_camera import OBSERVED, ArmCamera, ViewConditions, fitted
+from sim.sensors.arm_camera import CELL, GRID, OBSERVED, ArmCamera, Prediction, ViewConditions, fitted, predict
+from sim.sensors.textured_view import SmallStereo, Texture, Turbidity
 
 SCENE = """
 <mujoco>
@@ -82,6 +83,27 @@ def test_errors_have_the_covariance_that_is_stated(model: mujoco.MjModel):
         assert int((np.linalg.eigvalsh(L) > OBSERVED).sum()) == 3
         squares.append(float(error @ L @ error) / 3.0)
     assert np.mean(squares) == pytest.approx(1.0, abs=0.2)  # 3.5 standard deviations of the mean of 200
+
+
+@pytest.mark.parametrize("attenuation", [0.0, 0.7, 2.2])
+def test_water_dims_what_a_flat_wall_tells(attenuation: float):
+    """Square to the view at 0.2 m, in closed form: depth by stereo z^2 s / (f b) exp(a z), light exp(-2 a z)."""
+    camera, z = SmallStereo(intensity_noise=1e-5), 0.2
+    depth = np.full(camera.rays(GRID).shape[:2], z)
+    texture = Texture.of(3, 0.3)
+
+    def told(a: float) -> Prediction:
+        return predict(camera, depth, np.zeros_like(depth, dtype=bool), texture, Turbidity(attenuation=a), 0.0)
+
+    seen = told(attenuation)
+    sigma = z**2 * camera.stereo.disparity_sigma / (camera.focal * camera.stereo.baseline) * np.exp(attenuation * z)
+    assert seen.shape[2, 2] == pytest.approx(depth.size * GRID**2 / CELL / sigma**2)
+    assert abs(seen.shape[0, 0]) < 1e-9 * seen.shape[2, 2]
+    # With little noise every pixel is used; its weight is the square of the light that comes back.
+    assert seen.texture / told(0.0).texture[0, 0] == pytest.approx(
+        np.exp(-4.0 * attenuation * z) * told(0.0).texture / told(0.0).texture[0, 0], rel=1e-3, abs=1e-9
+    )
+    assert seen.range == pytest.approx(z)
 
 
 def test_a_new_key_is_a_picture_that_was_itself_measured(model: mujoco.MjModel):

@@ -42,7 +42,7 @@ def test_a_kernel_stands_after_those_that_it_calls_and_the_ticks_are_among_them(
 
 
 def test_the_list_holds_what_a_job_loads(jobs):
-    """A kernel that is not listed would be compiled alone, without a word; benchmarks/kernels/list_kernels.py lists it."""
+    """A kernel that is not listed would be compiled alone, without a word: it is to be listed (`list_kernels.py`)."""
     done = subprocess.run([sys.executable, "-c", REHEARSED], capture_output=True, text=True, timeout=400, check=False)
     assert done.returncode == 0, done.stderr
     told = {(job.kernel, json.dumps(job.takes)) for job in jobs}

@@ -394,7 +394,7 @@ def _moves_dry() -> str:
 
 def _warn_replaced() -> None:
     warnings.warn(
-        "the passive callback of sim.hydrodynamics was replaced or removed: models that carry hydrodynamics move dry",
+        "the passive callback of sim.hydrodynamics was replaced or removed: models with hydrodynamics move dry",
         RuntimeWarning,
         3,
     )

@@ -10,7 +10,8 @@ from calib import identify
 from calib.arm_files import read_arm
 from calib.parameters import widest_prior
 from calib.simulation import touch, wrong_arm
-from calib.verdicts.doubts import Told, coincide, doubts
+from calib.verdicts.doubts import coincide, examine
+from calib.verdicts.evidence import Told
 from models.arms import published_arms
 from models.arms.serial_arm import SerialArm
 from sim.interfaces.errors import ConfigurationError
@@ -39,9 +40,8 @@ def doubted(series: Series, nominal: SerialArm, length: float = APART) -> str:
     told = [(0, 1, length, 5e-5)] if len(series) > 1 else []
     found = identify(series, nominal, distances=told)
     names = NAMES[: len(series)]
-    return "; ".join(
-        map(str, doubts(found, series, partial(identify, nominal=nominal), Told(names=names, distances=told)))
-    )
+    examined = examine(found, series, partial(identify, nominal=nominal), Told(names=names, distances=told))
+    return "; ".join(map(str, examined.doubts))
 
 
 def columns(*order: int) -> Callable[[Series], Series]:

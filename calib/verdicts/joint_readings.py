@@ -1,0 +1,226 @@
+"""Readings of one joint that are not those of the touches: unrelated to them, or shifted in a part of them.
+
+A joint whose axis passes close by the tip hides what it reads. The fit moves the tip onto the axis and takes what is
+left for noise. Such a joint is fitted anew with its reading of each touch unknown.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from calib.identification import Calibration
+from calib.verdicts.evidence import (
+    BRIEF,
+    REFUSED,
+    Again,
+    Doubt,
+    Told,
+    freedom,
+    log_evidence,
+    log_likely,
+    log_made,
+    motion_of,
+)
+from models.arms.kinematics import ROW, THETA, D
+from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.spatial import Array
+
+_HIDDEN = 10.0  # distance of the tip from an axis, over the noise, below which its readings may hide in the noise
+_ANGLES = np.linspace(0.0, 2.0 * np.pi, 360, endpoint=False)  # [rad] of an unknown reading
+_ROUNDS = 4  # fits with unknown readings, or with a shift
+_WRONG_ZERO = 0.1  # [rad], [m] standard deviation of a shift of readings
+_GEARS = 5e-3  # [rad], [m] of gears and bearings, which also shift the readings of a point
+_LEAST_RUN = 3  # touches of a shift
+_MOST_SPLITS = 60  # touches from which on a shift is tried
+
+
+@dataclass(frozen=True, kw_only=True)
+class HiddenJoint:
+    """A joint whose readings are lost in the noise, or nearly."""
+
+    joint: int  # from 0
+    lever: float  # [m] RMS distance of the tip from its axis
+    doubt: Doubt  # unknown readings against those given
+
+    @property
+    def told(self) -> bool:
+        """Whether the touches tell the readings given from any others."""
+        return self.doubt.log_odds < -np.log(REFUSED)
+
+
+def hidden_joints(found: Calibration, series: Sequence[Array], again: Again, told: Told) -> Iterator[HiddenJoint]:
+    """Hinges close to whose axis the tip is, beside the noise, and the odds that their readings are not the touches'.
+
+    Args:
+        found: the calibration.
+        series: touches (m_i, n) that it is from.
+        again: the same identification from other touches.
+        told: names of the points, known distances, joints of a moving base.
+    """
+    for k in range(told.base_joints, found.arm.n):
+        if found.arm.slides[k]:
+            continue
+        lever = float(np.sqrt((_by_joint(found, series, k) ** 2).sum(axis=1).mean()))
+        if lever < _HIDDEN * found.noise:
+            yield _with_unknown_readings(found, series, again, told, k, lever)
+
+
+def _by_joint(found: Calibration, series: Sequence[Array], k: int) -> Array:
+    """Derivatives (M, 3) of all tips by the reading of joint k."""
+    J = found.arm.tips_and_jacobian(np.ascontiguousarray(np.vstack(series)), found.tcp)[1]
+    return J[:, ROW * k + (D if found.arm.slides[k] else THETA)]
+
+
+def _with_unknown_readings(
+    found: Calibration, series: Sequence[Array], again: Again, told: Told, k: int, lever: float
+) -> HiddenJoint:
+    """Joint k with the readings that bring each touch closest to its point, in turn with the arm."""
+    own, best, seen, noise = log_evidence(found, series), -np.inf, found, found.noise
+    read = list(series)
+    for _ in range(_ROUNDS):
+        read = [_nearest(seen, q, point, k) for q, point in zip(read, seen.points, strict=True)]
+        try:
+            seen = again(read, distances=told.distances, method=BRIEF)
+        except ConfigurationError:
+            break
+        motion = motion_of(seen.arm, seen.tcp, series)
+        likely = [_log_any_reading(seen, q, point, k, motion) for q, point in zip(read, seen.points, strict=True)]
+        value = freedom(series) * sum(likely) + log_made(seen)
+        if value > best:
+            best, noise = value, seen.noise
+    return HiddenJoint(
+        joint=k,
+        lever=lever,
+        doubt=Doubt(
+            reason=f"the readings of joint {k + 1 - told.base_joints} are not those of these touches: with them the "
+            f"touches scatter by {1e3 * found.noise:.3g} mm, with any others about its axis by {1e3 * noise:.3g} mm",
+            log_odds=best - own - np.log(found.arm.n),
+        ),
+    )
+
+
+def _squares(seen: Calibration, q: Array, point: Array, k: int) -> Array:
+    """Squared distances (A, m) [m^2] of the touches `q` (m, n) from `point` (3,) with joint k turned by every angle."""
+    turned = np.tile(q, (len(_ANGLES), 1))
+    turned[:, k] += np.repeat(_ANGLES, len(q))
+    return ((seen.arm.tips(turned, seen.tcp) - point) ** 2).sum(axis=1).reshape(len(_ANGLES), len(q))
+
+
+def _nearest(seen: Calibration, q: Array, point: Array, k: int) -> Array:
+    """The touches `q` (m, n) with joint k turned so that each tip is closest to `point` (3,) [m]."""
+    out = np.array(q)
+    out[:, k] += _ANGLES[_squares(seen, q, point, k).argmin(axis=0)]
+    out[:, k] = (out[:, k] + np.pi) % (2.0 * np.pi) - np.pi
+    return out
+
+
+def _log_any_reading(seen: Calibration, q: Array, point: Array, k: int, motion: float) -> float:
+    """Logarithm of the likelihood of the touches `q` (m, n) of `point` (3,) [m], any reading of joint k as likely."""
+    likely = log_likely(_squares(seen, q, point, k), motion)
+    return float((np.logaddexp.reduce(likely, axis=0) - np.log(len(_ANGLES))).sum())
+
+
+# Shifted readings
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Shift:
+    """Readings of joint k that are larger by an offset in some of the touches."""
+
+    joint: int
+    rows: np.ndarray  # (M,) mask of all touches
+    where: str
+
+
+def shifted_readings(found: Calibration, series: Sequence[Array], again: Again, told: Told) -> Iterator[Doubt]:
+    """The shift of one joint, in one file or from some touch on, that explains the touches best.
+
+    The evidence of the linearised touches chooses it; the arm is then fitted to the touches without it.
+    """
+    shifts = list(_shifts(found, series, told))
+    if not shifts:
+        return
+    odds, sizes, occam = _linear_odds(found, series, shifts)
+    best = int(odds.argmax())
+    if odds[best] < 0.0:
+        return
+    size, shift, seen = float(sizes[best]), shifts[best], found
+    own, value, settled = log_evidence(found, series), -np.inf, size
+    for _ in range(_ROUNDS):
+        meant = _without(series, shift, size)
+        try:
+            seen = again(meant, distances=told.distances, method=BRIEF)
+        except ConfigurationError:
+            break
+        if (reached := log_evidence(seen, meant)) <= value:
+            break
+        value, settled = reached, size
+        size += float(_linear_odds(seen, meant, [shift])[1][0])
+    if abs(settled) < _GEARS:
+        return
+    amount = f"{1e3 * settled:+.3g} mm" if found.arm.slides[shift.joint] else f"{np.rad2deg(settled):+.3g} deg"
+    yield Doubt(
+        reason=f"joint {shift.joint + 1 - told.base_joints} reads {amount} off {shift.where} beside the rest: its "
+        "zero was set anew, or it slipped",
+        log_odds=value - own - float(occam[best]) - np.log(len(shifts)),
+    )
+
+
+def _shifts(found: Calibration, series: Sequence[Array], told: Told) -> Iterator[_Shift]:
+    """Shifts that are tried: each joint in each file, and from some touch on."""
+    counts = [len(q) for q in series]
+    total, starts = sum(counts), np.cumsum([0, *counts[:-1]])
+    parts = [
+        (np.arange(total) >= start, f"from touch {start - starts[i] + 1} of {told.names[i]} on")
+        for start in np.unique(np.linspace(_LEAST_RUN, total - _LEAST_RUN, _MOST_SPLITS).astype(int))
+        for i in [int(np.searchsorted(starts, start, side="right")) - 1]
+    ]
+    if len(series) > 1:
+        parts += [
+            ((np.arange(total) >= start) & (np.arange(total) < start + count), f"in {name}")
+            for start, count, name in zip(starts, counts, told.names, strict=True)
+        ]
+    for k in range(told.base_joints, found.arm.n):
+        yield from (_Shift(joint=k, rows=rows, where=where) for rows, where in parts)
+
+
+def _without(series: Sequence[Array], shift: _Shift, size: float) -> list[Array]:
+    """The touches with `size` taken from the shifted readings."""
+    every = np.vstack(series)
+    every[shift.rows, shift.joint] -= size
+    return np.split(every, np.cumsum([len(q) for q in series])[:-1])
+
+
+def _linear_odds(found: Calibration, series: Sequence[Array], shifts: Sequence[_Shift]) -> tuple[Array, Array, Array]:
+    """Linearised touches with each of C shifts, the noise unknown.
+
+    Returns:
+        Logarithms (C,) of the odds against no shift, sizes (C,), and what a shift of unknown size costs (C,).
+    """
+    counts = [len(q) for q in series]
+    owner = np.repeat(np.arange(len(series)), counts)
+    weights = np.concatenate(found.weights)
+    total = np.maximum(np.bincount(owner, weights, minlength=len(series)), 1e-12)
+
+    def rows(values: Array) -> Array:
+        """Values (M, ..., 3) less their weighted mean in each series, in standard deviations of a touch."""
+        shape = (-1, *(1,) * (values.ndim - 1))
+        sums = np.zeros((len(series), *values.shape[1:]))
+        np.add.at(sums, owner, values * weights.reshape(shape))
+        off = values - (sums / total.reshape(shape))[owner]
+        return off * np.sqrt(weights).reshape(shape) / found.noise
+
+    J = found.arm.tips_and_jacobian(np.ascontiguousarray(np.vstack(series)), found.tcp)[1]
+    J = np.concatenate([J, np.zeros((len(J), found.arm.n, 3))], axis=1)
+    A = rows(J[:, found.estimate.parameters.index]).transpose(0, 2, 1).reshape(3 * len(J), -1)
+    r = rows(np.vstack(found.touched_tips(series))).ravel()
+    moved = [_by_joint(found, series, k) for k in range(found.arm.n)]
+    V = np.array([rows(moved[each.joint] * each.rows[:, None]).ravel() for each in shifts])
+
+    toward, crossed = V @ r, V @ A
+    informed = np.maximum((V**2).sum(axis=1) - np.einsum("cp,pr,cr->c", crossed, found.covariance, crossed), 0.0)
+    sizes = toward / (informed + _WRONG_ZERO**-2.0)
+    explained = np.clip(toward * sizes / found.degrees_of_freedom, 0.0, 0.999)
+    occam = 0.5 * np.log1p(_WRONG_ZERO**2 * informed)
+    return -0.5 * found.degrees_of_freedom * np.log1p(-explained) - occam - np.log(len(shifts)), sizes, occam

@@ -16,7 +16,7 @@ from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array
 
 _SCREENED = 4  # readings of a file that are fitted, the nearest by the nominal arm
-_ABOUT = 0.3  # logarithm of distances, for each point, within which a reading is worth a fit
+_ABOUT = np.log(3.0)  # logarithm of distances, for each point, within which a reading is worth a fit
 _SIGN = "with the other sign"
 _UNITS = (("in degrees", np.pi / 180.0), ("turned from degrees once too often", 180.0 / np.pi))
 
@@ -39,9 +39,7 @@ class Rival:
     doubt: Doubt
 
 
-def rival_readings(
-    found: Calibration, series: Sequence[Array], again: Again, told: Told, single: bool
-) -> list[Rival]:
+def rival_readings(found: Calibration, series: Sequence[Array], again: Again, told: Told, single: bool) -> list[Rival]:
     """Other readings of the files that explain the touches about as well or better: columns, signs, units.
 
     Readings that bring the touches about as close as they are, by the nominal arm, are fitted.
@@ -59,10 +57,11 @@ def rival_readings(
     read = [(total, k, range(len(series))) for k, total in enumerate((misses - given).sum(axis=1))]
     if single and len(series) > 1:
         read += [(misses[k, i] - given[i], k, (i,)) for k in range(len(readings)) for i in range(len(series))]
+    nearest = [one for one in sorted(read, key=lambda one: one[0]) if one[0] < _ABOUT * len(one[2])]
+    # A mirror image may explain touches to the last digit, and other readings come closer by chance.
+    mirrored = [one for one in nearest[_SCREENED:] if readings[one[1]].mirrored and len(one[2]) == len(series)]
     own, out = log_evidence(found, series), []
-    for miss, k, chosen in sorted(read, key=lambda one: one[0])[:_SCREENED]:
-        if miss > _ABOUT * len(chosen):
-            continue
+    for _, k, chosen in (*nearest[:_SCREENED], *mirrored):
         one = readings[k]
         meant = [one.change(q) if i in chosen else q for i, q in enumerate(series)]
         try:
@@ -71,7 +70,9 @@ def rival_readings(
             continue
         where = f" of {told.names[chosen[0]]}" if len(chosen) < len(series) else ""
         odds = log_evidence(other, meant) - own - np.log(len(read))
-        out.append(Rival(reading=one, doubt=Doubt(reason=f"{one.text}{where} explains the touches better", log_odds=odds)))
+        out.append(
+            Rival(reading=one, doubt=Doubt(reason=f"{one.text}{where} explains the touches better", log_odds=odds))
+        )
     return out
 
 

@@ -68,15 +68,17 @@ def examine(found: Calibration, series: Sequence[Array], again: Again, told: Tol
     free = again(series, distances=()) if told.distances else found
     own = [np.ascontiguousarray(q[:, told.base_joints :]) for q in series]
     named = [*_untold(found, series, told), *_repeats(own, told.names), *_wrong_lengths(free, series, told)]
-    named += _two_points(free, series, again, told.names)
     general = [_scatter(found, series), _left_out(found, told.names), _foreign_table(found)]
     hidden: list[HiddenJoint] = []
     rivals: list[Rival] = []
     if not any(doubt.grave for doubt in named):
         hidden += hidden_joints(found, series, again, told)
         rivals += rival_readings(found, series, again, told, single=any(doubt.grave for doubt in general))
+        read = sorted((one.doubt for one in rivals), key=lambda doubt: -doubt.log_odds)[:1]
+        apart = _two_points(free, series, again, told.names)
+        # Touches of a file that is read wrongly lie apart as well.
+        named += [*read, *(doubt for doubt in apart if not read or doubt.log_odds > read[0].log_odds)]
         named += [one.doubt for one in hidden]
-        named += sorted((one.doubt for one in rivals), key=lambda doubt: -doubt.log_odds)[:1]
     if not any(doubt.grave for doubt in named):
         named += shifted_readings(found, series, again, told)
     grave = tuple(doubt for doubt in (*named, *general) if doubt.grave)
@@ -119,8 +121,8 @@ def _untold(found: Calibration, series: Sequence[Array], told: Told) -> Iterator
     for k in np.flatnonzero(still & np.isin(np.arange(arm.n), found.estimate.parameters.index // ROW)):
         unit = f"{1e3 * most[k]:.1f} mm" if arm.slides[k] else f"{np.rad2deg(most[k]):.1f} deg"
         yield Doubt(
-            reason=f"joint {k + 1 - told.base_joints} moves by {unit} RMS about any point: nothing is told of it; move it, or leave its "
-            "parameters out of those that are free"
+            reason=f"joint {k + 1 - told.base_joints} moves by {unit} RMS about any point: nothing is told of it; "
+            "move it, or leave its parameters out of those that are free"
         )
 
 

@@ -28,7 +28,9 @@ from sim.interfaces.spatial import Array
 
 _HIDDEN = 10.0  # distance of the tip from an axis, over the noise, below which its readings may hide in the noise
 _ANGLES = np.linspace(0.0, 2.0 * np.pi, 360, endpoint=False)  # [rad] of an unknown reading
-_ROUNDS = 4  # fits with unknown readings, or with a shift
+_ROUNDS = 5  # fits with unknown readings, or with a shift
+_ALL_REPLACED = 2  # of them with all readings unknown
+_UNKNOWN = (0.1, 0.3, 0.5, 0.9, 1.0 - 1e-9)  # shares of the readings that are unknown
 _WRONG_ZERO = 0.1  # [rad], [m] standard deviation of a shift of readings
 _GEARS = 5e-3  # [rad], [m] of gears and bearings, which also shift the readings of a point
 _LEAST_RUN = 3  # touches of a shift
@@ -41,12 +43,13 @@ class HiddenJoint:
 
     joint: int  # from 0
     lever: float  # [m] RMS distance of the tip from its axis
-    doubt: Doubt  # unknown readings against those given
+    doubt: Doubt  # some or all readings unknown, against those given
+    log_any: float  # logarithm of the odds of any other readings against those given
 
     @property
     def told(self) -> bool:
         """Whether the touches tell the readings given from any others."""
-        return self.doubt.log_odds < -np.log(REFUSED)
+        return self.log_any < -np.log(REFUSED)
 
 
 def hidden_joints(found: Calibration, series: Sequence[Array], again: Again, told: Told) -> Iterator[HiddenJoint]:
@@ -75,29 +78,50 @@ def _by_joint(found: Calibration, series: Sequence[Array], k: int) -> Array:
 def _with_unknown_readings(
     found: Calibration, series: Sequence[Array], again: Again, told: Told, k: int, lever: float
 ) -> HiddenJoint:
-    """Joint k with the readings that bring each touch closest to its point, in turn with the arm."""
-    own, best, seen, noise = log_evidence(found, series), -np.inf, found, found.noise
-    read = list(series)
-    for _ in range(_ROUNDS):
-        read = [_nearest(seen, q, point, k) for q, point in zip(read, seen.points, strict=True)]
+    """Joint k fitted with the readings that bring each touch closest to its point, in turn with the arm.
+
+    The first fits replace all readings, which finds the arm without them; the others those that it finds unlikely.
+    """
+    own, seen = log_evidence(found, series), found
+    some, every, noise = -np.inf, -np.inf, found.noise
+    for turn in range(_ROUNDS):
+        given, unknown = _log_likely_readings(seen, series, k)
+        made = log_made(seen)
+        every = max(every, freedom(series) * float(unknown.sum()) + made)
+        mixed = [np.logaddexp(given + np.log1p(-share), unknown + np.log(share)).sum() for share in _UNKNOWN]
+        value = freedom(series) * float(np.logaddexp.reduce(mixed) - np.log(len(_UNKNOWN))) + made
+        if value > some:
+            some, noise = value, seen.noise
+        replaced = np.split((unknown > given) | (turn < _ALL_REPLACED), np.cumsum([len(q) for q in series])[:-1])
+        read = [
+            np.where(mine[:, None], _nearest(seen, q, point, k), q)
+            for q, point, mine in zip(series, seen.points, replaced, strict=True)
+        ]
         try:
             seen = again(read, distances=told.distances, method=BRIEF)
         except ConfigurationError:
             break
-        motion = motion_of(seen.arm, seen.tcp, series)
-        likely = [_log_any_reading(seen, q, point, k, motion) for q, point in zip(read, seen.points, strict=True)]
-        value = freedom(series) * sum(likely) + log_made(seen)
-        if value > best:
-            best, noise = value, seen.noise
+    name, joints = f"joint {k + 1 - told.base_joints}", np.log(found.arm.n - told.base_joints)
     return HiddenJoint(
         joint=k,
         lever=lever,
         doubt=Doubt(
-            reason=f"the readings of joint {k + 1 - told.base_joints} are not those of these touches: with them the "
-            f"touches scatter by {1e3 * found.noise:.3g} mm, with any others about its axis by {1e3 * noise:.3g} mm",
-            log_odds=best - own - np.log(found.arm.n),
+            reason=f"the readings of {name} are not those of these touches: with them the touches scatter by "
+            f"{1e3 * found.noise:.3g} mm, with others about its axis by {1e3 * noise:.3g} mm",
+            log_odds=some - own - joints,
         ),
+        log_any=every - own,
     )
+
+
+def _log_likely_readings(seen: Calibration, series: Sequence[Array], k: int) -> tuple[Array, Array]:
+    """Logarithms (M,) of the likelihood of all touches with the readings of joint k, and with any readings of it."""
+    motion = motion_of(seen.arm, seen.tcp, series)
+    pairs = list(zip(series, seen.points, strict=True))
+    given = [((seen.arm.tips(q, seen.tcp) - point) ** 2).sum(axis=1) for q, point in pairs]
+    likely = np.concatenate([log_likely(_squares(seen, q, point, k), motion) for q, point in pairs], axis=1)
+    unknown = np.logaddexp.reduce(likely, axis=0) - np.log(len(_ANGLES))
+    return log_likely(np.concatenate(given), motion), unknown
 
 
 def _squares(seen: Calibration, q: Array, point: Array, k: int) -> Array:
@@ -113,12 +137,6 @@ def _nearest(seen: Calibration, q: Array, point: Array, k: int) -> Array:
     out[:, k] += _ANGLES[_squares(seen, q, point, k).argmin(axis=0)]
     out[:, k] = (out[:, k] + np.pi) % (2.0 * np.pi) - np.pi
     return out
-
-
-def _log_any_reading(seen: Calibration, q: Array, point: Array, k: int, motion: float) -> float:
-    """Logarithm of the likelihood of the touches `q` (m, n) of `point` (3,) [m], any reading of joint k as likely."""
-    likely = log_likely(_squares(seen, q, point, k), motion)
-    return float((np.logaddexp.reduce(likely, axis=0) - np.log(len(_ANGLES))).sum())
 
 
 # Shifted readings
@@ -195,32 +213,33 @@ def _without(series: Sequence[Array], shift: _Shift, size: float) -> list[Array]
 def _linear_odds(found: Calibration, series: Sequence[Array], shifts: Sequence[_Shift]) -> tuple[Array, Array, Array]:
     """Linearised touches with each of C shifts, the noise unknown.
 
+    Touches that the fit left out count as well: they may be those of a shift.
+
     Returns:
         Logarithms (C,) of the odds against no shift, sizes (C,), and what a shift of unknown size costs (C,).
     """
-    counts = [len(q) for q in series]
+    counts = np.array([len(q) for q in series])
     owner = np.repeat(np.arange(len(series)), counts)
-    weights = np.concatenate(found.weights)
-    total = np.maximum(np.bincount(owner, weights, minlength=len(series)), 1e-12)
 
     def rows(values: Array) -> Array:
-        """Values (M, ..., 3) less their weighted mean in each series, in standard deviations of a touch."""
-        shape = (-1, *(1,) * (values.ndim - 1))
-        sums = np.zeros((len(series), *values.shape[1:]))
-        np.add.at(sums, owner, values * weights.reshape(shape))
-        off = values - (sums / total.reshape(shape))[owner]
-        return off * np.sqrt(weights).reshape(shape) / found.noise
+        """Values (M, ..., 3) less their mean in each series, in standard deviations of a touch."""
+        means = np.zeros((len(series), *values.shape[1:]))
+        np.add.at(means, owner, values)
+        means /= counts.reshape(-1, *(1,) * (values.ndim - 1))
+        return (values - means[owner]) / found.noise
 
     J = found.arm.tips_and_jacobian(np.ascontiguousarray(np.vstack(series)), found.tcp)[1]
     J = np.concatenate([J, np.zeros((len(J), found.arm.n, 3))], axis=1)
     A = rows(J[:, found.estimate.parameters.index]).transpose(0, 2, 1).reshape(3 * len(J), -1)
     r = rows(np.vstack(found.touched_tips(series))).ravel()
+    covariance = np.linalg.inv(A.T @ A + np.diag(found.estimate.prior**-2.0))
+    r -= A @ (covariance @ (A.T @ r))
     moved = [_by_joint(found, series, k) for k in range(found.arm.n)]
     V = np.array([rows(moved[each.joint] * each.rows[:, None]).ravel() for each in shifts])
 
     toward, crossed = V @ r, V @ A
-    informed = np.maximum((V**2).sum(axis=1) - np.einsum("cp,pr,cr->c", crossed, found.covariance, crossed), 0.0)
+    informed = np.maximum((V**2).sum(axis=1) - np.einsum("cp,pr,cr->c", crossed, covariance, crossed), 0.0)
     sizes = toward / (informed + _WRONG_ZERO**-2.0)
-    explained = np.clip(toward * sizes / found.degrees_of_freedom, 0.0, 0.999)
+    explained = np.clip(toward * sizes / max(float(r @ r), 1e-12), 0.0, 0.999)
     occam = 0.5 * np.log1p(_WRONG_ZERO**2 * informed)
     return -0.5 * found.degrees_of_freedom * np.log1p(-explained) - occam - np.log(len(shifts)), sizes, occam

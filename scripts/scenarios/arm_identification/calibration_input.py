@@ -100,7 +100,9 @@ class CalibrationOutcome:
     tips: tuple[Array, Array] | None = None  # (N,) [m] error of the tip in the base: nominal, identified
     uncorrected: dict[str, verification.Cloud] = field(default_factory=dict)  # hovering: hull motion ignored
     rigid: Calibration | None = None  # where compliances are identified: the same touches without them
-    examined: Examination = Examination()  # wrong inputs that explain the touches better, or as well
+    examined: Examination = field(
+        default_factory=Examination
+    )  # wrong inputs that explain the touches better, or as well
     worse: tuple[str, ...] = ()  # data on which the nominal arm is better beyond chance
 
 
@@ -387,9 +389,7 @@ def _examined(
 ) -> CalibrationOutcome:
     """The outcome with what its touches say against it, which are those of a longer arm where the hull moved."""
     series = list(outcome.series)
-    told = Told(
-        names=case.touches.names, distances=case.distances, base_joints=0 if case.X_BA is None else BASE_JOINTS
-    )
+    told = Told(names=case.touches.names, distances=case.distances, base_joints=0 if case.X_BA is None else BASE_JOINTS)
     return replace(
         outcome,
         examined=examine(found, series, again, told),

@@ -74,13 +74,11 @@ def examine(found: Calibration, series: Sequence[Array], again: Again, told: Tol
     if not any(doubt.grave for doubt in named):
         hidden += hidden_joints(found, series, again, told)
         rivals += rival_readings(found, series, again, told, single=any(doubt.grave for doubt in general))
-        read = sorted((one.doubt for one in rivals), key=lambda doubt: -doubt.log_odds)[:1]
-        apart = _two_points(free, series, again, told.names)
-        # Touches of a file that is read wrongly lie apart as well.
-        named += [*read, *(doubt for doubt in apart if not read or doubt.log_odds > read[0].log_odds)]
-        named += [one.doubt for one in hidden]
-    if not any(doubt.grave for doubt in named):
-        named += shifted_readings(found, series, again, told)
+        causes = [*(one.doubt for one in (*hidden, *rivals)), *_two_points(free, series, again, told.names)]
+        if not any(doubt.grave for doubt in causes):
+            causes += shifted_readings(found, series, again, told)
+        # A wrong file may look like several: what explains it best is said.
+        named += sorted(causes, key=lambda doubt: -doubt.log_odds)[:1]
     grave = tuple(doubt for doubt in (*named, *general) if doubt.grave)
     return Examination(doubts=grave, untold=() if grave else tuple(_cannot_tell(hidden, rivals, told)))
 
@@ -94,6 +92,8 @@ def _cannot_tell(hidden: Sequence[HiddenJoint], rivals: Sequence[Rival], told: T
                 f"the readings of joint {one.joint + 1 - told.base_joints} explain nothing: the tip lies on its axis "
                 f"to {1e3 * one.lever:.2g} mm, so they are not checked and nothing of that joint is identified"
             )
+        elif one.doubt.log_odds > 0.0:
+            yield f"it may be that {one.doubt}: too little to refuse it"
     for rival in rivals:
         if rival.doubt.log_odds < -np.log(REFUSED) or {*rival.reading.joints} & lost:
             continue

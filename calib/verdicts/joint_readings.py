@@ -27,12 +27,14 @@ from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array
 
 _HIDDEN = 10.0  # distance of the tip from an axis, over the noise, below which its readings may hide in the noise
+_CLOSE = 0.02  # the same as a share of the reach
 _ANGLES = np.linspace(0.0, 2.0 * np.pi, 360, endpoint=False)  # [rad] of an unknown reading
 _ROUNDS = 5  # fits with unknown readings, or with a shift
 _ALL_REPLACED = 2  # of them with all readings unknown
 _UNKNOWN = (0.1, 0.3, 0.5, 0.9, 1.0 - 1e-9)  # shares of the readings that are unknown
 _WRONG_ZERO = 0.1  # [rad], [m] standard deviation of a shift of readings
 _GEARS = 5e-3  # [rad], [m] of gears and bearings, which also shift the readings of a point
+_LEAST_FROZEN = 4  # touches in a row
 _LEAST_RUN = 3  # touches of a shift
 _MOST_SPLITS = 60  # touches from which on a shift is tried
 
@@ -65,7 +67,7 @@ def hidden_joints(found: Calibration, series: Sequence[Array], again: Again, tol
         if found.arm.slides[k]:
             continue
         lever = float(np.sqrt((_by_joint(found, series, k) ** 2).sum(axis=1).mean()))
-        if lever < _HIDDEN * found.noise:
+        if lever < min(_HIDDEN * found.noise, _CLOSE * found.nominal.reach):
             yield _with_unknown_readings(found, series, again, told, k, lever)
 
 
@@ -81,18 +83,21 @@ def _with_unknown_readings(
     """Joint k fitted with the readings that bring each touch closest to its point, in turn with the arm.
 
     The first fits replace all readings, which finds the arm without them; the others those that it finds unlikely.
+    Where the joint stood still for some touches, those are replaced: its reading may have frozen.
     """
-    own, seen = log_evidence(found, series), found
+    own, seen, frozen = log_evidence(found, series), found, np.concatenate([_frozen(q[:, k]) for q in series])
     some, every, noise = -np.inf, -np.inf, found.noise
     for turn in range(_ROUNDS):
         given, unknown = _log_likely_readings(seen, series, k)
         made = log_made(seen)
         every = max(every, freedom(series) * float(unknown.sum()) + made)
         mixed = [np.logaddexp(given + np.log1p(-share), unknown + np.log(share)).sum() for share in _UNKNOWN]
-        value = freedom(series) * float(np.logaddexp.reduce(mixed) - np.log(len(_UNKNOWN))) + made
+        mixed.append(np.where(frozen, unknown, given).sum())
+        value = freedom(series) * float(np.logaddexp.reduce(mixed) - np.log(len(mixed))) + made
         if value > some:
             some, noise = value, seen.noise
-        replaced = np.split((unknown > given) | (turn < _ALL_REPLACED), np.cumsum([len(q) for q in series])[:-1])
+        unlikely = frozen if frozen.any() else (unknown > given) | (turn < _ALL_REPLACED)
+        replaced = np.split(unlikely, np.cumsum([len(q) for q in series])[:-1])
         read = [
             np.where(mine[:, None], _nearest(seen, q, point, k), q)
             for q, point, mine in zip(series, seen.points, replaced, strict=True)
@@ -112,6 +117,12 @@ def _with_unknown_readings(
         ),
         log_any=every - own,
     )
+
+
+def _frozen(read: Array) -> np.ndarray:
+    """Mask (m,) of readings that repeat the one before to the last digit, in a run of `_LEAST_FROZEN` at least."""
+    run = np.cumsum(np.concatenate([[True], np.diff(read) != 0.0]))
+    return np.bincount(run)[run] >= _LEAST_FROZEN
 
 
 def _log_likely_readings(seen: Calibration, series: Sequence[Array], k: int) -> tuple[Array, Array]:
@@ -186,21 +197,23 @@ def shifted_readings(found: Calibration, series: Sequence[Array], again: Again, 
 
 
 def _shifts(found: Calibration, series: Sequence[Array], told: Told) -> Iterator[_Shift]:
-    """Shifts that are tried: each joint in each file, and from some touch on."""
+    """Shifts that are tried: each joint in each file, and from some touch on, to the end of its file or of all."""
     counts = [len(q) for q in series]
-    total, starts = sum(counts), np.cumsum([0, *counts[:-1]])
-    parts = [
-        (np.arange(total) >= start, f"from touch {start - starts[i] + 1} of {told.names[i]} on")
-        for start in np.unique(np.linspace(_LEAST_RUN, total - _LEAST_RUN, _MOST_SPLITS).astype(int))
-        for i in [int(np.searchsorted(starts, start, side="right")) - 1]
-    ]
+    rows, ends = np.arange(sum(counts)), np.cumsum(counts)
+    parts = []
+    for start in np.unique(np.linspace(_LEAST_RUN, len(rows) - _LEAST_RUN, _MOST_SPLITS).astype(int)):
+        i = int(np.searchsorted(ends, start, side="right"))
+        first, name = start - (ends[i] - counts[i]) + 1, told.names[i]
+        parts.append((rows >= start, f"from touch {first} of {name} on"))
+        if i < len(series) - 1 and start <= ends[i] - _LEAST_RUN:
+            parts.append(((rows >= start) & (rows < ends[i]), f"from touch {first} of {name} to its last"))
     if len(series) > 1:
         parts += [
-            ((np.arange(total) >= start) & (np.arange(total) < start + count), f"in {name}")
-            for start, count, name in zip(starts, counts, told.names, strict=True)
+            ((rows >= end - count) & (rows < end), f"in {name}")
+            for end, count, name in zip(ends, counts, told.names, strict=True)
         ]
     for k in range(told.base_joints, found.arm.n):
-        yield from (_Shift(joint=k, rows=rows, where=where) for rows, where in parts)
+        yield from (_Shift(joint=k, rows=mine, where=where) for mine, where in parts)
 
 
 def _without(series: Sequence[Array], shift: _Shift, size: float) -> list[Array]:

@@ -390,11 +390,11 @@ def _examined(
     """The outcome with what its touches say against it, which are those of a longer arm where the hull moved."""
     series = list(outcome.series)
     told = Told(names=case.touches.names, distances=case.distances, base_joints=0 if case.X_BA is None else BASE_JOINTS)
-    return replace(
-        outcome,
-        examined=examine(found, series, again, told),
-        worse=(*_worse_points(case, found, series), *_worse_predicted(found, series, again)),
-    )
+    examined = examine(found, series, again, told)
+    worse = _worse_points(case, found, series)
+    if not examined.doubts:
+        worse += _worse_predicted(found, series, again)
+    return replace(outcome, examined=examined, worse=tuple(worse))
 
 
 def _judged(case: CalibrationCase, found: Calibration, arm: SerialArm, series: Sequence[Array]) -> CalibrationOutcome:

@@ -29,7 +29,7 @@ ARMS = ("panda", "gen3", "iiwa7", "xarm7", "ur10e", "ur5", "irb140", "jaco", "ge
 AS_RIGHT = 3e-4  # [m] RMS of moves of the flange by which arms from a wrong and a right file differ at most
 _MOVES = 60  # postures at which two arms are compared
 _RIGHT_LENGTHS = {"right": 1.0, "right, length 0.2 % off": 1.002, "right, no length": None}
-_SAID = ("mirror image", "explain nothing")
+_SAID = ("mirror image", "explain nothing", "are not those of these touches")  # of lines that name the limit
 
 
 @dataclass(frozen=True)
@@ -68,8 +68,6 @@ def cases(arms: int, right_arms: int, seed: int, folders: Iterable[Path], real_a
         Source(ARMS[k % len(ARMS)], seed + k, "straight" if k % 2 else "off-axis") for k in range(max(arms, right_arms))
     ]
     real = [Source(real_arm, folder=str(folder)) for folder in folders]
-    for source in (*drawn[:arms], *real):
-        yield from (VerdictCase(source, kind) for kind in WRONG)
     for source in drawn[:right_arms]:
         yield from (VerdictCase(source, kind) for kind in _RIGHT_LENGTHS)
     for source in real:
@@ -80,6 +78,8 @@ def cases(arms: int, right_arms: int, seed: int, folders: Iterable[Path], real_a
             yield VerdictCase(source, "right", rest, (name,))
             yield VerdictCase(source, "right", (name,), rest)
             yield VerdictCase(source, "right, length 0.2 % off", (name,))
+    for source in (*real, *drawn[:arms]):
+        yield from (VerdictCase(source, kind) for kind in WRONG)
 
 
 def _positions(source: Source) -> tuple[str, ...]:

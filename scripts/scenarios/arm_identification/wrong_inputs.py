@@ -207,19 +207,19 @@ def _other_pair(given: Input, _: np.random.Generator) -> Input | None:
     return replace(given, distances=tuple((*third, b, length) for third, b, length in pairs))
 
 
-def _with_table(given: Input, table: Array, *, lengths: float = 1.0) -> Input:
+def _with_table(given: Input, table: Array, *, lengths: float = 1.0, known: bool = True) -> Input:
     arm = given.source.arm.with_table(table)
     X = np.array(arm.X_n_flange)
     X[:3, 3] *= lengths
     arm = replace(arm, X_n_flange=X)
-    return replace(given, source=replace(given.source, arm=arm), distances=given.distances if lengths == 1.0 else ())
+    return replace(given, source=replace(given.source, arm=arm), distances=given.distances if known else ())
 
 
-def _table_times(factor: float) -> Kind:
+def _table_times(factor: float, *, known: bool = False) -> Kind:
     def spoil(given: Input, _: np.random.Generator) -> Input:
         table = np.array(given.source.arm.table)
         table[:, THETA + 1 : ALPHA] *= factor
-        return _with_table(given, table, lengths=factor)
+        return _with_table(given, table, lengths=factor, known=known)
 
     return spoil
 
@@ -329,7 +329,7 @@ WRONG: dict[str, Kind] = {
     "known length of another pair": _other_pair,
     "table in millimetres for metres": _table_times(1e3),
     "table in metres for millimetres": _table_times(1e-3),
-    "table in inches": _table_times(39.37),
+    "table in inches": _table_times(39.37, known=True),
     "table of another arm": _other_arm,
     "longest link 5 % too long": _longest_link,
     "an axis of the table the other way": _alpha_sign,

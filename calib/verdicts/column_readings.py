@@ -22,7 +22,7 @@ _UNITS = (("in degrees", np.pi / 180.0), ("turned from degrees once too often", 
 
 
 @dataclass(frozen=True, kw_only=True)
-class Reading:
+class ColumnReading:
     """Another reading of joint values."""
 
     text: str
@@ -35,7 +35,7 @@ class Reading:
 class Rival:
     """A reading that was fitted, with its odds against the file as given."""
 
-    reading: Reading
+    reading: ColumnReading
     doubt: Doubt
 
 
@@ -82,7 +82,7 @@ def _miss(arm: SerialArm, q: Array) -> float:
     return float(np.log(np.median(np.linalg.norm(p - p.mean(axis=0), axis=1)) + HAND_NOISE))
 
 
-def _readings(arm: SerialArm, first: int) -> Iterator[Reading]:
+def _readings(arm: SerialArm, first: int) -> Iterator[ColumnReading]:
     """Other readings of joint values (m, n) of the joints from `first` on."""
     n, hinges = arm.n, ~arm.slides
     own = np.arange(n) >= first
@@ -91,11 +91,11 @@ def _readings(arm: SerialArm, first: int) -> Iterator[Reading]:
             order = np.arange(n)
             order[[i, j]] = j, i
             text = f"columns {i + 1 - first} and {j + 1 - first} exchanged"
-            yield Reading(text=text, change=partial(np.take, indices=order, axis=1), joints=(i, j))
+            yield ColumnReading(text=text, change=partial(np.take, indices=order, axis=1), joints=(i, j))
     for text, factor in ((_SIGN, -1.0), *_UNITS):
         turned = own & (hinges | (factor < 0.0))
         change = partial(np.multiply, np.where(turned, factor, 1.0))
-        yield Reading(text=f"all joints {text}", change=change, joints=(), mirrored=factor < 0.0)
+        yield ColumnReading(text=f"all joints {text}", change=change, joints=(), mirrored=factor < 0.0)
         for k in np.flatnonzero(turned):
             change = partial(np.multiply, np.where(np.arange(n) == k, factor, 1.0))
-            yield Reading(text=f"joint {k + 1 - first} {text}", change=change, joints=(int(k),))
+            yield ColumnReading(text=f"joint {k + 1 - first} {text}", change=change, joints=(int(k),))

@@ -23,7 +23,7 @@ from calib.simulation import HAND_NOISE
 from calib.touches import first_tcp, motions, moved, spread
 from calib.verdicts.column_readings import Rival, rival_readings
 from calib.verdicts.evidence import BRIEF, REFUSED, Again, Doubt, Told, as_made, log_evidence, motion_of
-from calib.verdicts.joint_readings import HiddenJoint, hidden_joints, shifted_readings
+from calib.verdicts.joint_readings import HiddenJoint, frozen_readings, hidden_joints, shifted_readings
 from models.arms.kinematics import ROW
 from models.arms.serial_arm import SerialArm
 from sim.interfaces.errors import ConfigurationError
@@ -68,6 +68,7 @@ def examine(found: Calibration, series: Sequence[Array], again: Again, told: Tol
     free = again(series, distances=()) if told.distances else found
     own = [np.ascontiguousarray(q[:, told.base_joints :]) for q in series]
     named = [*_untold(found, series, told), *_repeats(own, told.names), *_wrong_lengths(free, series, told)]
+    named += frozen_readings(found, series, told)
     general = [_scatter(found, series), _left_out(found, told.names), _foreign_table(found)]
     hidden: list[HiddenJoint] = []
     rivals: list[Rival] = []

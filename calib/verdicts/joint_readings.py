@@ -85,7 +85,7 @@ def _with_unknown_readings(
     The first fits replace all readings, which finds the arm without them; the others those that it finds unlikely.
     Where the joint stood still for some touches, those are replaced: its reading may have frozen.
     """
-    own, seen, frozen = log_evidence(found, series), found, np.concatenate([_frozen(q[:, k]) for q in series])
+    own, seen, frozen = log_evidence(found, series), found, np.concatenate([repeated(q[:, k]) for q in series])
     some, every, noise = -np.inf, -np.inf, found.noise
     for turn in range(_ROUNDS):
         given, unknown = _log_likely_readings(seen, series, k)
@@ -119,7 +119,7 @@ def _with_unknown_readings(
     )
 
 
-def _frozen(read: Array) -> np.ndarray:
+def repeated(read: Array) -> np.ndarray:
     """Mask (m,) of readings that repeat the one before to the last digit, in a run of `_LEAST_FROZEN` at least."""
     run = np.cumsum(np.concatenate([[True], np.diff(read) != 0.0]))
     return np.bincount(run)[run] >= _LEAST_FROZEN
@@ -148,6 +148,23 @@ def _nearest(seen: Calibration, q: Array, point: Array, k: int) -> Array:
     out[:, k] += _ANGLES[_squares(seen, q, point, k).argmin(axis=0)]
     out[:, k] = (out[:, k] + np.pi) % (2.0 * np.pi) - np.pi
     return out
+
+
+# Readings that froze
+
+
+def frozen_readings(found: Calibration, series: Sequence[Array], told: Told) -> Iterator[Doubt]:
+    """Joints that read the same for several touches which the fit left out: blunders do not choose those."""
+    left_out = np.concatenate([weights == 0.0 for weights in found.weights])
+    for k in range(told.base_joints, found.arm.n):
+        same = np.concatenate([repeated(q[:, k]) for q in series])
+        lost = int((same & left_out).sum())
+        if lost:
+            yield Doubt(
+                reason=f"joint {k + 1 - told.base_joints} reads the same in {same.sum()} touches, of which {lost} do "
+                "not belong to their points: its reading froze",
+                log_odds=-lost * np.log(same.mean()) - np.log(found.arm.n - told.base_joints),
+            )
 
 
 # Shifted readings

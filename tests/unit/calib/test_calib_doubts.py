@@ -88,6 +88,10 @@ WRONG = {
         lambda s: [s[0], s[1], np.where(np.arange(16)[:, None] < 9, s[2], s[2] - 0.05 * (np.arange(7) == 4))],
         "from touch 10 of c on",
     ),
+    "a reading that froze": (
+        lambda s: [np.where((np.arange(7) == 3) & (np.arange(16)[:, None] % 16 > 10), q[11], q) for q in s],
+        "joint 4 reads the same in 15 touches, of which",
+    ),
     "too few touches": (lambda s: [s[0][:4]], "too few"),
 }
 

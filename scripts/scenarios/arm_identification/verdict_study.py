@@ -29,7 +29,8 @@ ARMS = ("panda", "gen3", "iiwa7", "xarm7", "ur10e", "ur5", "irb140", "jaco", "ge
 AS_RIGHT = 3e-4  # [m] RMS of moves of the flange by which arms from a wrong and a right file differ at most
 _MOVES = 60  # postures at which two arms are compared
 _RIGHT_LENGTHS = {"right": 1.0, "right, length 0.2 % off": 1.002, "right, no length": None}
-_SAID = ("mirror image", "explain nothing", "are not those of these touches")  # of lines that name the limit
+_MIRRORED, _MIRROR = "signs of all joints", "mirror image"
+_HIDDEN = ("explain nothing", "are not those of these touches")  # of lines on readings that are hidden
 
 
 @dataclass(frozen=True)
@@ -182,7 +183,8 @@ def outcome_of(row: Row) -> str:
         return "refused"
     if row["off_m"] < AS_RIGHT:
         return "the arm is right"
-    return "said" if any(word in line for word in _SAID for line in row["untold"]) else "accepted wrongly"
+    words = (_MIRROR,) if row["kind"] == _MIRRORED else _HIDDEN
+    return "said" if any(word in line for word in words for line in row["untold"]) else "accepted wrongly"
 
 
 def summarise(rows: list[Row]) -> Summary:

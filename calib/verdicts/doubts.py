@@ -2,16 +2,15 @@
 
 A fit finds the arm that brings the touches of a point closest together. Any file has such an arm, also one whose
 columns are exchanged. How arms are made and how a hand touches tell right from wrong: each doubt states the odds of a
-wrong input against the arm as found, and those of more than `REFUSED` to 1 refuse it.
+wrong input against the arm as found, and those of more than `REFUSED` to 1 refuse it. What no odds can tell is said.
 
     found = identify(series, nominal)
-    for doubt in doubts(found, series, partial(identify, nominal=nominal)):
+    for doubt in examine(found, series, partial(identify, nominal=nominal)).doubts:
         print(doubt)
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import partial
 from itertools import combinations
 
 import numpy as np
@@ -19,16 +18,17 @@ from scipy.spatial import cKDTree
 from scipy.special import betaln
 
 from calib.fit import LEAST_FREEDOM
-from calib.identification import Calibration, MapFit
-from calib.parameters import widest_prior
+from calib.identification import Calibration
 from calib.simulation import HAND_NOISE
 from calib.touches import first_tcp, motions, moved, spread
+from calib.verdicts.column_readings import Rival, rival_readings
+from calib.verdicts.evidence import BRIEF, REFUSED, Again, Doubt, Told, as_made, log_evidence, motion_of
+from calib.verdicts.joint_readings import HiddenJoint, frozen_readings, hidden_joints, shifted_readings
 from models.arms.kinematics import ROW
 from models.arms.serial_arm import SerialArm
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array
 
-REFUSED = 100.0  # odds to 1 above which a wrong input is the better explanation
 REACHES = (0.05, 50.0)  # [m] of arms; beyond, the unit of the lengths is wrong
 _LIKE_HAND = 3.0  # factor of `HAND_NOISE` that is one standard deviation of how well a point is touched
 _SHARE_OF_MOTION, _LIKE_SHARE = 3e-4, 4.0  # noise over the motion of the joints; factor that is one deviation of it
@@ -42,69 +42,72 @@ _SAME = 2e-4  # [rad], [m] a hand does not find a posture again so closely in ev
 _RANGE = 0.1  # [rad], [m] over which a hand spreads a joint at least
 _TWO_SEATS = 5e-3  # [m] apart, two seats are no longer one: a ball leans on one flank by less
 _CLUSTER = 3  # least touches of a point
-_SCREENED = 4  # readings of a refused file that are fitted, the nearest by the nominal arm
-_ABOUT = 0.3  # logarithm of distances, for each point, within which a reading is worth a fit
-_SHUFFLES = 8  # draws of the motion
-_MOST = 300.0 * np.log(10.0)  # logarithm of the largest odds that are printed
-
-_BRIEF = MapFit(max_iterations=20)  # a right reading settles in fewer steps
-
-Again = Callable[..., Calibration]  # (series, *, distances, method) -> `identify` with the same arm and options
 
 
 @dataclass(frozen=True, kw_only=True)
-class Doubt:
-    """A wrong input that explains the touches better than the arm found does."""
+class Examination:
+    """What the touches say against a calibration, and what they cannot say."""
 
-    reason: str
-    log_odds: float = np.inf  # natural logarithm, wrong input against the arm found; infinite: nothing can be told
-
-    def __str__(self) -> str:
-        if not np.isfinite(self.log_odds):
-            return self.reason
-        exponent = min(self.log_odds, _MOST) / np.log(10.0)
-        odds = f"{10.0**exponent:.0f}" if exponent < 4.0 else f"1e{int(exponent)}"
-        return f"{self.reason} ({odds} to 1)"
+    doubts: tuple[Doubt, ...] = ()  # that refuse it, named causes first
+    untold: tuple[str, ...] = ()  # wrong inputs that touches like these cannot tell from right ones
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Told:
-    """What is told of the touches beside their joint values."""
-
-    names: Sequence[str]  # of the points
-    distances: Sequence[tuple[int, int, float, float]] = ()  # (series, series, length [m], deviation [m])
-
-
-def doubts(found: Calibration, series: Sequence[Array], again: Again, told: Told | None = None) -> tuple[Doubt, ...]:
-    """Doubts that refuse a calibration, named causes first; empty: none.
+def examine(found: Calibration, series: Sequence[Array], again: Again, told: Told | None = None) -> Examination:
+    """Doubts that refuse a calibration, and what its touches cannot tell.
 
     Args:
         found: the calibration.
         series: touches (m_i, n) that it is from.
         again: the same identification from other touches, `again(series, distances=...)`.
-        told: names of the points and known distances between them.
+        told: names of the points, known distances between them, joints of a moving base.
 
     Returns:
-        The doubts whose odds are above `REFUSED`.
+        The doubts whose odds are above `REFUSED`, and statements.
     """
     told = Told(names=[f"point {i + 1}" for i in range(len(series))]) if told is None else told
     free = again(series, distances=()) if told.distances else found
-    named = [*_untold(found, series), *_repeats(series, told.names), *_wrong_lengths(free, series, told)]
-    named += _two_points(free, series, again, told.names)
+    own = [np.ascontiguousarray(q[:, told.base_joints :]) for q in series]
+    named = [*_untold(found, series, told), *_repeats(own, told.names), *_wrong_lengths(free, series, told)]
+    named += frozen_readings(found, series, told)
     general = [_scatter(found, series), _left_out(found, told.names), _foreign_table(found)]
-    if not any(map(_grave, named)):
-        named += _other_readings(found, series, again, told, single=any(map(_grave, general)))
-    return tuple(doubt for doubt in (*named, *general) if _grave(doubt))
+    hidden: list[HiddenJoint] = []
+    rivals: list[Rival] = []
+    if not any(doubt.grave for doubt in named):
+        hidden += hidden_joints(found, series, again, told)
+        rivals += rival_readings(found, series, again, told, single=any(doubt.grave for doubt in general))
+        causes = [*(one.doubt for one in (*hidden, *rivals)), *_two_points(free, series, again, told.names)]
+        if not any(doubt.grave for doubt in causes):
+            causes += shifted_readings(found, series, again, told)
+        # A wrong file may look like several: what explains it best is said.
+        named += sorted(causes, key=lambda doubt: -doubt.log_odds)[:1]
+    grave = tuple(doubt for doubt in (*named, *general) if doubt.grave)
+    return Examination(doubts=grave, untold=() if grave else tuple(_cannot_tell(hidden, rivals, told)))
 
 
-def _grave(doubt: Doubt) -> bool:
-    return doubt.log_odds > np.log(REFUSED)
+def _cannot_tell(hidden: Sequence[HiddenJoint], rivals: Sequence[Rival], told: Told) -> Iterator[str]:
+    """Statements on joints whose readings explain nothing, and on readings that explain as much as those given."""
+    lost = {one.joint for one in hidden if not one.told}
+    for one in hidden:
+        if one.joint in lost:
+            yield (
+                f"the readings of joint {one.joint + 1 - told.base_joints} explain nothing: the tip lies on its axis "
+                f"to {1e3 * one.lever:.2g} mm, so they are not checked and nothing of that joint is identified"
+            )
+        elif one.doubt.log_odds > 0.0:
+            yield f"it may be that {one.doubt}: too little to refuse it"
+    for rival in rivals:
+        if rival.doubt.log_odds < -np.log(REFUSED) or {*rival.reading.joints} & lost:
+            continue
+        if rival.reading.mirrored:
+            yield "touches cannot tell the arm from its mirror image: check the sign of one joint by a move"
+        else:
+            yield f"touches cannot tell the file as it is from {rival.reading.text}: check it by a move"
 
 
 # Nothing can be told
 
 
-def _untold(found: Calibration, series: Sequence[Array]) -> Iterator[Doubt]:
+def _untold(found: Calibration, series: Sequence[Array], told: Told) -> Iterator[Doubt]:
     """Joints, scale and parameters of which the touches tell nothing."""
     arm = found.nominal
     if not REACHES[0] <= arm.reach <= REACHES[1]:
@@ -119,8 +122,8 @@ def _untold(found: Calibration, series: Sequence[Array]) -> Iterator[Doubt]:
     for k in np.flatnonzero(still & np.isin(np.arange(arm.n), found.estimate.parameters.index // ROW)):
         unit = f"{1e3 * most[k]:.1f} mm" if arm.slides[k] else f"{np.rad2deg(most[k]):.1f} deg"
         yield Doubt(
-            reason=f"joint {k + 1} moves by {unit} RMS about any point: nothing is told of it; move it, or leave its "
-            "parameters out of those that are free"
+            reason=f"joint {k + 1 - told.base_joints} moves by {unit} RMS about any point: nothing is told of it; "
+            "move it, or leave its parameters out of those that are free"
         )
 
 
@@ -170,14 +173,14 @@ def _two_points(free: Calibration, series: Sequence[Array], again: Again, names:
     if not split:
         return
     try:
-        apart = again(parts, distances=(), method=_BRIEF)
+        apart = again(parts, distances=(), method=BRIEF)
     except ConfigurationError:
         return
     far = [name for name, k in split if np.linalg.norm(apart.points[k] - apart.points[k + 1]) > _TWO_SEATS]
     if far:
         yield Doubt(
             reason=f"{', '.join(far)}: touches of two points, not of one",
-            log_odds=_log_evidence(apart, parts) - _log_evidence(free, series) - cost,
+            log_odds=log_evidence(apart, parts) - log_evidence(free, series) - cost,
         )
 
 
@@ -208,7 +211,7 @@ def _clusters(found: Calibration, q: Array) -> np.ndarray | None:
 
 def _wrong_lengths(free: Calibration, series: Sequence[Array], told: Told) -> Iterator[Doubt]:
     """Known lengths against those that the touches and the making of the arm tell, `free` of them."""
-    informed, made = _information(free), _as_made(free)
+    informed, made = _information(free), as_made(free)
     covariance = np.linalg.inv(informed + np.diag(np.maximum(free.estimate.prior, made / 3.0) ** -2.0))
     slopes: dict[int, Array] = {}
     for i, j, length, deviation in told.distances:
@@ -255,20 +258,6 @@ def _scatter(found: Calibration, series: Sequence[Array]) -> Doubt:
     )
 
 
-def motion_of(arm: SerialArm, tcp: Array, series: Sequence[Array]) -> float:
-    """RMS distance [m] along each axis of the tips from their mean when the joints take their values in any order.
-
-    The touches of a point are judged by it: an arm that shrinks, or joint values in a unit that makes them small,
-    shrink it as much as their scatter.
-    """
-    rng, square, count = np.random.default_rng(0), 0.0, 0
-    for q in series:
-        for _ in range(_SHUFFLES if len(q) > 1 else 0):
-            p = arm.tips(np.ascontiguousarray(rng.permuted(q, axis=0)), tcp)
-            square, count = square + float(((p - p.mean(axis=0)) ** 2).sum()), count + 3 * len(q)
-    return float(np.sqrt(square / max(count, 1)))
-
-
 def coincide(arm: SerialArm, series: Sequence[Array]) -> bool:
     """True if the touches of each point lie close together by the nominal `arm`, beside the motion of its joints."""
     tcp = first_tcp(arm, series)
@@ -300,7 +289,7 @@ def _left_out(found: Calibration, names: Sequence[str]) -> Doubt:
 
 def _foreign_table(found: Calibration) -> Doubt:
     """One parameter further off than arms are made: evidence of the linearised touches under either deviation."""
-    estimate, informed, made = found.estimate, _information(found), _as_made(found)
+    estimate, informed, made = found.estimate, _information(found), as_made(found)
     toward = np.linalg.solve(estimate.covariance, estimate.changes)
 
     def evidence(deviations: Array) -> tuple[float, Array]:
@@ -329,83 +318,7 @@ def _foreign_table(found: Calibration) -> Doubt:
     return best
 
 
-def _as_made(found: Calibration) -> Array:
-    """Deviations (P,) to which arms are made, or as stated where that is more."""
-    bounds = widest_prior(found.estimate.parameters, found.nominal.reach)
-    return np.where(np.isfinite(bounds), np.maximum(bounds, found.estimate.prior), found.estimate.prior)
-
-
 def _information(found: Calibration) -> Array:
     """Information (P, P) of the touches alone, without the prior."""
     estimate = found.estimate
     return np.linalg.inv(estimate.covariance) - np.diag(estimate.prior**-2.0)
-
-
-# Other readings of a refused file
-
-
-def _log_evidence(found: Calibration, series: Sequence[Array]) -> float:
-    """Logarithm of how well an arm as made explains all touches, each of unknown noise of a hand's or more."""
-    square = np.concatenate(found.residuals) ** 2 + 3.0 * HAND_NOISE**2
-    free = 1.0 - len(series) / len(square)
-    away = found.estimate.changes / _as_made(found)
-    bounded = np.isfinite(widest_prior(found.estimate.parameters, found.nominal.reach))
-    motion = max(motion_of(found.arm, found.tcp, series), 1e-12)
-    return -2.0 * free * float(np.log(square / motion**2).sum()) - 0.5 * float((away[bounded] ** 2).sum())
-
-
-def _other_readings(
-    found: Calibration, series: Sequence[Array], again: Again, told: Told, single: bool
-) -> Iterator[Doubt]:
-    """The other reading of the files that explains the touches best: columns exchanged, signs or units wrong.
-
-    Readings that bring the touches about as close as they are, by the nominal arm, are fitted; `single`: also those of
-    one file alone.
-    """
-    changes = list(_column_changes(found.nominal))
-    misses = np.array([[_miss(found.nominal, change(q)) for q in series] for _, change in changes])
-    given = np.array([_miss(found.nominal, q) for q in series])
-    read = [(total, k, range(len(series))) for k, total in enumerate((misses - given).sum(axis=1))]
-    if single and len(series) > 1:
-        read += [(misses[k, i] - given[i], k, (i,)) for k in range(len(changes)) for i in range(len(series))]
-    own, best = _log_evidence(found, series), Doubt(reason="", log_odds=-np.inf)
-    for miss, k, chosen in sorted(read, key=lambda one: one[0])[:_SCREENED]:
-        if miss > _ABOUT * len(chosen):
-            continue
-        text, change = changes[k]
-        meant = [change(q) if i in chosen else q for i, q in enumerate(series)]
-        try:
-            other = again(meant, distances=told.distances, method=_BRIEF)
-        except ConfigurationError:
-            continue
-        odds = _log_evidence(other, meant) - own - np.log(len(read))
-        if odds > best.log_odds:
-            where = f" of {told.names[chosen[0]]}" if len(chosen) < len(series) else ""
-            best = Doubt(reason=f"{text}{where} explains the touches better", log_odds=odds)
-    yield best
-
-
-def _miss(arm: SerialArm, q: Array) -> float:
-    """Logarithm of the median distance of the touches `q` (m, n) from their point, by the nominal arm."""
-    p = arm.tips(q, first_tcp(arm, [q]))
-    return float(np.log(np.median(np.linalg.norm(p - p.mean(axis=0), axis=1)) + HAND_NOISE))
-
-
-def _column_changes(arm: SerialArm) -> Iterator[tuple[str, Callable[[Array], Array]]]:
-    """Other readings of joint values (m, n), with their names."""
-    n, hinges = arm.n, ~arm.slides
-    for i, j in combinations(range(n), 2):
-        if hinges[i] == hinges[j]:
-            order = np.arange(n)
-            order[[i, j]] = j, i
-            yield f"columns {i + 1} and {j + 1} exchanged", partial(np.take, indices=order, axis=1)
-    ways = (
-        ("with the other sign", -1.0),
-        ("in degrees", np.pi / 180.0),
-        ("turned from degrees once too often", 180.0 / np.pi),
-    )
-    for text, factor in ways:
-        scale = np.where(hinges | (factor < 0.0), factor, 1.0)
-        yield f"all joints {text}", partial(np.multiply, scale)
-        for k in np.flatnonzero(scale != 1.0):
-            yield f"joint {k + 1} {text}", partial(np.multiply, np.where(np.arange(n) == k, factor, 1.0))

@@ -186,6 +186,8 @@ def calibrate(options: CalibrationOptions, folder: Path, console: Console, rng: 
     _say(case, outcome, console)
     files = _write(case, outcome, options, folder)
     console.print(verdict("; ".join(reasons)))
+    for line in outcome.examined.untold:
+        console.print(f"not told: {line}", style="yellow", highlight=False)
     console.print(f"written to {folder}/: {', '.join(file.name for file in files)}", highlight=False)
     return touch_plan.NOT_ACCEPTED if reasons else 0
 
@@ -222,7 +224,7 @@ def _write(case: CalibrationCase, outcome: CalibrationOutcome, options: Calibrat
             title=case.title,
             accepted=accepted,
             figures_of_merit=figures_of_merit(case, outcome),
-            notes=case.notes,
+            notes=(*case.notes, *(f"not told: {line}" for line in outcome.examined.untold)),
             options={**asdict(options), "date": date, "touches sha256": sha256},
         )
         page, points = folder / "report.html", case.touches.names

@@ -15,11 +15,12 @@ import models
 from calib.arm_files import ArmSource, read_arm
 from calib.identification import Calibration, identify
 from calib.loads import Loads
-from calib.moving_base import in_own_names, on_moving_base, own_arm, own_parameters, with_base
+from calib.moving_base import BASE_JOINTS, in_own_names, on_moving_base, own_arm, own_parameters, with_base
 from calib.simulation import EccentricGears, Sag, Seating, reach, read_by_encoders, true_joints, wrong_arm
 from calib.touch_files import Touches, beyond_limits, read_touches
 from calib.verdicts import verification
-from calib.verdicts.doubts import Doubt, Told, coincide, doubts
+from calib.verdicts.doubts import Examination, coincide, examine
+from calib.verdicts.evidence import Told
 from models.arms import dh_geometry, published_arms
 from models.arms.serial_arm import SerialArm
 from models.naming import ARM_BASE_BODY, TIP_SITE
@@ -99,7 +100,9 @@ class CalibrationOutcome:
     tips: tuple[Array, Array] | None = None  # (N,) [m] error of the tip in the base: nominal, identified
     uncorrected: dict[str, verification.Cloud] = field(default_factory=dict)  # hovering: hull motion ignored
     rigid: Calibration | None = None  # where compliances are identified: the same touches without them
-    doubts: tuple[Doubt, ...] = ()  # wrong inputs that explain the touches better than the arm found
+    examined: Examination = field(
+        default_factory=Examination
+    )  # wrong inputs that explain the touches better, or as well
     worse: tuple[str, ...] = ()  # data on which the nominal arm is better beyond chance
 
 
@@ -363,12 +366,7 @@ def solve(
         outcome = _judged(case, plain, plain.arm, series)
         if method == "map":
             again = partial(identify, nominal=arm, free=list(free) or None, **{**options, "distances": ()})
-            told = Told(names=case.touches.names, distances=case.distances)
-            outcome = replace(
-                outcome,
-                doubts=doubts(plain, series, again, told),
-                worse=(*_worse_points(case, plain), *_worse_predicted(plain, series, again)),
-            )
+            outcome = _examined(outcome, case, plain, again)
         if case.loads is None:
             return outcome
         words = [word for word in free if word != "compliance" and word not in {f"c{k + 1}" for k in range(arm.n)}]
@@ -376,10 +374,27 @@ def solve(
     assert case.session is not None
     longer = on_moving_base(arm, case.X_BA)
     moved = [with_base(q, X) for q, X in zip(series, case.session.hulls, strict=True)]
-    full = identify(moved, longer, free=list(free) or own_parameters(longer), **options)
-    alone = own_arm(full.arm, case.X_BA)
-    outcome = _judged(case, in_own_names(full, plain), alone, moved)
+    words = list(free) or own_parameters(longer)
+    full = identify(moved, longer, free=words, **options)
+    alone, found = own_arm(full.arm, case.X_BA), in_own_names(full, plain)
+    outcome = _judged(case, found, alone, moved)
+    if method == "map":
+        again = partial(identify, nominal=longer, free=words, **{**options, "distances": ()})
+        outcome = _examined(outcome, case, found, again)
     return replace(outcome, uncorrected=_clouds(case, plain.arm, plain, np.random.default_rng(0)))
+
+
+def _examined(
+    outcome: CalibrationOutcome, case: CalibrationCase, found: Calibration, again: Callable[..., Calibration]
+) -> CalibrationOutcome:
+    """The outcome with what its touches say against it, which are those of a longer arm where the hull moved."""
+    series = list(outcome.series)
+    told = Told(names=case.touches.names, distances=case.distances, base_joints=0 if case.X_BA is None else BASE_JOINTS)
+    examined = examine(found, series, again, told)
+    worse = _worse_points(case, found, series)
+    if not examined.doubts:
+        worse += _worse_predicted(found, series, again)
+    return replace(outcome, examined=examined, worse=tuple(worse))
 
 
 def _judged(case: CalibrationCase, found: Calibration, arm: SerialArm, series: Sequence[Array]) -> CalibrationOutcome:
@@ -417,15 +432,17 @@ def _judged(case: CalibrationCase, found: Calibration, arm: SerialArm, series: S
     )
 
 
-def _worse_points(case: CalibrationCase, found: Calibration) -> list[str]:
+def _worse_points(case: CalibrationCase, found: Calibration, series: Sequence[Array]) -> list[str]:
     """Points, used or held out, about which the nominal arm brings the touches closer, beyond chance."""
-    sets = [(case.touches, [weights > 0.0 for weights in found.weights], found.touched_tips(case.touches.series))]
+    used = [weights > 0.0 for weights in found.weights]
+    sets = [(case.touches.names, series, used, found.touched_tips(series))]
     if case.held_out is not None:
-        every = [np.ones(len(q), dtype=bool) for q in case.held_out.series]
-        sets.append((case.held_out, every, [found.tips(q) for q in case.held_out.series]))
+        held = case.held_out
+        every = [np.ones(len(q), dtype=bool) for q in held.series]
+        sets.append((held.names, held.series, every, [found.tips(q) for q in held.series]))
     out = []
-    for touches, used, tips in sets:
-        for name, q, mine, p in zip(touches.names, touches.series, used, tips, strict=True):
+    for names, touched_series, used, tips in sets:
+        for name, q, mine, p in zip(names, touched_series, used, tips, strict=True):
             if mine.sum() < 2:
                 continue
             before, after = _scatter(found.nominal.tips(q[mine], found.nominal_tcp)), _scatter(p[mine])
@@ -547,7 +564,7 @@ def failed(outcome: CalibrationOutcome, method: Literal["map", "paper"]) -> list
 
     Convergence counts for `method` "map" only: the published three iterations do not converge.
     """
-    found, out = outcome.calibration, [str(doubt) for doubt in outcome.doubts]
+    found, out = outcome.calibration, [str(doubt) for doubt in outcome.examined.doubts]
     if not found.cost < found.cost_nominal:
         out.append("the touches of a point lie no closer than by the nominal arm")
     if outcome.clouds and not outcome.clouds["identified"].rms <= outcome.clouds["nominal"].rms:
@@ -682,6 +699,7 @@ def metrics(case: CalibrationCase, outcome: CalibrationOutcome, ok: bool, seed: 
         "title": case.title,
         "seed": seed,
         "accepted": ok,
+        "untold": list(outcome.examined.untold),
         "touches": {
             "count": sum(len(each) for each in found.residuals),
             "points": len(found.residuals),

@@ -8,15 +8,20 @@ import pytest
 
 from calib import identify
 from calib.arm_files import read_arm
+from calib.moving_base import BASE_JOINTS, on_moving_base, own_parameters, with_base
 from calib.parameters import widest_prior
 from calib.simulation import touch, wrong_arm
-from calib.verdicts.doubts import Told, coincide, doubts
+from calib.verdicts.doubts import Examination, coincide, examine
+from calib.verdicts.evidence import Told
 from models.arms import published_arms
 from models.arms.serial_arm import SerialArm
 from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.spatial import Array
+from sim.interfaces.spatial import Array, exp_so3, inverse, pose, transform_points
 
 TIP = np.array([0.06, -0.02, 0.15])
+STRAIGHT = np.array([0.0, 0.0, 0.15])  # on the last axis of the nominal arm
+X_BA = pose(exp_so3([2.9, 0.3, -0.2]), [0.2, -0.05, 0.1])
+ERRORS = {"theta": 4e-3, "d": 1e-3, "a": 1e-3, "alpha": 4e-3}
 POINTS = np.array([[0.45, -0.3, 0.2], [0.4, 0.35, 0.3], [-0.4, 0.3, 0.25]])
 APART = float(np.linalg.norm(POINTS[0] - POINTS[1]))
 NAMES = ("a", "b", "c")
@@ -31,17 +36,25 @@ def nominal() -> SerialArm:
 @pytest.fixture(scope="module")
 def series(nominal: SerialArm) -> Series:
     rng = np.random.default_rng(4)
-    errors = {"theta": 4e-3, "d": 1e-3, "a": 1e-3, "alpha": 4e-3}
-    return touch(wrong_arm(nominal, errors, rng), TIP, rng, points=POINTS, touches=16)
+    return touch(wrong_arm(nominal, ERRORS, rng), TIP, rng, points=POINTS, touches=16)
 
 
-def doubted(series: Series, nominal: SerialArm, length: float = APART) -> str:
+@pytest.fixture(scope="module")
+def straight(nominal: SerialArm) -> Series:
+    """Touches with a straight pin, which errors of the arm put 1 mm beside the last axis."""
+    rng = np.random.default_rng(4)
+    return touch(wrong_arm(nominal, ERRORS, rng), STRAIGHT, rng, points=POINTS, touches=16)
+
+
+def examined(series: Series, nominal: SerialArm, length: float = APART) -> Examination:
     told = [(0, 1, length, 5e-5)] if len(series) > 1 else []
     found = identify(series, nominal, distances=told)
     names = NAMES[: len(series)]
-    return "; ".join(
-        map(str, doubts(found, series, partial(identify, nominal=nominal), Told(names=names, distances=told)))
-    )
+    return examine(found, series, partial(identify, nominal=nominal), Told(names=names, distances=told))
+
+
+def doubted(series: Series, nominal: SerialArm, length: float = APART) -> str:
+    return "; ".join(map(str, examined(series, nominal, length).doubts))
 
 
 def columns(*order: int) -> Callable[[Series], Series]:
@@ -67,6 +80,18 @@ WRONG = {
         "joint 3 moves by 0.0 deg",
     ),
     "a zero of ten degrees": (lambda s: [q + 0.17 * (np.arange(7) == 1) for q in s], "theta2 would be off by"),
+    "a zero set anew in one file": (
+        lambda s: [s[0], s[1] + np.deg2rad(2.0) * (np.arange(7) == 2), s[2]],
+        "joint 3 reads +2",
+    ),
+    "a joint that slips": (
+        lambda s: [s[0], s[1], np.where(np.arange(16)[:, None] < 9, s[2], s[2] - 0.05 * (np.arange(7) == 4))],
+        "from touch 10 of c on",
+    ),
+    "a reading that froze": (
+        lambda s: [np.where((np.arange(7) == 3) & (np.arange(16)[:, None] % 16 > 10), q[11], q) for q in s],
+        "joint 4 reads the same in 15 touches, of which",
+    ),
     "too few touches": (lambda s: [s[0][:4]], "too few"),
 }
 
@@ -80,6 +105,71 @@ def test_a_wrong_file_is_refused_by_its_name(kind: str, series: Series, nominal:
 def test_right_files_are_not_doubted(series: Series, nominal: SerialArm) -> None:
     assert doubted(series, nominal) == ""
     assert doubted(series, nominal, 1.002 * APART) == ""
+
+
+def last_column(change: Callable[[Array], Array]) -> Callable[[Series], Series]:
+    return lambda series: [np.column_stack([q[:, :-1], change(q[:, -1])]) for q in series]
+
+
+HIDDEN = {
+    "in another order": np.random.default_rng(1).permutation,
+    "a row late": lambda q: np.roll(q, 1),
+    "frozen for a third": lambda q: np.where((np.arange(16) > 4) & (np.arange(16) < 11), q[5], q),
+}
+
+
+@pytest.mark.parametrize("kind", HIDDEN)
+def test_readings_that_hide_in_the_noise_are_refused(kind: str, straight: Series, nominal: SerialArm) -> None:
+    assert doubted(straight, nominal) == ""
+    said = doubted(last_column(HIDDEN[kind])(straight), nominal)
+    assert "the readings of joint 7 are not those of these touches" in said
+    assert "to 1)" in said
+
+
+def test_a_joint_that_explains_nothing_is_said(nominal: SerialArm) -> None:
+    """With the tip on the last axis no order of its readings is wrong, and none of its parameters moves."""
+    rng = np.random.default_rng(4)
+    series = touch(nominal, STRAIGHT, rng, points=POINTS, touches=16)
+    for given in (series, last_column(rng.permutation)(series)):
+        found = examined(given, nominal)
+        assert found.doubts == ()
+        assert any("the readings of joint 7 explain nothing" in line for line in found.untold)
+
+
+def test_a_mirror_image_is_said_where_the_arm_has_one(series: Series, nominal: SerialArm) -> None:
+    rng = np.random.default_rng(7)
+    alike = published_arms.load("iiwa7")
+    touches = touch(wrong_arm(alike, ERRORS, rng), TIP, rng, touches=16)
+    for given in (touches, [-q for q in touches]):
+        found = examine(identify(given, alike), given, partial(identify, nominal=alike))
+        assert found.doubts == ()
+        assert any("mirror image" in line for line in found.untold)
+    assert examined(series, nominal).untold == ()
+    assert "arms are made to" in doubted([-q for q in series], nominal)
+
+
+def test_touches_from_a_hull_that_moves_are_doubted_alike() -> None:
+    rng = np.random.default_rng(5)
+    arm = published_arms.load("ur5")
+    longer, true = on_moving_base(arm, X_BA), wrong_arm(arm, ERRORS, rng)
+    series = []
+    for p_A in np.array([[0.4, 0.3, 0.2], [-0.1, 0.5, 0.3], [0.2, -0.4, 0.35]]):
+        hulls = [pose(exp_so3(0.03 * rng.standard_normal(3)), 0.02 * rng.standard_normal(3)) for _ in range(16)]
+        p_W = transform_points(X_BA, p_A[None])
+        goals = np.vstack([transform_points(inverse(X_WB @ X_BA), p_W) for X_WB in hulls])
+        read = with_base(np.vstack(touch(true, TIP, rng, points=goals, touches=1)), np.array(hulls))
+        read[:, :3] += 7e-4 * rng.standard_normal((16, 3))  # navigation
+        series.append(read)
+    again = partial(identify, nominal=longer, free=own_parameters(longer))
+
+    def said(given: Series) -> str:
+        told = Told(names=NAMES, base_joints=BASE_JOINTS)
+        return "; ".join(map(str, examine(again(given), given, again, told).doubts))
+
+    assert said(series) == ""
+    assert "joint 2 with the other sign" in said([q * np.where(np.arange(12) == 7, -1.0, 1.0) for q in series])
+    assert "the same touches twice" in said([series[0], series[0], series[2]])
+    assert "joint 3 reads +5" in said([series[0], series[1] + np.deg2rad(5.0) * (np.arange(12) == 8), series[2]])
 
 
 @pytest.mark.parametrize("share", [0.96, 1.04])

@@ -1,0 +1,96 @@
+"""Evidence of a calibration: how well an arm as made explains its touches, and the doubts that follow from it."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from calib.identification import Calibration, MapFit
+from calib.parameters import widest_prior
+from calib.simulation import HAND_NOISE
+from models.arms.serial_arm import SerialArm
+from sim.interfaces.spatial import Array
+
+REFUSED = 100.0  # odds to 1 above which a wrong input is the better explanation
+BRIEF = MapFit(max_iterations=20)  # a right reading settles in fewer steps
+_MOST = 300.0 * np.log(10.0)  # logarithm of the largest odds that are printed
+_SHUFFLES = 8  # draws of the motion
+
+Again = Callable[..., Calibration]  # (series, *, distances, method) -> `identify` with the same arm and options
+
+
+@dataclass(frozen=True, kw_only=True)
+class Doubt:
+    """A wrong input that explains the touches better than the arm found does."""
+
+    reason: str
+    log_odds: float = np.inf  # natural logarithm, wrong input against the arm found; infinite: nothing can be told
+
+    def __str__(self) -> str:
+        if not np.isfinite(self.log_odds):
+            return self.reason
+        exponent = min(self.log_odds, _MOST) / np.log(10.0)
+        odds = f"{10.0**exponent:.0f}" if exponent < 4.0 else f"1e{int(exponent)}"
+        return f"{self.reason} ({odds} to 1)"
+
+    @property
+    def grave(self) -> bool:
+        """Whether the odds refuse a calibration."""
+        return self.log_odds > np.log(REFUSED)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Told:
+    """What is told of the touches beside their joint values."""
+
+    names: Sequence[str]  # of the points
+    distances: Sequence[tuple[int, int, float, float]] = ()  # (series, series, length [m], deviation [m])
+    base_joints: int = 0  # first joints, which are the measured pose of a moving base and not of the arm
+
+
+def log_evidence(found: Calibration, series: Sequence[Array]) -> float:
+    """Logarithm of how well an arm as made explains all touches, each of unknown noise of a hand's or more."""
+    square = np.concatenate(found.residuals) ** 2
+    return freedom(series) * float(log_likely(square, motion_of(found.arm, found.tcp, series)).sum()) + log_made(found)
+
+
+def log_likely(square: Array, motion: float) -> Array:
+    """Logarithm of the likelihood of touches at squared distances `square` [m^2] from their point.
+
+    Args:
+        square: of any shape.
+        motion: [m] as of `motion_of`.
+    """
+    return -2.0 * np.log((square + 3.0 * HAND_NOISE**2) / max(motion, 1e-12) ** 2)
+
+
+def freedom(series: Sequence[Array]) -> float:
+    """Share of the touches that is left when each series has its point."""
+    return 1.0 - len(series) / sum(map(len, series))
+
+
+def log_made(found: Calibration) -> float:
+    """Logarithm of how likely the arm found was made so."""
+    away = found.estimate.changes / as_made(found)
+    bounded = np.isfinite(widest_prior(found.estimate.parameters, found.nominal.reach))
+    return -0.5 * float((away[bounded] ** 2).sum())
+
+
+def as_made(found: Calibration) -> Array:
+    """Deviations (P,) to which arms are made, or as stated where that is more."""
+    bounds = widest_prior(found.estimate.parameters, found.nominal.reach)
+    return np.where(np.isfinite(bounds), np.maximum(bounds, found.estimate.prior), found.estimate.prior)
+
+
+def motion_of(arm: SerialArm, tcp: Array, series: Sequence[Array]) -> float:
+    """RMS distance [m] along each axis of the tips from their mean when the joints take their values in any order.
+
+    The touches of a point are judged by it: an arm that shrinks, or joint values in a unit that makes them small,
+    shrink it as much as their scatter.
+    """
+    rng, square, count = np.random.default_rng(0), 0.0, 0
+    for q in series:
+        for _ in range(_SHUFFLES if len(q) > 1 else 0):
+            p = arm.tips(np.ascontiguousarray(rng.permuted(q, axis=0)), tcp)
+            square, count = square + float(((p - p.mean(axis=0)) ** 2).sum()), count + 3 * len(q)
+    return float(np.sqrt(square / max(count, 1)))

@@ -1,0 +1,1 @@
+"""Studies of what a calibration makes of its inputs."""

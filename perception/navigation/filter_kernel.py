@@ -20,8 +20,8 @@ faster to pass from Python.
 import numpy as np
 
 from perception.navigation.rate_check import ATTITUDE as ATTITUDE_FAULT
-from perception.navigation.rate_check import GYRO as GYRO_FAULT
 from perception.navigation.rate_check import CLEAR, JUMPS, RATE_CHECK, WILD, compare_rate
+from perception.navigation.rate_check import GYRO as GYRO_FAULT
 from sim.interfaces.kernels import kernel
 from sim.interfaces.records import EstimateRecord, ImuRecord, JointRecord
 from sim.interfaces.spatial import GRAVITY
@@ -482,9 +482,9 @@ def take_imu(memory, sample):
 def _believed(f, w_B):
     """Rates (3,) [rad/s] of the gyro as they are used.
 
-    One that jumps is not used until its check can tell: in twice the time in which the jump, if it is wrong, makes an
-    angle that is clear. About an axis that is wrong the rate is zero: the bias of the gyro then is the hull's rate, with
-    its sign turned.
+    One that jumps is not used until its check can tell: for twice the time in which a wrong jump makes an angle that
+    is clear. About an axis that is wrong the rate is zero: the bias of the gyro then is the hull's rate, with its sign
+    turned.
     """
     check, believed, least = f.check, w_B, max(JUMPS, WILD * np.sqrt(f.rate))
     clear = 2.0 * CLEAR * np.sqrt(f.turning[1]) / f.interval

@@ -190,10 +190,10 @@ def _store(check, w_B):
 
 @kernel
 def _gyro_jumped(check, i, since, size):
-    """True if the gyro jumped by about `size` [rad/s] about axis `i` within the last `since` samples, or shortly before.
+    """True if the gyro jumped by about `size` [rad/s] about axis `i`, within `since` samples or shortly before.
 
-    No hull does: what it turns faster by within BESIDE samples is small against a step, however it rolls. A jump is told
-    by the means of the samples on either side, against what the same comparison gives elsewhere in the stored past.
+    No hull does: what it turns faster by within BESIDE samples is small against a step, however it rolls.
+    A jump is told by the means of the samples on either side, against the same comparison elsewhere in the past.
     """
     count = min(check.stored, PAST)
     newest, most, at = check.stored - 1, 0.0, -1

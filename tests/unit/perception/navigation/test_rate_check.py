@@ -127,7 +127,7 @@ def test_samples_of_a_rough_gyro_are_all_used():
 
 
 def test_a_gyro_that_jumps_in_a_rolling_hull_is_told_from_an_attitude_that_drifts():
-    """The hull sways by four times the jump: what it turned since the onset says nothing, but no hull turns by a step."""
+    """The hull sways by four times the jump: what it turned since then says nothing, but no hull turns by a step."""
     for seed in range(3):
         gyro = sway(off(seed, 0.003), seed=seed, size=0.012, ticks=ONSET + 100).estimates[-1]
         assert gyro.gyro_off_B[seed]

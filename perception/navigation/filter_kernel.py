@@ -20,8 +20,8 @@ faster to pass from Python.
 import numpy as np
 
 from perception.navigation.rate_check import ATTITUDE as ATTITUDE_FAULT
+from perception.navigation.rate_check import CLEAR, JUMPS, RATE_CHECK, WILD, compare_rate
 from perception.navigation.rate_check import GYRO as GYRO_FAULT
-from perception.navigation.rate_check import JUMPS, RATE_CHECK, compare_rate
 from sim.interfaces.kernels import kernel
 from sim.interfaces.records import EstimateRecord, ImuRecord, JointRecord
 from sim.interfaces.spatial import GRAVITY
@@ -50,7 +50,7 @@ HISTORY = 512  # IMU samples stored: largest delay of vision
 TILT_CLIP = 5e-3  # [rad] error of one attitude reading is clipped to this, so that an outlier turns R by little
 IMU_REPEATS = 25  # equal samples in a row by which the IMU is found frozen
 IMU_SILENCE = 0.05  # [s] without a sample, after which the filter runs without the IMU
-HOLD = 8  # samples for which a rate that jumped is not used
+HOLD = (8, 25)  # samples for which a rate that jumped is not used: fewest and most
 NO_GYRO = 3e-3  # [rad/s/sqrt(s)] random walk of a rate that the attitude alone tells of, about 30 rad/s fast
 REGAINED = 5e-3  # [rad/s] standard deviation of the rate taken at the loss of a gyro: the usual one before
 UNUSED = 1e6  # [rad^2] variance of an attitude that is not used
@@ -482,15 +482,18 @@ def take_imu(memory, sample):
 def _believed(f, w_B):
     """Rates (3,) [rad/s] of the gyro as they are used.
 
-    One that jumps is not used for HOLD samples, until its check can tell. About an axis that is wrong the rate is zero:
-    the bias of the gyro then is the hull's rate, with its sign turned.
+    One that jumps is not used until its check can tell: for twice the time in which a wrong jump makes an angle that
+    is clear. About an axis that is wrong the rate is zero: the bias of the gyro then is the hull's rate, with its sign
+    turned.
     """
-    check, believed = f.check, w_B
+    check, believed, least = f.check, w_B, max(JUMPS, WILD * np.sqrt(f.rate))
+    clear = 2.0 * CLEAR * np.sqrt(f.turning[1]) / f.interval
     for i in range(3):
-        jumped = abs(w_B[i] - f.w_B[i]) > JUMPS and check.on == 1
+        jump = abs(w_B[i] - f.w_B[i])
+        jumped = jump > least and check.on == 1
         check.held[i] = check.held[i] + 1 if jumped else 0
         wrong = check.gyro_off[i] != 0.0
-        if wrong or (jumped and check.held[i] <= HOLD):
+        if wrong or (jumped and check.held[i] <= min(max(clear / jump, HOLD[0]), HOLD[1])):
             if believed is w_B:
                 believed = w_B.copy()
             believed[i] = 0.0 if wrong else f.w_B[i]

@@ -26,7 +26,8 @@ CLEAR = 5.0  # [-] standard deviations of an attitude reading that the angle mus
 LONGEST = 0.5  # [s] of a sum above zero, after which it starts anew: what grows slower is below the least rate
 LEAST_RATE = 4.0  # [-] standard deviations of a sample of the gyro, and of its bias: smallest rate that is a fault
 FINEST_RATE, FINEST_ANGLE = 1.2e-4, 5e-5  # [rad/s], [rad] smallest standard deviations believed
-JUMPS = 0.05  # [rad/s] by which no hull turns faster from one sample to the next but in an impact
+JUMPS = 0.01  # [rad/s] by which no hull turns faster from one sample to the next but in an impact
+WILD = 8.0  # [-] standard deviations of a sample of the gyro that a jump exceeds too
 TIMING = 2e-3  # [s] between the two fields, beside one sample
 SCALE = 1e-3  # [-] error of the gyro's scale
 USUAL = 0.2  # [s] time constant of the usual rates, with which those since the onset are compared
@@ -36,6 +37,11 @@ GUILTY = (
     0.6  # [-] share of the angle since the onset that one of the two has turned beyond its usual rate, to be blamed
 )
 INNOCENT = 0.25  # [-] and the most of it that the gyro has turned if it is the attitude
+PAST = 128  # samples of the gyro that are kept, to look back for a jump
+BESIDE = 5  # of them on either side of a jump, whose means are compared
+BEFORE = 10  # by how many samples a jump may come before the sum left zero
+SUDDEN = 5.0  # [-] times the root mean square of that comparison elsewhere, above which a gyro has jumped
+AGREES = (0.5, 2.0)  # [-] jump of the gyro over the slope of the angle, if the one made the other
 REPEATS = 5  # readings in a row by which one is frozen, or is no rotation
 ANGLE_CLIP = 5e-3  # [rad] angle whose correction is taken whole, against single outliers
 NO_ROTATION = 1e-2  # [-] by which the columns of an attitude may miss being orthonormal
@@ -54,6 +60,8 @@ RATE_CHECK = np.dtype(
             ("angle", np.float64, 3),  # [rad] of the attitude ahead of the gyro, after the filter's correction
             ("sums", np.float64, (2, 3)),  # [-] cumulative sums, for either sign
             ("usual", np.float64, (2, 3)),  # [rad/s] usual rates up to now: gyro, attitude
+            ("past", np.float64, (PAST, 3)),  # [rad/s] ring of the last rates
+            ("stored", np.int64),  # how many were stored since both are compared
             ("restless", np.float64, 3),  # [rad^2/s^2] mean square of the gyro about its usual rate
             # Since the onset, for either sign and about each axis
             ("lasting", np.float64, (2, 3)),  # [s]
@@ -98,10 +106,12 @@ def compare_rate(f, dt, w_B, R_meas):
     if check.compared == 0.0 or dt > 1.5 * f.interval:  # the first sample, or the first after a gap
         check.compared, check.angle[:], check.sums[:], check.lasting[:] = dt, 0.0, 0.0, 0.0
         check.usual[0], check.usual[1], check.R_last[:], check.w_last[:] = w_B, w_B, R_meas, w_B
-        check.restless[:] = 0.0
+        check.restless[:], check.stored = 0.0, 0
+        _store(check, w_B)
         return NONE
     check.compared += dt
     _count_repeats(check, w_B, R_meas)
+    _store(check, w_B)
     white, noise, share = max(f.turning[1], FINEST_ANGLE**2), max(np.sqrt(f.rate), FINEST_RATE), min(1.0, dt / USUAL)
     ratio = (noise * dt) ** 2 / white
     gain = max(0.5 * (np.sqrt(ratio**2 + 4.0 * ratio) - ratio), dt / check.compared)
@@ -130,6 +140,8 @@ def compare_rate(f, dt, w_B, R_meas):
             if not clear or check.sums[side, i] <= LIMIT:
                 continue
             blamed = _blamed(check, side, i, dt, off)
+            if blamed == EITHER and _gyro_jumped(check, i, round(check.lasting[side, i] / dt), -rate):
+                blamed = GYRO
             if blamed != GYRO:
                 check.attitude_off[i] = off
             if blamed != ATTITUDE:
@@ -167,6 +179,44 @@ def _count_repeats(check, w_B, R_meas):
         for j in range(3):
             equal = equal and R_meas[i, j] == check.R_last[i, j]
     check.same[3] = check.same[3] + 1 if equal else 0
+
+
+@kernel
+def _store(check, w_B):
+    """Keep a sample `w_B` (3,) [rad/s] of the gyro."""
+    check.past[check.stored % PAST] = w_B
+    check.stored += 1
+
+
+@kernel
+def _gyro_jumped(check, i, since, size):
+    """True if the gyro jumped by about `size` [rad/s] about axis `i`, within `since` samples or shortly before.
+
+    No hull does: what it turns faster by within BESIDE samples is small against a step, however it rolls.
+    A jump is told by the means of the samples on either side, against the same comparison elsewhere in the past.
+    """
+    count = min(check.stored, PAST)
+    newest, most, at = check.stored - 1, 0.0, -1
+    for back in range(BESIDE - 1, min(count - BESIDE, since + BEFORE)):
+        step = _step(check, i, newest - back)
+        if abs(step) > abs(most):
+            most, at = step, back
+    if at < 0 or not AGREES[0] * abs(size) < abs(most) < AGREES[1] * abs(size) or most * size < 0.0:
+        return False
+    total, samples = 0.0, 0
+    for back in range(BESIDE - 1, count - BESIDE):
+        if abs(back - at) >= BESIDE:  # a jump raises the comparison that near to it
+            total, samples = total + _step(check, i, newest - back) ** 2, samples + 1
+    return samples >= 4 * BESIDE and most * most * samples > SUDDEN**2 * total
+
+
+@kernel
+def _step(check, i, first):
+    """Mean rate [rad/s] of BESIDE samples from number `first` on, less that of as many before it."""
+    total = 0.0
+    for k in range(BESIDE):
+        total += check.past[(first + k) % PAST, i] - check.past[(first - 1 - k) % PAST, i]
+    return total / BESIDE
 
 
 @kernel

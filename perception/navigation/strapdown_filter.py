@@ -134,6 +134,7 @@ class Navigation:
     bias_walk: float = 5e-6  # [m/s^2/sqrt(s)] random walk of the accelerometer bias
     rate_bias_walk: float = 1e-7  # [rad/s/sqrt(s)] random walk of the gyro bias
     adapt: bool = True  # raise a sensor's variance on large innovations; estimate a bias anew that jumped
+    check_gyro: bool = True  # compare gyro and attitude of each message, as far as `adapt` allows
     gate: float = 27.9  # [-] chi-square with 3 degrees of freedom: a sound fix is refused 4 times in a million
     release: tuple[float, float, float, float] = (16.0, 2.0, 12.0, 5e-3)
     """Of held corrections: pace over the filter's own, slowest and fastest [rad/s], largest distance that pulls [m]."""
@@ -209,7 +210,7 @@ class Navigation:
         f.acceleration, f.rate, f.attitude = imu.acceleration, imu.rate**2, imu.attitude**2
         f.rate_walk, f.tilt = self.rate_bias_walk**2, 2.0 * (GRAVITY * imu.attitude) ** 2
         f.release[:], f.smooth = self.release, self.acceleration_time
-        f.check.on, f.check.misaligned = self.adapt, 3.0 * imu.attitude_bias
+        f.check.on, f.check.misaligned = self.adapt and self.check_gyro, 3.0 * imu.attitude_bias
 
     @staticmethod
     def _watch(state: NavigationState, time: float, p_WB: Array, white: float) -> None:

@@ -93,12 +93,12 @@ def assemble(scenario: Scenario, *, full: bool = False) -> Assembly:
     )
     seeing, sensor_model = placed.sensors(model)
     without = frozenset(scenario.control.without)
-    on_arm = scenario.sensing.arm_camera
+    on_arm, checked = scenario.sensing.arm_camera, "gyro-check" not in without
     if on_arm is not None:  # last, so that the other sensors draw as without it
         seeing = [*seeing, arm_camera(on_arm, model)]
-        fused = Navigation(arm_camera=believed_mount(own, beside_tool()))
+        fused = Navigation(arm_camera=believed_mount(own, beside_tool()), check_gyro=checked)
     else:
-        fused = Navigation(standing=believed_mount(own) if placed.stands else None)
+        fused = Navigation(standing=believed_mount(own) if placed.stands else None, check_gyro=checked)
     parts = Parts(
         sensors=[*scenario.sensing.proprioception(), *seeing],
         estimator=placed.estimator(RawNavigation() if "fusion" in without else fused),

@@ -24,6 +24,7 @@ from models.vehicle import Vehicle
 from perception.clouds.scan import SensorModel
 from perception.clouds.sonar_cloud import sonar_model
 from scenarios.kinds import CONTROLLER, CONTROLLERS, SENSORS, class_of, told
+from scenarios.methods import NAVIGATION
 from scenarios.own_vehicle import OwnVehicle, vehicle_spec
 from scenarios.scenario import Belief, Control, Task, VehicleSetup
 from sim.interfaces.errors import ConfigurationError, UuvError
@@ -170,7 +171,7 @@ def controller(control: Control, own: mujoco.MjModel, *, water_error: float) -> 
     Raises:
         ConfigurationError: The class does not exist, or its module or constructor raises; the message names the place.
     """
-    name, without = control.controller, frozenset(control.without) - {"fusion"}
+    name, without = control.controller, frozenset(control.without) - NAVIGATION
     parts = ablated(without, own, water_error) | as_published(frozenset(control.published), own, water_error)
     kind = partial(CONTROLLERS.load, name) if ":" not in name else class_of(name, CONTROLLER)
     if ":" not in name:

@@ -6,6 +6,14 @@ Method = Literal[
     "compensation", "hydrodynamic-term", "dynamic-term", "contact-term", "drift-correction", "force-control"
 ]  # that a controller can do without
 AblatedMethod = Literal[
-    "compensation", "hydrodynamic-term", "dynamic-term", "contact-term", "drift-correction", "force-control", "fusion"
+    "compensation",
+    "hydrodynamic-term",
+    "dynamic-term",
+    "contact-term",
+    "drift-correction",
+    "force-control",
+    "fusion",
+    "gyro-check",
 ]
+NAVIGATION: frozenset[AblatedMethod] = frozenset({"fusion", "gyro-check"})  # those that are not of the controller
 PublishedMethod = Literal["force-law", "normal-force-law", "tip-force", "identification"]

@@ -1,22 +1,22 @@
 """Calibration of a serial arm from touch data: kinematic and elastic parameters with their uncertainty.
 
-Names are imported on first use, so that `import calib` loads neither numba nor SciPy.
+Names are imported on first use, so that `from uuv import calib` loads neither numba nor SciPy.
 """
 
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from calib.identification import Calibration, MapFit, identify
-    from calib.loads import Loads
-    from models.arms.serial_arm import SerialArm as Arm
+    from uuv.calib.identification import Calibration, MapFit, identify
+    from uuv.calib.loads import Loads
+    from uuv.models.arms.serial_arm import SerialArm as Arm
 
 _HOME = {  # of each name: the module, and the name there
-    "Arm": ("models.arms.serial_arm", "SerialArm"),
-    "Calibration": ("calib.identification", "Calibration"),
-    "Loads": ("calib.loads", "Loads"),
-    "MapFit": ("calib.identification", "MapFit"),
-    "identify": ("calib.identification", "identify"),
+    "Arm": ("uuv.models.arms.serial_arm", "SerialArm"),
+    "Calibration": ("uuv.calib.identification", "Calibration"),
+    "Loads": ("uuv.calib.loads", "Loads"),
+    "MapFit": ("uuv.calib.identification", "MapFit"),
+    "identify": ("uuv.calib.identification", "identify"),
 }
 __all__ = ["Arm", "Calibration", "Loads", "MapFit", "identify"]
 

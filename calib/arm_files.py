@@ -3,7 +3,7 @@
     source = read_arm("arm.urdf", tip="ball_link")
     source.arm, source.tcp
 
-A URDF or MJCF has six numbers a joint. They become rows of a table (`models.arms.serial_arm`), and the tip the flange.
+A URDF or MJCF has six numbers a joint. They become rows of a table (`uuv.models.arms.serial_arm`), and the tip the flange.
 """
 
 import hashlib
@@ -16,26 +16,16 @@ from typing import TYPE_CHECKING, Any, Literal
 import mujoco
 import numpy as np
 
-from models.arms import urdf
-from models.mjcf_files import read_mjcf
-from models.naming import ARM_BASE_BODY, TIP_SITE
-from models.yaml_files import document_of
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.files import bytes_of
-from sim.interfaces.spatial import (
-    Array,
-    checked,
-    checked_place,
-    checked_pose,
-    number,
-    pose,
-    readonly,
-    real_array,
-    shown,
-)
+from uuv.models.files import urdf
+from uuv.models.files.mjcf_files import read_mjcf
+from uuv.models.naming import ARM_BASE_BODY, TIP_SITE
+from uuv.models.files.yaml_files import document_of
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.files import bytes_of
+from uuv.sim.interfaces.spatial import Array, checked, checked_place, checked_pose, number, pose, readonly, real_array, shown
 
 if TYPE_CHECKING:
-    from models.arms.serial_arm import SerialArm
+    from uuv.models.arms.serial_arm import SerialArm
 
 Kind = Literal["dh", "yaml", "urdf", "mjcf"]
 _DH_NAMES = {
@@ -78,7 +68,7 @@ def read_arm(path: Path | str, *, base: str | None = None, tip: str | None = Non
     """Read the arm of a file.
 
     Args:
-        path: .csv or .txt (DH table), .yaml or .yml (DH table, what `calib.results` wrote, or the calibration of a
+        path: .csv or .txt (DH table), .yaml or .yml (DH table, what `uuv.calib.results` wrote, or the calibration of a
             Universal Robots arm), .urdf, .xml or .mjcf (MuJoCo).
         base: link of a URDF (default: its root) or body of an MJCF (default: arm_base).
         tip: link of a URDF (default: its only leaf) or site of an MJCF (default: tip).
@@ -170,7 +160,7 @@ def _of_rows(
     tip: str | None,
 ) -> ArmSource:
     """An arm of rows given by name; units from the names ("alpha_deg", "d [mm]"), from `about`, or from the size."""
-    from models.arms.serial_arm import SerialArm  # its kernels compile on import: first what can be refused
+    from uuv.models.arms.serial_arm import SerialArm  # its kernels compile on import: first what can be refused
 
     units = about.get("units") or {}
     if not isinstance(units, Mapping) or any(value not in _UNITS.get(key, ()) for key, value in units.items()):
@@ -299,7 +289,7 @@ def _extent(file: Path, table: Array, letters: str) -> float:
 
     The lengths themselves do not tell it: along nearly parallel axes, d of hundreds of metres cancel.
     """
-    from models.arms.serial_arm import SerialArm
+    from uuv.models.arms.serial_arm import SerialArm
 
     size = max(float(np.abs(table[:, _LENGTHS]).max()), 1e-300)
     unit = table.copy()
@@ -311,8 +301,8 @@ def _extent(file: Path, table: Array, letters: str) -> float:
 
 def _near_frames(arm: "SerialArm") -> "SerialArm":
     """The same arm with the origin of each frame where its axis passes nearest to the one before."""
-    from models.arms import kinematics
-    from models.arms.serial_arm import SerialArm
+    from uuv.models.arms import kinematics
+    from uuv.models.arms.serial_arm import SerialArm
 
     X = kinematics.frames(arm.table, arm.slides, arm.X_base_0, np.zeros((1, arm.n)))[0]
     axes, points = X[:-1, :3, 2], [X[0, :3, 3]]
@@ -366,7 +356,7 @@ def _of_ur(file: Path, joints: Any, digest: str, base: str | None, tip: str | No
         names.append(str(name))
     if not axes:
         raise ConfigurationError(f"arm {file}: kinematics holds no joints")
-    from models.arms.serial_arm import SerialArm
+    from uuv.models.arms.serial_arm import SerialArm
 
     return ArmSource(
         path=file,
@@ -401,10 +391,10 @@ def mjcf_arm(file: Path, base: str | None, tip: str | None) -> "tuple[mujoco.MjS
         The spec, and the arm.
 
     Raises:
-        ConfigurationError: as `models.mjcf_files.read_mjcf` and `models.arms.dh_geometry.read`.
+        ConfigurationError: as `uuv.models.files.mjcf_files.read_mjcf` and `uuv.models.arms.dh_geometry.read`.
     """
     spec, model = read_mjcf(file, "arm")
-    from models.arms import dh_geometry
+    from uuv.models.arms import dh_geometry
 
     return spec, dh_geometry.read(model, base or ARM_BASE_BODY, tip or TIP_SITE, exclude=_passive(model))
 

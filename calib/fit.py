@@ -18,12 +18,12 @@ from typing import Any
 import numpy as np
 from scipy.stats import chi2, f
 
-from calib import kernels
-from calib.parameters import Parameters
-from models.arms.kinematics import ROW, THETA, D
-from models.arms.serial_arm import SerialArm
-from models.arms.tip_places import NO_JACOBIAN, tips
-from sim.interfaces.spatial import Array
+from uuv.calib import kernels
+from uuv.calib.parameters import Parameters
+from uuv.models.arms.kinematics import ROW, THETA, D
+from uuv.models.arms.serial_arm import SerialArm
+from uuv.models.arms.tip_places import NO_JACOBIAN, tips
+from uuv.sim.interfaces.spatial import Array
 
 FIRST_NOISE = 1e-4  # [m] initial noise of a touch, kept where too few touches are left to estimate it
 LEAST_FREEDOM = 5.0  # degrees of freedom needed to estimate the noise

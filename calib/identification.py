@@ -15,27 +15,17 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.stats import chi2, t
 
-from calib.fit import LEAST_FREEDOM, Data, Fit, Problem, centred, pair_cost, solve, solve_robustly, tips_of
-from calib.loads import BoundLoads, Loads
-from calib.paper import WARNING, paper_run
-from calib.parameters import DEFAULT_FREE, DEFAULT_PRIOR, Parameters, prior_deviations, select, widest_prior
-from calib.rank import RankReport, rank_report
-from calib.touches import checked_series, first_tcp, moved, without_repeats
-from calib.verdicts.verification import PointTouches, kabsch, places, scores
-from models.arms.kinematics import ROW
-from models.arms.serial_arm import SerialArm
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.spatial import (
-    Array,
-    checked,
-    finite_number,
-    number,
-    one_of,
-    readonly,
-    shown,
-    transform_points,
-    whole_number,
-)
+from uuv.calib.fit import LEAST_FREEDOM, Data, Fit, Problem, centred, pair_cost, solve, solve_robustly, tips_of
+from uuv.calib.loads import BoundLoads, Loads
+from uuv.calib.paper import WARNING, paper_run
+from uuv.calib.parameters import DEFAULT_FREE, DEFAULT_PRIOR, Parameters, prior_deviations, select, widest_prior
+from uuv.calib.rank import RankReport, rank_report
+from uuv.calib.touches import checked_series, first_tcp, moved, without_repeats
+from uuv.calib.verdicts.verification import PointTouches, kabsch, places, scores
+from uuv.models.arms.kinematics import ROW
+from uuv.models.arms.serial_arm import SerialArm
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.spatial import Array, checked, finite_number, number, one_of, readonly, shown, transform_points, whole_number
 
 Method = Literal["map", "paper"]
 Distance = tuple[int, int, float] | tuple[int, int, float, float]
@@ -234,7 +224,7 @@ class Calibration:
     def half_widths(self, q: ArrayLike, payload_mass: float = 0.0, confidence: float = 0.95) -> Array:
         """Half-widths of the predictive intervals of touches of one new point about their mean, along the base's axes.
 
-        Errors that the parameters cannot express (gears, sag, seating) widen them: see `calib.verdicts.verification`.
+        Errors that the parameters cannot express (gears, sag, seating) widen them: see `uuv.calib.verdicts.verification`.
 
         Args:
             q: (M, n) joint values of all touches of that point.
@@ -287,7 +277,7 @@ def identify(
             By default all but compliance, which joins where `loads` are given. Beta applies between near-parallel axes
             only; unless named, it is dropped again where it is not significant.
         prior: standard deviations about nominal by group or name, in rad, m, rad/(N m). Without it the evidence of the
-            data chooses the deviation of each group, starting from `calib.parameters.DEFAULT_PRIOR`.
+            data chooses the deviation of each group, starting from `uuv.calib.parameters.DEFAULT_PRIOR`.
         distances: (i, j, length [m]) or (i, j, length, deviation [m]) between the points of series i and j, counted
             from 0. Nothing else here makes scale observable.
         tcp: initial tool point (3,) [m] in the flange; by default from [Yukhimets 2023, eq. 13-16].
@@ -522,7 +512,7 @@ def _at_the_bound(arm: SerialArm, parameters: Parameters, fit: Fit) -> list[str]
 
 
 def _scores(arm: SerialArm, data: Data, parameters: Parameters, fit: Fit, points: Array) -> Array:
-    """Scores (3 K,) of the touches in use (`calib.verdicts.verification`); `points` (S, 3) [m] of the series."""
+    """Scores (3 K,) of the touches in use (`uuv.calib.verdicts.verification`); `points` (S, 3) [m] of the series."""
     J = tips_of(arm, fit.full, data)[1][:, parameters.index]
     series, used = [], []
     for s in range(len(data.starts)):

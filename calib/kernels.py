@@ -1,6 +1,6 @@
 """Compiled kernels of the calibration: size of the arm, centred touches, loads of hanging bodies, inverse kinematics.
 
-Tables are those of `models.arms.kinematics`. Angles in rad, lengths in m, all vectors in base axes.
+Tables are those of `uuv.models.arms.kinematics`. Angles in rad, lengths in m, all vectors in base axes.
 """
 
 import math
@@ -8,9 +8,9 @@ import math
 import numpy as np
 from numba import boolean, float64, int64, types
 
-from models.arms.kinematics import ALPHA, BETA, ROW, A, D, frame_step
-from models.arms.tip_places import cross_into
-from sim.interfaces.kernels import kernel
+from uuv.models.arms.kinematics import ALPHA, BETA, ROW, A, D, frame_step
+from uuv.models.arms.tip_places import cross_into
+from uuv.sim.interfaces.kernels import kernel
 
 # Explicit signatures: each kernel compiles once, for read-only and writable arrays alike.
 _V, _M, _T, _X4 = (types.Array(float64, d, "C", readonly=True) for d in (1, 2, 3, 4))
@@ -132,7 +132,7 @@ def joint_loads(X, slides, forces, points, extra_forces, extra_points):
     """Load (M, n) of hanging bodies on each joint along its axis: [N m] of hinges, [N] of slides.
 
     Args:
-        X: (M, n + 1, 4, 4) link frames as of `models.arms.kinematics.frames`.
+        X: (M, n + 1, 4, 4) link frames as of `uuv.models.arms.kinematics.frames`.
         slides: (n,) bool, True for a slide.
         forces: (n, B, 3) [N] on each link, in base axes.
         points: (n, B, 3) [m] where they act, fixed in frame k + 1.

@@ -10,11 +10,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from calib import kernels
-from models.arms.kinematics import A, D, frames
-from models.arms.serial_arm import SerialArm
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.spatial import GRAVITY, Array, checked
+from uuv.calib import kernels
+from uuv.models.arms.kinematics import A, D, frames
+from uuv.models.arms.serial_arm import SerialArm
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.spatial import GRAVITY, Array, checked
 
 _EVEN = 10.0  # [kg/m] assumed where no mass is given; only ratios of moments matter, c absorbs the factor
 

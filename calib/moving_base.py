@@ -8,10 +8,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from calib.identification import Calibration
-from models.arms.serial_arm import SerialArm
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.spatial import Array, inverse, readonly
+from uuv.calib.identification import Calibration
+from uuv.models.arms.serial_arm import SerialArm
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.spatial import Array, inverse, readonly
 
 BASE_JOINTS = 6  # slides along x, y, z, then hinges about z, y, x
 _LETTERS = "abcdefghijklmnopqrstuvwxyz"

@@ -8,8 +8,8 @@ success).
 
 import numpy as np
 
-from calib.fit import Fit, Problem, linearised
-from sim.interfaces.spatial import Array
+from uuv.calib.fit import Fit, Problem, linearised
+from uuv.sim.interfaces.spatial import Array
 
 STEPS = 3  # Levenberg-Marquardt steps, as published
 MU = 1e3  # [mm^2] initial damping, our choice

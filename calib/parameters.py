@@ -8,10 +8,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from models.arms.kinematics import ALPHA, BETA, ROW, THETA, A, D
-from models.arms.serial_arm import SerialArm
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.spatial import Array, finite_number, shown
+from uuv.models.arms.kinematics import ALPHA, BETA, ROW, THETA, A, D
+from uuv.models.arms.serial_arm import SerialArm
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.spatial import Array, finite_number, shown
 
 GROUPS = ("theta", "d", "a", "alpha", "beta", "tcp", "compliance")
 UNITS = {"theta": "rad", "d": "m", "a": "m", "alpha": "rad", "beta": "rad", "tcp": "m", "compliance": "rad/(N m)"}

@@ -11,14 +11,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from calib.identification import Calibration
-from calib.parameters import DEFAULT_FREE, prior_deviations, select
-from calib.simulation import HAND_NOISE
-from calib.touches import checked_series
-from models.arms.kinematics import ROW
-from models.arms.serial_arm import SerialArm
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.spatial import Array, checked
+from uuv.calib.identification import Calibration
+from uuv.calib.parameters import DEFAULT_FREE, prior_deviations, select
+from uuv.calib.simulation import HAND_NOISE
+from uuv.calib.touches import checked_series
+from uuv.models.arms.kinematics import ROW
+from uuv.models.arms.serial_arm import SerialArm
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.spatial import Array, checked
 
 _ANYWHERE = 1.0  # [m] prior standard deviation of a point, each axis
 _SWEEPS = 3  # maximal sweeps of exchanges over all chosen touches

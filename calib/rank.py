@@ -11,11 +11,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import qr
 
-from calib.fit import Data, distance_rows, linearised
-from calib.parameters import Parameters
-from models.arms.kinematics import ROW
-from models.arms.serial_arm import SerialArm
-from sim.interfaces.spatial import Array
+from uuv.calib.fit import Data, distance_rows, linearised
+from uuv.calib.parameters import Parameters
+from uuv.models.arms.kinematics import ROW
+from uuv.models.arms.serial_arm import SerialArm
+from uuv.sim.interfaces.spatial import Array
 
 THRESHOLD = 3e-3  # share of the largest singular value below which a direction counts as hidden
 _ANGLE = np.deg2rad(0.1)  # [rad] error that the columns of angles are scaled to

@@ -13,11 +13,11 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from calib.identification import Calibration
-from calib.report_figures import figures
-from calib.verdicts.verification import Cloud
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.spatial import Array
+from uuv.calib.identification import Calibration
+from uuv.calib.report_figures import figures
+from uuv.calib.verdicts.verification import Cloud
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.spatial import Array
 
 PACKAGES = ("uuv-arm", "numpy", "scipy", "numba", "mujoco")
 _SHOWN = {"rad": (1.0e3, "mrad"), "m": (1.0e3, "mm"), "rad/(N m)": (1.0e6, "µrad/(N m)")}
@@ -62,7 +62,7 @@ def write_report(
         said: title, verdict, figures and settings.
         series: touches (m_i, n) used for the identification.
         point_names: names of the touched points.
-        clouds: point clouds of `calib.verdicts.verification.compare`, by name.
+        clouds: point clouds of `uuv.calib.verdicts.verification.compare`, by name.
         rigid: the same touches identified without compliances, for comparison.
 
     Raises:

@@ -6,10 +6,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from calib.identification import Calibration
-from calib.touches import first_tcp
-from calib.verdicts.verification import Cloud, pair_distances
-from sim.interfaces.spatial import Array
+from uuv.calib.identification import Calibration
+from uuv.calib.touches import first_tcp
+from uuv.calib.verdicts.verification import Cloud, pair_distances
+from uuv.sim.interfaces.spatial import Array
 
 # Palette of [Okabe 2008], assigned as in the paper: nominal grey, controller orange, identified blue, tracker red.
 BLUE, ORANGE, VERMILION, GREEN, INK, FAINT = "#0072B2", "#E69F00", "#D55E00", "#009E73", "#222222", "#999999"
@@ -27,7 +27,7 @@ def figures(
         calibration: result to show.
         series: touches (m_i, n) used for the identification.
         point_names: names of the touched points.
-        clouds: point clouds of `calib.verdicts.verification.compare`; their figures are left out where it is empty.
+        clouds: point clouds of `uuv.calib.verdicts.verification.compare`; their figures are left out where it is empty.
 
     Returns:
         Iterator over (title, caption, figure).

@@ -1,6 +1,6 @@
 """Result files of a calibration: arm.yaml, dh.csv, and the arm as URDF and MJCF, new or corrected from its source.
 
-Every file states its units, the date and the hash of the touches. `calib.arm_files.read_arm` reads all of them.
+Every file states its units, the date and the hash of the touches. `uuv.calib.arm_files.read_arm` reads all of them.
 """
 
 import xml.etree.ElementTree as ET
@@ -11,13 +11,13 @@ import mujoco
 import numpy as np
 import yaml
 
-from calib.arm_files import ArmSource, mjcf_arm
-from calib.identification import Calibration
-from models.arms import dh_geometry
-from models.arms.kinematics import THETA, A, D
-from models.arms.serial_arm import SerialArm, tilt_of
-from models.arms.urdf import parse
-from sim.interfaces.spatial import Array, exp_so3, inverse, pose, quat_wxyz_from_rotation
+from uuv.calib.arm_files import ArmSource, mjcf_arm
+from uuv.calib.identification import Calibration
+from uuv.models.arms import dh_geometry
+from uuv.models.arms.kinematics import THETA, A, D
+from uuv.models.arms.serial_arm import SerialArm, tilt_of
+from uuv.models.files.urdf import parse
+from uuv.sim.interfaces.spatial import Array, exp_so3, inverse, pose, quat_wxyz_from_rotation
 
 CONVENTION = "Rz(theta + q) Tz(d) Tx(a) Rx(alpha) Ry(beta); slides Rz(theta) Tz(d + q) Tx(a) Rx(alpha) Ry(beta)"
 

@@ -6,13 +6,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from calib import kernels
-from calib.loads import Loads
-from calib.parameters import GROUPS, select
-from models.arms.kinematics import ROW, THETA, D
-from models.arms.serial_arm import SerialArm
-from sim.interfaces.errors import ConfigurationError, ReachError
-from sim.interfaces.spatial import Array, checked, rotation_from_z
+from uuv.calib import kernels
+from uuv.calib.loads import Loads
+from uuv.calib.parameters import GROUPS, select
+from uuv.models.arms.kinematics import ROW, THETA, D
+from uuv.models.arms.serial_arm import SerialArm
+from uuv.sim.interfaces.errors import ConfigurationError, ReachError
+from uuv.sim.interfaces.spatial import Array, checked, rotation_from_z
 
 HAND_NOISE = 0.092e-3  # [m] along each axis: J = 28.7 mm^2 of [Yukhimets 2023] over 3 x 21 touches
 _TRIES = 400  # maximal starts and orientations tried for one touch

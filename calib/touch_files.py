@@ -14,9 +14,9 @@ from typing import Literal
 
 import numpy as np
 
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.files import bytes_of, existing_file
-from sim.interfaces.spatial import Array, readonly, shown
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.files import bytes_of, existing_file
+from uuv.sim.interfaces.spatial import Array, readonly, shown
 
 Units = Literal["auto", "rad", "deg"]
 POINT_COLUMNS = ("point", "series", "socket", "hole", "nest", "target", "label")

@@ -5,9 +5,9 @@ from collections.abc import Iterable, Mapping, Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from models.arms.serial_arm import SerialArm
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.spatial import Array, real_array, shown
+from uuv.models.arms.serial_arm import SerialArm
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.spatial import Array, real_array, shown
 
 STILL, STILL_SHARE = np.deg2rad(1.0), 5e-3  # [rad], of the reach: least RMS motion of a joint that is identified
 _SAME = 1e-9  # [rad] or [m] below this difference two touches count as one written twice

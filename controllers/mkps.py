@@ -3,8 +3,8 @@
     chain = Chain.from_dh(dh, limits=limits)
     result = solve(chain, X_base_tip, q0)
 
-This module is the public interface. Chains are built in `controllers.ik.chain`, pose sequences are tracked in
-`controllers.ik.tracking`. The compiled loops are in `controllers.ik`: `kinematics`, `damped_descent` (hybrid), `sweeps`
+This module is the public interface. Chains are built in `uuv.controllers.ik.chain`, pose sequences are tracked in
+`uuv.controllers.ik.tracking`. The compiled loops are in `uuv.controllers.ik`: `kinematics`, `damped_descent` (hybrid), `sweeps`
 (jacobian_free), `paper_stages` (plain).
 """
 
@@ -17,26 +17,15 @@ from typing import Any, Literal, NamedTuple, NoReturn, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from controllers.ik import chain_kernels as kernels
-from controllers.ik.chain import Chain
-from controllers.ik.damped_descent import MOST_AFTER
-from controllers.ik.entries import entry
-from controllers.ik.method import Method
-from controllers.ik.pose_parts import PartTolerances, count_alike
-from controllers.ik.tracking import Track, Tracker, TrackState, TrackStep, track
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.spatial import (
-    Array,
-    checked,
-    log_so3,
-    not_a_pose,
-    number,
-    one_of,
-    readonly,
-    real_array,
-    shown,
-    whole_number,
-)
+from uuv.controllers.ik import chain_kernels as kernels
+from uuv.controllers.ik.chain import Chain
+from uuv.controllers.ik.damped_descent import MOST_AFTER
+from uuv.controllers.ik.entries import entry
+from uuv.controllers.ik.method import Method
+from uuv.controllers.ik.pose_parts import PartTolerances, count_alike
+from uuv.controllers.ik.tracking import Track, Tracker, TrackState, TrackStep, track
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.spatial import Array, checked, log_so3, not_a_pose, number, one_of, readonly, real_array, shown, whole_number
 
 __all__ = [
     "Branch",
@@ -376,7 +365,7 @@ class IkBatch:
     restarts: NDArray[np.int64]  # (N,)
     axis_error: Array  # (N,) [rad], as in `IkResult`
     turn_error: Array  # (N,) [rad], as in `IkResult`
-    codes: NDArray[np.int64]  # (N,) why each ended, a code of `controllers.ik.chain_kernels`
+    codes: NDArray[np.int64]  # (N,) why each ended, a code of `uuv.controllers.ik.chain_kernels`
 
     def __len__(self) -> int:
         return len(self.q)

@@ -11,9 +11,9 @@ from typing import Any, Self
 
 import numpy as np
 
-from controllers.ik.method import Method
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.spatial import Array
+from uuv.controllers.ik.method import Method
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.spatial import Array
 
 
 def tuned(default: Any, about: str) -> Any:

@@ -1,13 +1,13 @@
 """Models of vehicles, arms, targets and scenes as MjSpec, with hydrodynamic and thruster tables. Nothing is stepped.
 
-A vehicle's module is imported when it is loaded: `import models`, names and descriptions of files need no MuJoCo.
+A vehicle's module is imported when it is loaded: `from uuv import models`, names and descriptions of files need no MuJoCo.
 """
 
 from dataclasses import dataclass
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from models.registry import Registry
+from uuv.models.registry import Registry
 
 if TYPE_CHECKING:
     import mujoco
@@ -20,42 +20,42 @@ class _Entry:
 
 
 _MODELS = {
-    "uuv_puma": _Entry(build="models.vehicles.uuv_puma:build", source="generic, of no real vehicle; estimates"),
+    "uuv_puma": _Entry(build="uuv.models.vehicles.uuv_puma:build", source="generic, of no real vehicle; estimates"),
     "uuv_puma_side": _Entry(
-        build="models.vehicles.uuv_puma:build_side",
+        build="uuv.models.vehicles.uuv_puma:build_side",
         source="uuv_puma with the arm on the port side, for vertical structures",
     ),
     "bluerov2_heavy_benzon2022": _Entry(
-        build="models.vehicles.bluerov2_heavy:benzon_2022",
+        build="uuv.models.vehicles.bluerov2_heavy:benzon_2022",
         source="von Benzon et al. 2022, JMSE 10(12):1898, table A1; T200 at 16 V",
     ),
     "bluerov2_heavy_wu2018": _Entry(
-        build="models.vehicles.bluerov2_heavy:wu_2018",
+        build="uuv.models.vehicles.bluerov2_heavy:wu_2018",
         source="Wu 2018, thesis, Flinders University, tables 5.1 and 5.2 (for fresh water, here ballasted for "
         "1025 kg/m^3); T200 at 16 V",
     ),
     "bluerov2_heavy_alpha5": _Entry(
-        build="models.vehicles.bluerov2_heavy:with_alpha_5",
+        build="uuv.models.vehicles.bluerov2_heavy:with_alpha_5",
         source="von Benzon et al. 2022 with reach_alpha_5 under the bow",
     ),
     "phoenix_smart3s": _Entry(
-        build="models.vehicles.phoenix_smart3s:build",
+        build="uuv.models.vehicles.phoenix_smart3s:build",
         source="SIMURV 4.0 (Antonelli 2013); hull: NPS AUV, Healey and Lienard 1993 (for fresh water, here "
         "ballasted for 1025 kg/m^3)",
     ),
     "rexrov2_arm7": _Entry(
-        build="models.vehicles.rexrov2:with_arm_7",
+        build="uuv.models.vehicles.rexrov2:with_arm_7",
         source="RexROV 2 of UUV Simulator (Manhaes et al. 2016; Berg 2012) with the kinematics of a KUKA LBR iiwa 7",
     ),
     "uuv_puma_two_sway": _Entry(
-        build="models.vehicles.uuv_puma:build_two_sway", source="uuv_puma with two sway thrusters, at bow and stern"
+        build="uuv.models.vehicles.uuv_puma:build_two_sway", source="uuv_puma with two sway thrusters, at bow and stern"
     ),
     "remus100": _Entry(
-        build="models.vehicles.remus100:build",
+        build="uuv.models.vehicles.remus100:build",
         source="PythonVehicleSimulator (Fossen), remus100.py; propeller as a thruster, fins by remus100.fin_wrench",
     ),
     "reach_alpha_5": _Entry(
-        build="models.vehicles.reach_alpha_5:build", source="Kolano et al., arXiv 2209.13577; friction: floating-KinDyn"
+        build="uuv.models.vehicles.reach_alpha_5:build", source="Kolano et al., arXiv 2209.13577; friction: floating-KinDyn"
     ),
 }
 VEHICLES: "Registry[mujoco.MjSpec]" = Registry(
@@ -115,9 +115,9 @@ def describe(name: str) -> Description:
     import mujoco
     import numpy as np
 
-    from models import hydrodynamics
-    from models.naming import HULL_BODY
-    from models.water import thrusters
+    from uuv.models import hydrodynamics
+    from uuv.models.naming import HULL_BODY
+    from uuv.models.water import thrusters
 
     spec = load(name)
     water = hydrodynamics.attached(spec)
@@ -145,7 +145,7 @@ def _source(name: str) -> str:
 if not TYPE_CHECKING:  # which sees modules that are imported, and no others
 
     def __getattr__(name: str) -> Any:
-        """A module of this package, such as `models.hydrodynamics`, imported when it is first asked for."""
+        """A module of this package, such as `uuv.models.hydrodynamics`, imported when it is first asked for."""
         if not name.startswith("_"):
             try:
                 return import_module(f"models.{name}")

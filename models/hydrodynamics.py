@@ -2,7 +2,7 @@
 
 Coefficients are in the body frame, six-vectors (linear; angular) at the body-frame origin (Fossen's order). They are
 stored in `body.userdata`, one row of `LAYOUT.size` numbers per body. A compiled `MjModel` therefore carries them by
-itself, and one stateless callback (`sim.hydrodynamics`) serves every model of the process.
+itself, and one stateless callback (`uuv.sim.hydrodynamics`) serves every model of the process.
 """
 
 import warnings
@@ -16,10 +16,10 @@ import mujoco
 import numpy as np
 from numpy.typing import ArrayLike
 
-from models.water.bounds import LONGEST, SEA_WATER, bounded, lengths, not_negative, positive, segment
-from models.water.forms import KINDS, Form, MunkFactor
-from sim.interfaces.errors import ConfigurationError, PhysicsWarning
-from sim.interfaces.spatial import Array, checked, readonly, rotation_from_z, shown, skew
+from uuv.models.water.bounds import LONGEST, SEA_WATER, bounded, lengths, not_negative, positive, segment
+from uuv.models.water.forms import KINDS, Form, MunkFactor
+from uuv.sim.interfaces.errors import ConfigurationError, PhysicsWarning
+from uuv.sim.interfaces.spatial import Array, checked, readonly, rotation_from_z, shown, skew
 
 ORIGIN: Final = readonly([0.0, 0.0, 0.0])
 MAX_STRIPS: Final = 2  # segments with strip drag per body
@@ -53,7 +53,7 @@ LAYOUT: Final = SimpleNamespace(
     density=1,
     current_acceleration=2,  # 3
     current_shear=5,  # 3
-    compiled=8,  # sum of dof_invweight0, set by sim.hydrodynamics.compile
+    compiled=8,  # sum of dof_invweight0, set by uuv.sim.hydrodynamics.compile
     drag_rate=9,  # 2: drag over inertia [1/s] at rest, and its increase per m/s or rad/s
     ceiling=11,  # [m] above z = 0; a wet body above it causes a warning (`attach` sets CEILING)
     seen=12,  # sum of the flags TOO_FAST, TOO_HIGH, INDEFINITE met by the callback, each added once
@@ -109,7 +109,7 @@ class BodyHydrodynamics:
     linear_damping: Array = field(default_factory=lambda: np.zeros(6))  # (6,) or (6, 6) [N s/m, N m s]; kept as (6, 6)
     quadratic_damping: Array = field(default_factory=lambda: np.zeros(6))  # (6,) [N s^2/m^2, N m s^2]
     strips: StripDrag | tuple[StripDrag, ...] | None = ()  # at most MAX_STRIPS; kept as a tuple
-    forms: Form | tuple[Form, ...] = ()  # further terms (`models.water.forms`); kept as a tuple
+    forms: Form | tuple[Form, ...] = ()  # further terms (`uuv.models.water.forms`); kept as a tuple
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "volume", not_negative(self.volume, "volume [m^3]"))
@@ -218,7 +218,7 @@ def water_density(model: mujoco.MjModel) -> float:
         model.body(i).name: float(row[LAYOUT.body_density]) for i, row in enumerate(model.body_user) if carries(row)
     }
     if not rows:
-        raise ConfigurationError("the model has no hydrodynamics: call models.hydrodynamics.attach on its spec")
+        raise ConfigurationError("the model has no hydrodynamics: call uuv.models.hydrodynamics.attach on its spec")
     return _common_density(rows)
 
 

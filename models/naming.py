@@ -1,6 +1,6 @@
 """The contract with a vehicle's MJCF: names of its bodies, sites, geoms, joints and keyframes, and their look-up.
 
-A vehicle is any MJCF with a free body `hull` and thruster actuators with a table of `models.water.thrusters`. If it has
+A vehicle is any MJCF with a free body `hull` and thruster actuators with a table of `uuv.models.water.thrusters`. If it has
 an arm: a body `arm_base` fixed to the hull, a serial arm whose driven joints each have an actuator (found by its
 transmission), and a site `tip` (z out of the tool). Jobs also want a site `camera` (OpenCV axes), and optionally a
 sliding joint `pad` behind the face of the pad.
@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from models.water import thrusters
-from sim.interfaces.errors import ConfigurationError
+from uuv.models.water import thrusters
+from uuv.sim.interfaces.errors import ConfigurationError
 
 HULL_BODY = "hull"  # free; also the name of its joint
 ARM_BASE_BODY = "arm_base"  # fixed to the hull, carries the arm

@@ -19,8 +19,8 @@ import inspect
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any, Generic, TypeVar, cast
 
-from sim.interfaces.errors import ConfigurationError, UuvError, did_you_mean
-from sim.interfaces.spatial import shown
+from uuv.sim.interfaces.errors import ConfigurationError, UuvError, did_you_mean
+from uuv.sim.interfaces.spatial import shown
 
 if TYPE_CHECKING:
     from importlib.metadata import EntryPoint

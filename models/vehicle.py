@@ -1,4 +1,4 @@
-"""A vehicle in a compiled model: indices, limits, keyframes and thrusters, looked up once by `models.naming`."""
+"""A vehicle in a compiled model: indices, limits, keyframes and thrusters, looked up once by `uuv.models.naming`."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -6,11 +6,11 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from models.arms import gear_friction
-from models.naming import HOME_KEY, READY_KEY, USUAL_NAMES, PartNames, find
-from models.water import thrusters
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.spatial import Array, pose, readonly
+from uuv.models.arms import gear_friction
+from uuv.models.naming import HOME_KEY, READY_KEY, USUAL_NAMES, PartNames, find
+from uuv.models.water import thrusters
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.spatial import Array, pose, readonly
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -36,7 +36,7 @@ class Vehicle:
     q_home: Array  # (n,) [rad] arm folded; the vehicle is trimmed so
     q_ready: Array  # (n,) [rad] a posture to start inverse kinematics from
     thruster_actuators: np.ndarray  # (m,) actuator indices
-    thruster_table: Array  # (m, ...) rows of models.water.thrusters
+    thruster_table: Array  # (m, ...) rows of uuv.models.water.thrusters
     thruster_wrench: Array  # (6, m) wrench on the hull at its origin per newton of thrust, in hull axes
     thruster_names: tuple[str, ...]
 
@@ -45,7 +45,7 @@ class Vehicle:
         """Look the vehicle up in a compiled model; one with neither `arm_base` nor `tip` has no arm.
 
         Args:
-            model: compiled model with a vehicle by the contract of `models.naming`.
+            model: compiled model with a vehicle by the contract of `uuv.models.naming`.
             names: what its parts are called there.
 
         Returns:

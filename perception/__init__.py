@@ -1,28 +1,28 @@
 """Perception: point clouds, target poses, surfaces and tool paths from depth frames and sonar scans.
 
-Names are imported on first use, so that `import perception` needs neither Embree nor SciPy.
+Names are imported on first use, so that `from uuv import perception` needs neither Embree nor SciPy.
 """
 
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from perception.clouds.scan import Scan, SensorModel
-    from perception.registration.identification import Identification, identify
-    from perception.registration.recognition import Recognition, identify_together, recognise
-    from perception.target_finder import KnownObjectFinder
-    from perception.toolpath.path_planner import plan_path
+    from uuv.perception.clouds.scan import Scan, SensorModel
+    from uuv.perception.registration.identification import Identification, identify
+    from uuv.perception.registration.recognition import Recognition, identify_together, recognise
+    from uuv.perception.finding.target_finder import KnownObjectFinder
+    from uuv.perception.toolpath.path_planner import plan_path
 
 _HOME = {
-    "Identification": "perception.registration.identification",
-    "KnownObjectFinder": "perception.target_finder",
-    "Recognition": "perception.registration.recognition",
-    "Scan": "perception.clouds.scan",
-    "SensorModel": "perception.clouds.scan",
-    "identify": "perception.registration.identification",
-    "identify_together": "perception.registration.recognition",
-    "plan_path": "perception.toolpath.path_planner",
-    "recognise": "perception.registration.recognition",
+    "Identification": "uuv.perception.registration.identification",
+    "KnownObjectFinder": "uuv.perception.finding.target_finder",
+    "Recognition": "uuv.perception.registration.recognition",
+    "Scan": "uuv.perception.clouds.scan",
+    "SensorModel": "uuv.perception.clouds.scan",
+    "identify": "uuv.perception.registration.identification",
+    "identify_together": "uuv.perception.registration.recognition",
+    "plan_path": "uuv.perception.toolpath.path_planner",
+    "recognise": "uuv.perception.registration.recognition",
 }
 __all__ = [
     "Identification",

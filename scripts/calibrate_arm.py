@@ -9,19 +9,19 @@ under water. With --touches, any arm can be calibrated:
 With --plan N nothing is identified: the N touches that would tell most are printed and written as plan.csv.
 """
 
-from scenarios.start import parse, run_scenario  # isort: skip
+from uuv.start import parse, run_scenario  # isort: skip
 
 import numpy as np
 
-from scenarios.arm_identification.calibration_options import COMMAND, CalibrationOptions, check_inputs
+from uuv.arm_identification.calibration_options import COMMAND, CalibrationOptions, check_inputs
 
 
 def main() -> int:
     """Calibrates or plans touches, writes the results and returns the exit code."""
     options = parse(CalibrationOptions)
     check_inputs(options)
-    from scenarios.arm_identification.calibration_command import calibrate, plan_touches
-    from sim.runs.terminal import PlainConsole
+    from uuv.arm_identification.calibration_command import calibrate, plan_touches
+    from uuv.sim.runs.terminal import PlainConsole
 
     run = calibrate if options.plan is None else plan_touches
     return run(options, options.folder(COMMAND), PlainConsole(), np.random.default_rng(options.seed))

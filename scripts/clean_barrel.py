@@ -4,12 +4,12 @@ The vehicle knows the barrel's shape and roughly where it is. It keeps station, 
 barrel, carries the tool path onto it and closes in. The contact force is estimated from joint torques alone.
 """
 
-from scenarios.start import parse, run_scenario  # isort: skip
+from uuv.start import parse, run_scenario  # isort: skip
 
 import time
 
-from scenarios.cli.carry_out import run_job
-from scenarios.options import BarrelOptions as Options
+from uuv.cli.carry_out import run_job
+from uuv.jobs import BarrelOptions as Options
 
 
 def main() -> int:

@@ -4,12 +4,12 @@ The task is that of clean_barrel.py with another object. A named object is worke
 file [m] the path is a line over its top, along x, projected onto the mesh from above.
 """
 
-from scenarios.start import parse, run_scenario  # isort: skip
+from uuv.start import parse, run_scenario  # isort: skip
 
 import time
 
-from scenarios.cli.carry_out import run_job
-from scenarios.options import ObjectOptions as Options
+from uuv.cli.carry_out import run_job
+from uuv.jobs import ObjectOptions as Options
 
 
 def main() -> int:

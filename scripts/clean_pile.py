@@ -4,12 +4,12 @@ The task is that of clean_barrel.py with a pile 3 m long, of which the camera se
 height of the visible part.
 """
 
-from scenarios.start import parse, run_scenario  # isort: skip
+from uuv.start import parse, run_scenario  # isort: skip
 
 import time
 
-from scenarios.cli.carry_out import run_job
-from scenarios.options import PileOptions as Options
+from uuv.cli.carry_out import run_job
+from uuv.jobs import PileOptions as Options
 
 
 def main() -> int:

@@ -3,16 +3,16 @@
 ./uvw run scripts/compare_campaigns.py runs/contact runs/contact_other --out runs/comparison
 """
 
-from scenarios.start import parse, run_scenario  # isort: skip
+from uuv.start import parse, run_scenario  # isort: skip
 
 from dataclasses import dataclass
 from pathlib import Path
 
 from tyro.conf import Positional
 
-from scenarios.start import new_folder
-from sim.interfaces.errors import ConfigurationError
-from sim.runs.saving import write_json
+from uuv.start import new_folder
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.runs.saving import write_json
 
 NAME = "compare_campaigns"
 
@@ -36,11 +36,11 @@ def main() -> int:
         if not folder.is_dir():
             raise ConfigurationError(f"{folder}: no folder of a campaign")
 
-    from scenarios.campaigns.comparison import Finished, compared
-    from scenarios.study.harness import as_json
-    from scenarios.study.row_log import METRICS, PAGE
-    from sim.runs.provenance import provenance
-    from sim.runs.terminal import console as console_of
+    from uuv.campaigns.comparison import Finished, compared
+    from uuv.experiment.harness import as_json
+    from uuv.experiment.row_log import METRICS, PAGE
+    from uuv.sim.runs.provenance import provenance
+    from uuv.sim.runs.terminal import console as console_of
 
     summary = compared(Finished.read(options.a), Finished.read(options.b))
     folder, made_by = new_folder(NAME, options.out), provenance(NAME, options)

@@ -5,12 +5,12 @@ motor torques give the friction of each gear, which is compared with the true on
 that the vehicle believes in. Rotor inertias are known. No other command reads the result.
 """
 
-from scenarios.start import parse, run_scenario  # isort: skip
+from uuv.start import parse, run_scenario  # isort: skip
 
 import time
 
-from scenarios.cli.carry_out import run_job
-from scenarios.options import GearOptions as Options
+from uuv.cli.carry_out import run_job
+from uuv.jobs import GearOptions as Options
 
 
 def main() -> int:

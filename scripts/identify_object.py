@@ -8,10 +8,10 @@ out which of several objects it is. Coordinates are those of the sensor (x right
 accepted; 1: rescan or refused; 2: invalid file or option.
 """
 
-from scenarios.start import new_folder, parse, run_scenario  # isort: skip
+from uuv.start import new_folder, parse, run_scenario  # isort: skip
 
-from scenarios.cloud_commands.options import IdentificationOptions, check_inputs
-from sim.runs.saving import write_json
+from uuv.clouds.options import IdentificationOptions, check_inputs
+from uuv.sim.runs.saving import write_json
 
 NOT_ACCEPTED = 1  # exit code for the decisions rescan and refuse
 
@@ -20,21 +20,14 @@ def main() -> int:
     """Runs the identification, writes its files and returns the exit code."""
     options = parse(IdentificationOptions)
     check_inputs(options)
-    from models.meshes.ply_files import write_ply
-    from models.objects import targets
-    from perception.registration.pose_check import Decision
-    from perception.toolpath.deformation import map_deformation
-    from scenarios.cloud_commands.deformation_report import figures, picture_of_deviations, save_cloud, table
-    from scenarios.cloud_commands.identification import (
-        candidates_of,
-        found_in,
-        models_among,
-        picture,
-        recognised_in,
-        report,
-    )
-    from sim.interfaces.spatial import transform_points
-    from sim.runs.terminal import PlainConsole
+    from uuv.models.meshes.ply_files import write_ply
+    from uuv.models.objects import targets
+    from uuv.perception.registration.pose_check import Decision
+    from uuv.perception.toolpath.deformation import map_deformation
+    from uuv.clouds.deformation_report import figures, picture_of_deviations, save_cloud, table
+    from uuv.clouds.identification import candidates_of, found_in, models_among, picture, recognised_in, report
+    from uuv.sim.interfaces.spatial import transform_points
+    from uuv.sim.runs.terminal import PlainConsole
 
     console = PlainConsole()
     folder = new_folder("identify_object", options.out, options.seed)

@@ -7,10 +7,10 @@ that would tell most next is named. Without --log a vehicle drawn from the prior
 first manoeuvre is planned.
 """
 
-from scenarios.start import parse, run_scenario  # isort: skip
+from uuv.start import parse, run_scenario  # isort: skip
 
-from scenarios.cli.identify_water import identify_water
-from scenarios.water_identification.options import WaterOptions
+from uuv.cli.identify_water import identify_water
+from uuv.water_identification.options import WaterOptions
 
 
 def main() -> int:

@@ -5,12 +5,12 @@ manifold and moves the sampler before the hole. The insertion is force-controlle
 it. With --trials N, the N seeds from --seed on run on all cores, and a table gives the success rate.
 """
 
-from scenarios.start import parse, run_scenario  # isort: skip
+from uuv.start import parse, run_scenario  # isort: skip
 
 import time
 
-from scenarios.cli.carry_out import run_job
-from scenarios.options import InsertionOptions as Options
+from uuv.cli.carry_out import run_job
+from uuv.jobs import InsertionOptions as Options
 
 
 def main() -> int:

@@ -4,12 +4,12 @@ The object lies on the seabed; the vehicle knows its model and its coarse pose. 
 too near, the vehicle stays where it is: one line with the reason, exit code 2.
 """
 
-from scenarios.start import parse, run_scenario  # isort: skip
+from uuv.start import parse, run_scenario  # isort: skip
 
 import time
 
-from scenarios.cli.carry_out import run_job
-from scenarios.options import InspectionOptions as Options
+from uuv.cli.carry_out import run_job
+from uuv.jobs import InspectionOptions as Options
 
 
 def main() -> int:

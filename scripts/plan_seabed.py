@@ -4,14 +4,14 @@ The cloud is a text file (x y z a line), PLY or PCD. The targets are a text file
 [Konoplin 2019]. A cloud without a surface, a hole under a target or too rough a relief end in one line and exit code 2.
 """
 
-from scenarios.start import new_folder, parse, run_scenario  # isort: skip
+from uuv.start import new_folder, parse, run_scenario  # isort: skip
 
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from sim.interfaces.spatial import finite_number
+from uuv.sim.interfaces.spatial import finite_number
 
 
 @dataclass(kw_only=True)
@@ -33,18 +33,18 @@ class Options:
 def main() -> int:
     """Plans the path, writes its files and returns the exit code."""
     options = parse(Options)
-    from controllers.planning.trajectories import FASTEST, SLOWEST, speed_law
-    from perception.clouds.point_files import read_cloud, read_targets
-    from perception.seabed.tool_width import checked_width
+    from uuv.controllers.planning.trajectories import FASTEST, SLOWEST, speed_law
+    from uuv.perception.clouds.point_files import read_cloud, read_targets
+    from uuv.perception.seabed.tool_width import checked_width
 
     checked_width(options.width, "--width [m]")
     finite_number(options.speed, "--speed [m/s]", least=SLOWEST, most=FASTEST)
     cloud = read_cloud(options.cloud)
     B, z = read_targets(options.targets)
     folder = new_folder("plan_seabed", options.out)
-    from perception.seabed.terrain_path import plan_seabed_work  # imported, and compiled, after the files are read
-    from scenarios.cloud_commands.seabed_picture import picture
-    from sim.runs.terminal import PlainConsole
+    from uuv.perception.seabed.terrain_path import plan_seabed_work  # imported, and compiled, after the files are read
+    from uuv.clouds.seabed_picture import picture
+    from uuv.sim.runs.terminal import PlainConsole
 
     plan = plan_seabed_work(cloud, B, z, width=options.width)
     console = PlainConsole()

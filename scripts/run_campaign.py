@@ -4,7 +4,7 @@
 ./uvw run scripts/run_campaign.py scripts/campaigns/contact_quick.toml --replay 2
 """
 
-from scenarios.start import parse, run_scenario  # isort: skip
+from uuv.start import parse, run_scenario  # isort: skip
 
 import itertools
 import shlex
@@ -16,14 +16,14 @@ from typing import TYPE_CHECKING, Annotated
 
 from tyro.conf import Positional, UseAppendAction
 
-from scenarios.cli.carry_out import run_job
-from scenarios.study.options import HarnessOptions, at_least
-from sim.interfaces.errors import ConfigurationError
-from sim.runs.command_line import RunOptions
+from uuv.cli.carry_out import run_job
+from uuv.experiment.options import HarnessOptions, at_least
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.runs.command_line import RunOptions
 
 if TYPE_CHECKING:
-    from scenarios.campaigns.campaign import CampaignRun
-    from scenarios.study import Row
+    from uuv.campaigns.campaign import CampaignRun
+    from uuv.experiment import Row
 
 
 @dataclass(kw_only=True)
@@ -57,8 +57,8 @@ class Options(HarnessOptions):
 def main() -> int:
     """Runs or resumes the campaign, or replays one of its runs; returns the exit code."""
     started, options = time.perf_counter(), parse(Options)
-    from scenarios.campaigns.campaign import crashed_row, one_run, read_campaign
-    from scenarios.inputs import check_inputs
+    from uuv.campaigns.campaign import crashed_row, one_run, read_campaign
+    from uuv.inputs import check_inputs
 
     values = tuple(itertools.chain(*options.set))
     campaign = read_campaign(options.file, values, trust=options.trust)
@@ -74,8 +74,8 @@ def main() -> int:
         return run_job(scenario, RunOptions(out=options.out), started, f", case {run.case} of {campaign.name}")
     if not options.page:
         check_inputs(runs[0].scenario())
-    from scenarios.campaigns.campaign_report import summarise
-    from scenarios.study import Study
+    from uuv.campaigns.campaign_report import summarise
+    from uuv.experiment import Study
 
     study = Study(
         cases=runs if options.only is None else [one_of(runs, options.only)],

@@ -4,7 +4,7 @@
 ./uvw run scripts/run_scenario.py scenario.toml --set task.speed=0.03 "site.current=[0, 0.2, 0]"
 """
 
-from scenarios.start import parse, run_scenario  # isort: skip
+from uuv.start import parse, run_scenario  # isort: skip
 
 import itertools
 import time
@@ -14,8 +14,8 @@ from typing import Annotated
 
 from tyro.conf import Positional, UseAppendAction
 
-from scenarios.cli.carry_out import run_job
-from sim.runs.command_line import RunOptions
+from uuv.cli.carry_out import run_job
+from uuv.sim.runs.command_line import RunOptions
 
 
 @dataclass(kw_only=True)
@@ -36,7 +36,7 @@ def main() -> int:
     """Runs the scenario and returns the exit code."""
     started = time.perf_counter()
     options = parse(Options)
-    from scenarios.scenario_file import read_scenario, with_values
+    from uuv.scenario_file import read_scenario, with_values
 
     scenario = with_values(read_scenario(options.file, trust=options.trust), tuple(itertools.chain(*options.set)))
     if options.seed is not None:

@@ -7,12 +7,12 @@ Then it withdraws the tool. If the cloud is no ground, or the ground is unsuitab
 line with the reason, exit code 2.
 """
 
-from scenarios.start import parse, run_scenario  # isort: skip
+from uuv.start import parse, run_scenario  # isort: skip
 
 import time
 
-from scenarios.cli.carry_out import run_job
-from scenarios.options import SeabedOptions as Options
+from uuv.cli.carry_out import run_job
+from uuv.jobs import SeabedOptions as Options
 
 
 def main() -> int:

@@ -8,15 +8,15 @@ from dataclasses import dataclass
 from rich.console import Console
 from rich.table import Table
 
-import models
-from scenarios.start import parse, run_scenario
+from uuv import models
+from uuv.start import parse, run_scenario
 
 
 @dataclass
 class Options:
     """Named models and their sources."""
 
-    names: tuple[str, ...] = ()  # names of models.available(); default: all
+    names: tuple[str, ...] = ()  # names of uuv.models.available(); default: all
 
 
 def main() -> int:

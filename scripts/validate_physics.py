@@ -4,7 +4,7 @@ The checks are the tests in tests/physics that carry `@pytest.mark.check(name, r
 one name: the error that comes nearest to its tolerance, over all seeds and cases. Writes table.md and table.json.
 """
 
-from scenarios.start import new_folder, parse, run_scenario  # isort: skip
+from uuv.start import new_folder, parse, run_scenario  # isort: skip
 
 import json
 import re
@@ -18,8 +18,8 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from sim.interfaces.errors import ConfigurationError
-from sim.runs.saving import write_whole
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.runs.saving import write_whole
 
 ROOT = Path(__file__).resolve().parents[1]
 MARK = "check"

@@ -6,15 +6,15 @@
 The same as `uuv wet`.
 """
 
-from scenarios.start import parse, run_scenario  # isort: skip
+from uuv.start import parse, run_scenario  # isort: skip
 
-from scenarios.cli.wet_model import WetOptions, wet_model
+from uuv.cli.wet_model import WetOptions, wet_model
 
 
 def main() -> int:
     """Writes the model, prints the table and returns the exit code."""
     options = parse(WetOptions)
-    from sim.runs.terminal import PlainConsole
+    from uuv.sim.runs.terminal import PlainConsole
 
     return wet_model(options, PlainConsole())
 

@@ -5,8 +5,8 @@
     while not timestep.last():
         timestep = environment.step(policy(timestep.observation))
 
-It advances the same `Plant.step` as `sim.loop.rollout`. An agent observes the true state: noise, delay and estimation
-belong to `sim.loop.rollout`. Frames: W world, B hull, H the hull pose to hold.
+It advances the same `Plant.step` as `uuv.sim.loop.rollout`. An agent observes the true state: noise, delay and estimation
+belong to `uuv.sim.loop.rollout`. Frames: W world, B hull, H the hull pose to hold.
 """
 
 from collections import OrderedDict
@@ -14,16 +14,16 @@ from collections import OrderedDict
 import numpy as np
 from numpy.typing import ArrayLike
 
-from models.site import scenes
-from sim import hydrodynamics
-from sim.interfaces.errors import ConfigurationError, HydrodynamicsError
-from sim.interfaces.extras import without_dm_control
-from sim.interfaces.messages import Command
-from sim.interfaces.spatial import Array, checked, exp_so3, inverse, log_so3, pose
-from sim.loop.rollout import ticks_per_period
-from sim.plant.arm_hold import ArmHold
-from sim.plant.plant import Plant, Truth
-from sim.water.current import Current
+from uuv.models.site import scenes
+from uuv.sim import hydrodynamics
+from uuv.sim.interfaces.errors import ConfigurationError, HydrodynamicsError
+from uuv.sim.interfaces.extras import without_dm_control
+from uuv.sim.interfaces.messages import Command
+from uuv.sim.interfaces.spatial import Array, checked, exp_so3, inverse, log_so3, pose
+from uuv.sim.loop.rollout import ticks_per_period
+from uuv.sim.plant.arm_hold import ArmHold
+from uuv.sim.plant.plant import Plant, Truth
+from uuv.sim.water.current import Current
 
 try:
     from dm_control.rl import control
@@ -43,7 +43,7 @@ Observation = OrderedDict[str, Array]
 
 
 class PlantPhysics(control.Physics):
-    """The plant behind dm_control's `Physics`: `observe` and `step` in the order of `sim.loop.rollout`.
+    """The plant behind dm_control's `Physics`: `observe` and `step` in the order of `uuv.sim.loop.rollout`.
 
     The control signal is one command per thruster. A PD law at the plant's rate (`ArmHold`) holds the arm at home.
     """
@@ -65,7 +65,7 @@ class PlantPhysics(control.Physics):
 
     @property
     def truth(self) -> Truth:
-        """The current true state; live views, as `sim.plant.plant.Truth` says."""
+        """The current true state; live views, as `uuv.sim.plant.plant.Truth` says."""
         return self._plant.truth
 
     def place(self, *, current: Current, X_WB: Array | None = None) -> None:
@@ -221,7 +221,7 @@ def hover(
     An episode ends with discount 1 at the first action that reaches `time_limit`.
 
     Args:
-        vehicle: Name from `models.available()`, or an MJCF file.
+        vehicle: Name from `uuv.models.available()`, or an MJCF file.
         seed: A Generator is used as it is and shared with the caller. A RandomState is drawn from once. None gives
             episodes that cannot be repeated.
         time_limit: [s], may be infinite.

@@ -12,7 +12,7 @@ which has exactly this sparsity pattern. The other terms go to `d.qfrc_passive`.
 earlier step, so any added mass is stable.
 
 The current is `model.opt.wind` (3,) [m/s] in world axes. Its acceleration and shear are in `model.body_user[0]`
-(`models.hydrodynamics.set_current`). In a flow that varies in space, the acceleration of the water is
+(`uuv.models.hydrodynamics.set_current`). In a flow that varies in space, the acceleration of the water is
 vdot_c + (v_c . grad) v_c, evaluated at the body origin [Auton 1988].
 
 Limits of MuJoCo:
@@ -45,33 +45,21 @@ import mujoco
 import numpy as np
 from numba.core import event
 
-from models.exact_mjcf import library
-from models.hydrodynamics import (
-    INDEFINITE,
-    LAYOUT,
-    TOO_FAST,
-    TOO_HIGH,
-    BodyHydrodynamics,
-    attach,
-    carries,
-    is_wet,
-    unpack,
-    water_density,
-    world_row,
-)
-from models.water.bounds import LARGEST
-from sim.interfaces.errors import ConfigurationError, HydrodynamicsError, PhysicsWarning
-from sim.interfaces.spatial import Array, skew
-from sim.water import energy, mujoco_layout, passive_callback
-from sim.water.wet_inertia import BlockSums, WetInertia
+from uuv.models.files.exact_mjcf import library
+from uuv.models.hydrodynamics import INDEFINITE, LAYOUT, TOO_FAST, TOO_HIGH, BodyHydrodynamics, attach, carries, is_wet, unpack, water_density, world_row
+from uuv.models.water.bounds import LARGEST
+from uuv.sim.interfaces.errors import ConfigurationError, HydrodynamicsError, PhysicsWarning
+from uuv.sim.interfaces.spatial import Array, skew
+from uuv.sim.water import energy, mujoco_layout, passive_callback
+from uuv.sim.water.wet_inertia import BlockSums, WetInertia
 
 DRAG_SPEED = 2.0  # [m/s, rad/s] speed at which the drag rate is compared with the time step
 
 LARGEST_START = 100.0  # [m/s, rad/s] largest speed that buoyancy may cause from rest in one step
 
 _DRY_WEIGHTS = (
-    "has the contact weights of its dry mass: compile it by sim.hydrodynamics.compile(), "
-    "or call sim.hydrodynamics.set_constants() after mj_setConst"
+    "has the contact weights of its dry mass: compile it by uuv.sim.hydrodynamics.compile(), "
+    "or call uuv.sim.hydrodynamics.set_constants() after mj_setConst"
 )
 
 DENSITIES = 30.0, 20_000.0  # [kg/m^3] plausible densities of a body; outside them mass or volume is likely wrong
@@ -179,7 +167,7 @@ def check_motion(model: mujoco.MjModel, data: mujoco.MjData) -> None:
         at = f" (body {model.body(model.dof_bodyid[singular.lastinfo]).name!r})" if singular.number else ""
         raise HydrodynamicsError(
             f"the inertia with the added mass was not positive definite near t = {data.time:g} s{at}; "
-            "call sim.hydrodynamics.set_constants() after changing coefficients: it checks them"
+            "call uuv.sim.hydrodynamics.set_constants() after changing coefficients: it checks them"
         )
     for kind, what in ((kinds.mjWARN_BADQPOS, "qpos"), (kinds.mjWARN_BADQVEL, "qvel"), (kinds.mjWARN_BADQACC, "qacc")):
         if data.warning[kind].number:
@@ -285,7 +273,7 @@ def _doubts(model: mujoco.MjModel, wet: dict[int, BodyHydrodynamics]) -> list[st
     if blind:
         found.append(
             f"force and torque sensors that do not see the water: {', '.join(blind)}; "
-            "take the wrench on a wet body from sim.plant.reaction_wrench"
+            "take the wrench on a wet body from uuv.sim.plant.reaction_wrench"
         )
     return found
 
@@ -388,13 +376,13 @@ class _Notice(event.Listener):
 
 def _moves_dry() -> str:
     if mujoco.get_mjcb_passive() is None:
-        return "moves dry: call sim.hydrodynamics.install()"
+        return "moves dry: call uuv.sim.hydrodynamics.install()"
     return "moves dry: another passive callback is installed, and MuJoCo has room for one"
 
 
 def _warn_replaced() -> None:
     warnings.warn(
-        "the passive callback of sim.hydrodynamics was replaced or removed: models with hydrodynamics move dry",
+        "the passive callback of uuv.sim.hydrodynamics was replaced or removed: models with hydrodynamics move dry",
         RuntimeWarning,
         3,
     )

@@ -9,17 +9,17 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, NamedTuple
 
-# Before NumPy reads it, as scenarios/__init__.py does for jobs: on matrices of this size further threads only spin.
+# Before NumPy reads it, as uuv/__init__.py does for jobs: on matrices of this size further threads only spin.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import hypothesis
 import numpy as np
 import pytest
 
-import sim
-from models.meshes import open3d_loader
-from sim.interfaces.errors import MissingLibraryError
-from sim.runs.command_line import run_scenario
+from uuv import sim
+from uuv.models.meshes import open3d_loader
+from uuv.sim.interfaces.errors import MissingLibraryError
+from uuv.sim.runs.command_line import run_scenario
 
 pytest_plugins = ["skip_ceiling"]  # --most-skipped
 
@@ -180,7 +180,7 @@ class Run(NamedTuple):
 
 @pytest.fixture
 def script(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]):
-    """`script("studies.contact", *arguments)`: what scripts/studies/contact.py does, in this process."""
+    """`script("experiments.contact.contact", *arguments)`: what scripts/experiments/contact/contact.py does, in this process."""
     monkeypatch.chdir(ROOT)
     monkeypatch.setenv("COLUMNS", "200")
     monkeypatch.setenv("PYTHONSAFEPATH", "")  # has it restored: a command sets it

@@ -7,13 +7,13 @@ from itertools import combinations
 
 import numpy as np
 
-from calib.identification import Calibration
-from calib.simulation import HAND_NOISE
-from calib.touches import first_tcp
-from calib.verdicts.evidence import BRIEF, Again, Doubt, Told, log_evidence
-from models.arms.serial_arm import SerialArm
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.spatial import Array
+from uuv.calib.identification import Calibration
+from uuv.calib.simulation import HAND_NOISE
+from uuv.calib.touches import first_tcp
+from uuv.calib.verdicts.evidence import BRIEF, Again, Doubt, Told, log_evidence
+from uuv.models.arms.serial_arm import SerialArm
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.spatial import Array
 
 _SCREENED = 4  # readings of a file that are fitted, the nearest by the nominal arm
 _ABOUT = np.log(3.0)  # logarithm of distances, for each point, within which a reading is worth a fit

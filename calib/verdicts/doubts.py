@@ -17,17 +17,17 @@ import numpy as np
 from scipy.spatial import cKDTree
 from scipy.special import betaln
 
-from calib.fit import LEAST_FREEDOM
-from calib.identification import Calibration
-from calib.simulation import HAND_NOISE
-from calib.touches import first_tcp, motions, moved, spread
-from calib.verdicts.column_readings import Rival, rival_readings
-from calib.verdicts.evidence import BRIEF, REFUSED, Again, Doubt, Told, as_made, log_evidence, motion_of
-from calib.verdicts.joint_readings import HiddenJoint, frozen_readings, hidden_joints, shifted_readings
-from models.arms.kinematics import ROW
-from models.arms.serial_arm import SerialArm
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.spatial import Array
+from uuv.calib.fit import LEAST_FREEDOM
+from uuv.calib.identification import Calibration
+from uuv.calib.simulation import HAND_NOISE
+from uuv.calib.touches import first_tcp, motions, moved, spread
+from uuv.calib.verdicts.column_readings import Rival, rival_readings
+from uuv.calib.verdicts.evidence import BRIEF, REFUSED, Again, Doubt, Told, as_made, log_evidence, motion_of
+from uuv.calib.verdicts.joint_readings import HiddenJoint, frozen_readings, hidden_joints, shifted_readings
+from uuv.models.arms.kinematics import ROW
+from uuv.models.arms.serial_arm import SerialArm
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.spatial import Array
 
 REACHES = (0.05, 50.0)  # [m] of arms; beyond, the unit of the lengths is wrong
 _LIKE_HAND = 3.0  # factor of `HAND_NOISE` that is one standard deviation of how well a point is touched

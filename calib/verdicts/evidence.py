@@ -5,11 +5,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib.identification import Calibration, MapFit
-from calib.parameters import widest_prior
-from calib.simulation import HAND_NOISE
-from models.arms.serial_arm import SerialArm
-from sim.interfaces.spatial import Array
+from uuv.calib.identification import Calibration, MapFit
+from uuv.calib.parameters import widest_prior
+from uuv.calib.simulation import HAND_NOISE
+from uuv.models.arms.serial_arm import SerialArm
+from uuv.sim.interfaces.spatial import Array
 
 REFUSED = 100.0  # odds to 1 above which a wrong input is the better explanation
 BRIEF = MapFit(max_iterations=20)  # a right reading settles in fewer steps

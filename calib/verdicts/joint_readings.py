@@ -9,22 +9,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib.identification import Calibration
-from calib.verdicts.evidence import (
-    BRIEF,
-    REFUSED,
-    Again,
-    Doubt,
-    Told,
-    freedom,
-    log_evidence,
-    log_likely,
-    log_made,
-    motion_of,
-)
-from models.arms.kinematics import ROW, THETA, D
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.spatial import Array
+from uuv.calib.identification import Calibration
+from uuv.calib.verdicts.evidence import BRIEF, REFUSED, Again, Doubt, Told, freedom, log_evidence, log_likely, log_made, motion_of
+from uuv.models.arms.kinematics import ROW, THETA, D
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.spatial import Array
 
 _HIDDEN = 10.0  # distance of the tip from an axis, over the noise, below which its readings may hide in the noise
 _CLOSE = 0.02  # the same as a share of the reach

@@ -17,10 +17,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial import cKDTree
 
-from calib.simulation import reach
-from models.arms.serial_arm import SerialArm
-from sim.interfaces.errors import ConfigurationError, ReachError
-from sim.interfaces.spatial import Array, checked, exp_so3, readonly, transform_points
+from uuv.calib.simulation import reach
+from uuv.models.arms.serial_arm import SerialArm
+from uuv.sim.interfaces.errors import ConfigurationError, ReachError
+from uuv.sim.interfaces.spatial import Array, checked, exp_so3, readonly, transform_points
 
 TRACKER_NOISE = 0.015e-3  # [m] of a FARO Vantage [Yukhimets 2023]
 Alignment = Literal["kabsch", "icp"]

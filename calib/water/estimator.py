@@ -12,8 +12,8 @@ from typing import Protocol
 import numpy as np
 from scipy.stats import t
 
-from calib.water.named_fit import Blocks, NamedFit, NamedParameter, Reduced, Slopes, fit_blocks
-from sim.interfaces.spatial import Array
+from uuv.calib.water.named_fit import Blocks, NamedFit, NamedParameter, Reduced, Slopes, fit_blocks
+from uuv.sim.interfaces.spatial import Array
 
 PASSES = 2  # comparisons with white noise
 FREEDOM = 2  # degrees of freedom of Student's t that a block counts as: what disturbs is drawn anew in each

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib.water.named_fit import NamedFit
-from calib.water.parameters import AXES, group_of
-from sim.interfaces.spatial import Array
+from uuv.calib.water.named_fit import NamedFit
+from uuv.calib.water.parameters import AXES, group_of
+from uuv.sim.interfaces.spatial import Array
 
 TOLD, PARTLY = 0.9, 0.3  # shares of the prior variance
 TOGETHER = 0.95  # correlation beyond which numbers are told only together

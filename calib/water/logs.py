@@ -21,10 +21,10 @@ from pathlib import Path
 
 import numpy as np
 
-from sim.interfaces.errors import ConfigurationError, did_you_mean
-from sim.interfaces.extras import wanted
-from sim.interfaces.files import bytes_of, text_of
-from sim.interfaces.spatial import Array, shown
+from uuv.sim.interfaces.errors import ConfigurationError, did_you_mean
+from uuv.sim.interfaces.extras import wanted
+from uuv.sim.interfaces.files import bytes_of, text_of
+from uuv.sim.interfaces.spatial import Array, shown
 
 POSITION, ATTITUDE, RATE, FORCE, VELOCITY, DEPTH = (
     "position",

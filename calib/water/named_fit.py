@@ -11,8 +11,8 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.spatial import Array, finite_number
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.spatial import Array, finite_number
 
 STEP = 0.03  # prior standard deviations, of the differences
 LONGEST_STEP = 1.5  # prior standard deviations that a parameter moves in one round

@@ -13,12 +13,12 @@ from typing import Self
 import mujoco
 import numpy as np
 
-from calib.water.named_fit import NamedParameter
-from models.hydrodynamics import LAYOUT, BodyHydrodynamics, carries, pack, unpack, water_density
-from models.naming import USUAL_NAMES, PartNames
-from models.vehicle import Vehicle
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.spatial import GRAVITY, Array
+from uuv.calib.water.named_fit import NamedParameter
+from uuv.models.hydrodynamics import LAYOUT, BodyHydrodynamics, carries, pack, unpack, water_density
+from uuv.models.naming import USUAL_NAMES, PartNames
+from uuv.models.vehicle import Vehicle
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.spatial import GRAVITY, Array
 
 AXES = ("surge", "sway", "heave", "roll", "pitch", "yaw")
 ARM_DRAG, ARM_ADDED_MASS = "arm drag", "arm added mass"

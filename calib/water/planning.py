@@ -5,10 +5,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib.water.named_fit import NamedParameter, Slopes
-from calib.water.parameters import GROUPS, group_of
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.spatial import Array, shown
+from uuv.calib.water.named_fit import NamedParameter, Slopes
+from uuv.calib.water.parameters import GROUPS, group_of
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.spatial import Array, shown
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

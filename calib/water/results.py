@@ -8,12 +8,12 @@ import mujoco
 import numpy as np
 import yaml
 
-from calib.water.findings import Finding
-from calib.water.parameters import VehicleWater
-from models import hydrodynamics
-from models.sidecar import beside, write_sidecar, xml_without_water
-from models.water import thrusters
-from models.water.thrusters import Thruster
+from uuv.calib.water.findings import Finding
+from uuv.calib.water.parameters import VehicleWater
+from uuv.models import hydrodynamics
+from uuv.models.files.sidecar import beside, write_sidecar, xml_without_water
+from uuv.models.water import thrusters
+from uuv.models.water.thrusters import Thruster
 
 
 def write_fit(

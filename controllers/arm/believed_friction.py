@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from sim.interfaces.kernels import kernel
+from uuv.sim.interfaces.kernels import kernel
 
 
 @kernel

@@ -22,9 +22,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from controllers.tuning import ComplianceTuning
-from sim.interfaces.messages import Reference
-from sim.interfaces.spatial import Array
+from uuv.controllers.tuning import ComplianceTuning
+from uuv.sim.interfaces.messages import Reference
+from uuv.sim.interfaces.spatial import Array
 
 
 @dataclass(slots=True, eq=False)

@@ -17,11 +17,11 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
-from models import hydrodynamics
-from models.vehicle import Vehicle
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.kernels import kernel
-from sim.interfaces.spatial import Array, exp_so3, finite_number
+from uuv.models import hydrodynamics
+from uuv.models.vehicle import Vehicle
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.kernels import kernel
+from uuv.sim.interfaces.spatial import Array, exp_so3, finite_number
 
 _FIXED, _HINGE, _SLIDE = 0, 1, 2  # joint kinds
 _OF_BODIES = {
@@ -415,7 +415,7 @@ class ArmDynamics:
     """
 
     def __init__(self, model: mujoco.MjModel, *, passive: bool = False, water_error: float = 0.0) -> None:
-        """Read the arm of the vehicle in `model` (`models.vehicle.Vehicle`).
+        """Read the arm of the vehicle in `model` (`uuv.models.vehicle.Vehicle`).
 
         Args:
             model: compiled model of the vehicle.

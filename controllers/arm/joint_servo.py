@@ -1,7 +1,7 @@
 """Joint servo: computed torque at the rate of the drives, tool motion against the drifting hull, gear friction.
 
 The kernels are compiled as a whole, since they run at the rate of the drives. Their dynamics are those of
-`controllers.arm.inverse_dynamics`; the tests compare them with their plain forms. They take records as plain tuples of
+`uuv.controllers.arm.inverse_dynamics`; the tests compare them with their plain forms. They take records as plain tuples of
 their fields, which numba types faster.
 """
 
@@ -10,12 +10,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from controllers.arm.inverse_dynamics import ArmParameters, JointMotion, newton_euler, workspace
-from controllers.ik.priorities import DAMPING, prioritised
-from controllers.tuning import ArmTuning
-from models.vehicle import Vehicle
-from sim.interfaces.kernels import kernel
-from sim.interfaces.spatial import Array
+from uuv.controllers.arm.inverse_dynamics import ArmParameters, JointMotion, newton_euler, workspace
+from uuv.controllers.ik.priorities import DAMPING, prioritised
+from uuv.controllers.tuning import ArmTuning
+from uuv.models.vehicle import Vehicle
+from uuv.sim.interfaces.kernels import kernel
+from uuv.sim.interfaces.spatial import Array
 
 
 class FrictionTracking(NamedTuple):

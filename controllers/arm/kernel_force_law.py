@@ -1,4 +1,4 @@
-"""Force law of one's own that runs within the compiled ticks of the loop (`scenarios.ticks.compiled_ticks`)."""
+"""Force law of one's own that runs within the compiled ticks of the loop (`uuv.ticks.compiled_ticks`)."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -11,9 +11,9 @@ from numba.core.errors import NumbaError
 from numba.extending import intrinsic
 from numba.np.numpy_support import carray
 
-from controllers.arm.position_force import NUMBERS, WANTED, ForceDisplacement, ForceDisplacementState, K
-from sim.interfaces.errors import ConfigurationError, plain
-from sim.interfaces.kernels import c_function, kernel
+from uuv.controllers.arm.position_force import NUMBERS, WANTED, ForceDisplacement, ForceDisplacementState, K
+from uuv.sim.interfaces.errors import ConfigurationError, plain
+from uuv.sim.interfaces.kernels import c_function, kernel
 
 # double law(double* memory, double wanted, double felt, double servo_compliance, double dt)
 _LAW = types.float64(types.CPointer(types.float64), *(types.float64,) * 4)

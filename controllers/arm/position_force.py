@@ -21,9 +21,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from controllers.tuning import ForceLoopTuning, tuned
-from sim.interfaces.kernels import kernel
-from sim.interfaces.spatial import Array
+from uuv.controllers.tuning import ForceLoopTuning, tuned
+from uuv.sim.interfaces.kernels import kernel
+from uuv.sim.interfaces.spatial import Array
 
 # Entries of `ForceDisplacementState.numbers`
 K, INTEGRAL = 0, 1  # [m] displacement along the tool axis, into the surface; its part from the error

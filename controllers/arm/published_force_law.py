@@ -17,10 +17,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from controllers.arm.compliance import ComplianceState
-from controllers.tuning import PublishedForceTuning
-from sim.interfaces.messages import Reference
-from sim.interfaces.spatial import Array
+from uuv.controllers.arm.compliance import ComplianceState
+from uuv.controllers.tuning import PublishedForceTuning
+from uuv.sim.interfaces.messages import Reference
+from uuv.sim.interfaces.spatial import Array
 
 
 @dataclass(slots=True, eq=False)
@@ -34,7 +34,7 @@ class PidState:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PublishedForceLaw(PublishedForceTuning):
-    """Component along the tool axis (`controllers.tool_control.ForceLaw`)."""
+    """Component along the tool axis (`uuv.controllers.whole_body.tool_control.ForceLaw`)."""
 
     @property
     def closed_loop(self) -> bool:
@@ -96,7 +96,7 @@ class TangentialState(ComplianceState):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TangentialForceLoop(PublishedForceTuning):
-    """Components across the tool axis, whose set force is zero (`controllers.tool_control.SideDisplacement`)."""
+    """Components across the tool axis, whose set force is zero (`uuv.controllers.whole_body.tool_control.SideDisplacement`)."""
 
     def init(self) -> TangentialState:
         """Initial state: no offset."""

@@ -8,14 +8,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from controllers.arm.joint_servo import ResolvedMotion, ToolTarget, resolve_tool_motion
-from controllers.ik.chain_kernels import BAD_TARGET, HYBRID, Settings
-from controllers.ik.damped_descent import solve_keep
-from controllers.ik.method import tracking_method
-from controllers.ik.tracking_solvers import solve_at, solver_address
-from controllers.tuning import ArmTuning
-from sim.interfaces.kernels import kernel
-from sim.interfaces.spatial import Array
+from uuv.controllers.arm.joint_servo import ResolvedMotion, ToolTarget, resolve_tool_motion
+from uuv.controllers.ik.chain_kernels import BAD_TARGET, HYBRID, Settings
+from uuv.controllers.ik.damped_descent import solve_keep
+from uuv.controllers.ik.method import tracking_method
+from uuv.controllers.ik.tracking_solvers import solve_at, solver_address
+from uuv.controllers.tuning import ArmTuning
+from uuv.sim.interfaces.kernels import kernel
+from uuv.sim.interfaces.spatial import Array
 
 _POSITION, _ORIENTATION = 1e-6, 1e-5  # [m], [rad] tolerances of the inverse kinematics
 _STEPS = 4000  # [-] most iterations of the inverse kinematics
@@ -50,7 +50,7 @@ class ToolTracking(NamedTuple):
     speed_limit: float  # [rad/s] of every joint
     blend_time: float  # [s] see `ArmTuning`
     period: float  # [s]
-    solver: int  # address of the inverse kinematics (`controllers.ik.tracking_solvers`); 0: the hybrid method
+    solver: int  # address of the inverse kinematics (`uuv.controllers.ik.tracking_solvers`); 0: the hybrid method
 
     @classmethod
     def of(cls, X_AB: Array, joints: int, tuning: ArmTuning, *, follows_hull: bool) -> "ToolTracking":

@@ -7,10 +7,10 @@ arm, a yaw joint and three parallel pitch joints with joints 5 and 6 at zero, th
 
 import numpy as np
 
-from controllers.estimation.tip_force_estimator import PRIOR, ContactState, DriveState, TorqueSensors
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.messages import ContactEstimate, StateEstimate
-from sim.interfaces.spatial import Array
+from uuv.controllers.estimation.tip_force_estimator import PRIOR, ContactState, DriveState, TorqueSensors
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.messages import ContactEstimate, StateEstimate
+from uuv.sim.interfaces.spatial import Array
 
 JOINTS = (0, 2, 3)  # 1, 3 and 4 in the paper's count
 _SINGULAR = 0.02  # [-] least singular value of the three rows over the largest, below which the force is held

@@ -22,9 +22,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from controllers.tuning import ObserverDeviations
-from sim.interfaces.kernels import kernel
-from sim.interfaces.spatial import Array
+from uuv.controllers.tuning import ObserverDeviations
+from uuv.sim.interfaces.kernels import kernel
+from uuv.sim.interfaces.spatial import Array
 
 
 @dataclass(slots=True, eq=False)

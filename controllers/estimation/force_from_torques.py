@@ -1,7 +1,7 @@
 """Least-squares contact force at the tool from joint torques, in plain form, with covariance.
 
 The residual of the torques against the arm model is mapped through J^T. The form that runs in the loop is compiled, in
-`controllers.estimation.tip_force_estimator`.
+`uuv.controllers.estimation.tip_force_estimator`.
 
 Signs: `tau_e` is the torque that the contact puts on the joints, J^T f, with f the force of the world on the tip.
 """
@@ -10,9 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from controllers.estimation.tip_force_estimator import PRIOR
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.spatial import Array
+from uuv.controllers.estimation.tip_force_estimator import PRIOR
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.spatial import Array
 
 
 def tip_force(tau_e: Array, J: Array, sigma: Array) -> tuple[Array, Array]:

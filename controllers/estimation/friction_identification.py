@@ -20,11 +20,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from models.arms.gear_friction import DryFriction
-from models.vehicle import Vehicle
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.messages import Command, Reference, StateEstimate, Target, WorkState
-from sim.interfaces.spatial import Array, checked, readonly
+from uuv.models.arms.gear_friction import DryFriction
+from uuv.models.vehicle import Vehicle
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.messages import Command, Reference, StateEstimate, Target, WorkState
+from uuv.sim.interfaces.spatial import Array, checked, readonly
 
 _LEAST_SPEED = 2e-3  # [rad/s] slower samples may belong to a joint at rest and are dropped
 _FEWEST = 200  # minimal number of moving samples of a joint; a tenth of it in each direction
@@ -162,7 +162,7 @@ def _robust_covariance(A: Array, residual: Array) -> Array:
 
 
 class FrictionMotion:
-    """Excitation planner (`sim.interfaces.protocols.Planner`): the joints swing while the hull keeps station."""
+    """Excitation planner (`uuv.sim.interfaces.protocols.Planner`): the joints swing while the hull keeps station."""
 
     def __init__(
         self,

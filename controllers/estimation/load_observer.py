@@ -21,25 +21,19 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
-from controllers.arm.believed_friction import dry_friction, dry_friction_sigma
-from controllers.arm.inverse_dynamics import ArmDynamics, ArmParameters, JointMotion, newton_euler, workspace
-from controllers.estimation.tip_force_estimator import (
-    ContactState,
-    DriveState,
-    TorqueResidual,
-    force_from_external_torques,
-    force_sigma,
-)
-from controllers.tuning import DRIVE_PERIOD, ArmTuning
-from models.arms.gear_friction import DryFriction
-from models.vehicle import Vehicle
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.kernels import kernel
-from sim.interfaces.messages import ContactEstimate, Reference, StateEstimate
-from sim.interfaces.spatial import Array, fitting
+from uuv.controllers.arm.believed_friction import dry_friction, dry_friction_sigma
+from uuv.controllers.arm.inverse_dynamics import ArmDynamics, ArmParameters, JointMotion, newton_euler, workspace
+from uuv.controllers.estimation.tip_force_estimator import ContactState, DriveState, TorqueResidual, force_from_external_torques, force_sigma
+from uuv.controllers.tuning import DRIVE_PERIOD, ArmTuning
+from uuv.models.arms.gear_friction import DryFriction
+from uuv.models.vehicle import Vehicle
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.kernels import kernel
+from uuv.sim.interfaces.messages import ContactEstimate, Reference, StateEstimate
+from uuv.sim.interfaces.spatial import Array, fitting
 
 SMOOTHING = 1e-3  # [rad/s] width of the sign change of dry friction: five times the noise of the encoders' speed
-_HINGE = 1  # joint kind of hinges in `layout` of controllers.arm.inverse_dynamics; other joints are slides
+_HINGE = 1  # joint kind of hinges in `layout` of uuv.controllers.arm.inverse_dynamics; other joints are slides
 
 
 class GearModel(NamedTuple):

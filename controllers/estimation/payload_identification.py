@@ -17,9 +17,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from controllers.arm.inverse_dynamics import ArmDynamics, ArmParameters, JointMotion, inverse_dynamics
-from sim.interfaces.kernels import kernel
-from sim.interfaces.spatial import Array
+from uuv.controllers.arm.inverse_dynamics import ArmDynamics, ArmParameters, JointMotion, inverse_dynamics
+from uuv.sim.interfaces.kernels import kernel
+from uuv.sim.interfaces.spatial import Array
 
 
 @dataclass(slots=True, eq=False)

@@ -1,9 +1,9 @@
 """Tip-force estimator that runs in the loop: one compiled call from joint torques to the force on the tool.
 
 `TorqueSensors` reads sensors on the gear outputs, with tare, payload and sigma. Another `ContactEstimator` takes its
-place by `WorkController(model, estimator=...)`, such as `controllers.estimation.load_observer.MomentumObserver`.
+place by `WorkController(model, estimator=...)`, such as `uuv.controllers.estimation.load_observer.MomentumObserver`.
 
-The parts are those of `controllers.arm.inverse_dynamics` and `controllers.estimation.force_from_torques`. The tests
+The parts are those of `uuv.controllers.arm.inverse_dynamics` and `uuv.controllers.estimation.force_from_torques`. The tests
 compare the compiled forms here with the plain forms there. Records come as plain tuples of their fields, which numba
 types faster.
 """
@@ -14,22 +14,15 @@ from typing import Any, NamedTuple, Protocol
 import mujoco
 import numpy as np
 
-from controllers.arm.inverse_dynamics import (
-    ArmDynamics,
-    ArmParameters,
-    JointMotion,
-    newton_euler,
-    tip_kinematics,
-    workspace,
-)
-from controllers.arm.joint_servo import FrictionTracking, track_gear_friction
-from controllers.estimation.payload_identification import PayloadIdentification, PayloadIdentificationState
-from controllers.tuning import DRIVE_PERIOD, ArmTuning
-from models.arms.gear_friction import DryFriction
-from models.vehicle import Vehicle
-from sim.interfaces.kernels import kernel
-from sim.interfaces.messages import ContactEstimate, Reference, StateEstimate
-from sim.interfaces.spatial import Array, skew
+from uuv.controllers.arm.inverse_dynamics import ArmDynamics, ArmParameters, JointMotion, newton_euler, tip_kinematics, workspace
+from uuv.controllers.arm.joint_servo import FrictionTracking, track_gear_friction
+from uuv.controllers.estimation.payload_identification import PayloadIdentification, PayloadIdentificationState
+from uuv.controllers.tuning import DRIVE_PERIOD, ArmTuning
+from uuv.models.arms.gear_friction import DryFriction
+from uuv.models.vehicle import Vehicle
+from uuv.sim.interfaces.kernels import kernel
+from uuv.sim.interfaces.messages import ContactEstimate, Reference, StateEstimate
+from uuv.sim.interfaces.spatial import Array, skew
 
 PRIOR = 1e-6  # [1/N^2] weak prior, sigma 1 kN about zero: keeps directions bounded that a posture cannot observe
 
@@ -219,7 +212,7 @@ def unfiltered_tip_force(arm, joints, tau_measured, errors, sensed):
 
 @kernel
 def _least_squares(J_B, tau_e, tau_scale, errors):
-    """Force on the tip (3,) [N], hull axes: `controllers.estimation.force_from_torques.tip_force` by Cholesky."""
+    """Force on the tip (3,) [N], hull axes: `uuv.controllers.estimation.force_from_torques.tip_force` by Cholesky."""
     bias, floor, noise = errors.bias, errors.floor, errors.noise
     a00, a11, a22, a01, a02, a12 = PRIOR, PRIOR, PRIOR, 0.0, 0.0, 0.0
     b0 = b1 = b2 = 0.0

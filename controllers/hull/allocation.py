@@ -1,11 +1,11 @@
 """Thrust allocation: hull wrench to thruster commands, within bounds, through the inverse of the static thrust curve.
 
 Six thrusters leave no redundancy. Where they saturate, part of the wrench is given up in the order of `PRIORITIES`:
-strict priority levels (`controllers.hull.priorities`), no weights. Roll and pitch come first: a tilt of the hull tilts
+strict priority levels (`uuv.controllers.hull.priorities`), no weights. Roll and pitch come first: a tilt of the hull tilts
 the tool and moves the tip by the length of the arm. The force comes next: where it lacks, the hull is pushed away
 slowly and the arm re-aims. Yaw is last. Among thrusts that are equal in all this, the effort is minimal.
 
-A rotating propeller gives at least a minimal thrust (`models.water.thrusters`). Thrusts between zero and that minimum
+A rotating propeller gives at least a minimal thrust (`uuv.models.water.thrusters`). Thrusts between zero and that minimum
 do not exist (the gap), so the problem is no longer convex. There the wrench that the levels have chosen is approached
 by weighted least squares, |W (B x - w)|^2 + e^2 |D x|^2. Weights spread the small remaining error over all axes instead
 of putting all of it on one:
@@ -27,14 +27,14 @@ from typing import Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from controllers.hull.priorities import solve_levels
-from controllers.tuning import HULL
-from models.vehicle import Vehicle
-from models.water.thruster_curves import command_for
-from models.water.thrusters import FORWARD, LEAST, REVERSE, curves
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.kernels import kernel
-from sim.interfaces.spatial import Array, checked, fitting
+from uuv.controllers.hull.priorities import solve_levels
+from uuv.controllers.tuning import HULL
+from uuv.models.vehicle import Vehicle
+from uuv.models.water.thruster_curves import command_for
+from uuv.models.water.thrusters import FORWARD, LEAST, REVERSE, curves
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.kernels import kernel
+from uuv.sim.interfaces.spatial import Array, checked, fitting
 
 AXES = ("surge", "sway", "heave", "roll", "pitch", "yaw")  # order of a wrench on the hull, hull axes
 PRIORITIES = (("roll", "pitch"), ("surge", "sway", "heave"), ("yaw",))

@@ -3,7 +3,7 @@
 **Feedforward.** [Konoplin 2022] feeds C_F = C_D + A f_e forward to the thrusters: the wrench of the arm's motion in
 water, and that of the contact. `WithoutTerms` and `WithoutCompensation` leave parts of it out, for a study.
 
-**Lead.** A propeller follows its command with a first-order lag T (`models.water.thrusters`). Its present speed n is
+**Lead.** A propeller follows its command with a first-order lag T (`uuv.models.water.thrusters`). Its present speed n is
 predicted from past commands. The command u that brings it towards the wanted speed c with a lag T_r < T is
 
     u = n + (c - n) (1 - exp(-dt / T_r)) / (1 - exp(-dt / T)),    within full speed.
@@ -19,19 +19,19 @@ from typing import Literal, NamedTuple, Protocol
 import mujoco
 import numpy as np
 
-from controllers.arm.inverse_dynamics import ArmDynamics
-from controllers.arm.wrench_terms import WrenchTerms
-from controllers.estimation.tip_force_estimator import ContactState
-from controllers.hull.allocation import PRIORITIES, PRIORITIES_AFTER_LOSS, Allocation
-from controllers.hull.station_keeping import StationKeeping, StationKeepingState
-from controllers.tuning import HULL
-from models.vehicle import Vehicle
-from models.water.thruster_curves import command_in_flow, thrust_at, thrust_in_flow
-from models.water.thrusters import INFLOW_LOSS, SLEW_RATE, TIME_CONSTANT, curves, inflow_levers
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.kernels import kernel
-from sim.interfaces.messages import Reference, StateEstimate
-from sim.interfaces.spatial import Array, fitting, number
+from uuv.controllers.arm.inverse_dynamics import ArmDynamics
+from uuv.controllers.arm.wrench_terms import WrenchTerms
+from uuv.controllers.estimation.tip_force_estimator import ContactState
+from uuv.controllers.hull.allocation import PRIORITIES, PRIORITIES_AFTER_LOSS, Allocation
+from uuv.controllers.hull.station_keeping import StationKeeping, StationKeepingState
+from uuv.controllers.tuning import HULL
+from uuv.models.vehicle import Vehicle
+from uuv.models.water.thruster_curves import command_in_flow, thrust_at, thrust_in_flow
+from uuv.models.water.thrusters import INFLOW_LOSS, SLEW_RATE, TIME_CONSTANT, curves, inflow_levers
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.kernels import kernel
+from uuv.sim.interfaces.messages import Reference, StateEstimate
+from uuv.sim.interfaces.spatial import Array, fitting, number
 
 _TILTS = 0.15  # [m] lever in roll and pitch, from which on a stuck thruster turns the hull over
 _PUSHES = 0.3  # [-] share of full thrust, above which a thruster that is stuck may turn the vehicle over

@@ -13,8 +13,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sim.interfaces.kernels import kernel
-from sim.interfaces.spatial import Array
+from uuv.sim.interfaces.kernels import kernel
+from uuv.sim.interfaces.spatial import Array
 
 _SAME = 1e-10  # [-] share of a row's norm below which its remainder after projection is rounding noise
 _HELD = 1e-9  # [-] of a unit step: below it the levels above fix a variable, and its bound adds no constraint

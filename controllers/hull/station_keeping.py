@@ -5,7 +5,7 @@
 
 All are in hull axes, wrenches at the hull's origin. M is the inertia of hull and arm with added mass, the arm at home.
 Proportional and rate feedback act on the pose. Weight, buoyancy and the arm's wrench are fed forward. A disturbance
-observer (`controllers.estimation.disturbance_observer`) estimates the remaining wrench, mainly current drag, and
+observer (`uuv.controllers.estimation.disturbance_observer`) estimates the remaining wrench, mainly current drag, and
 cancels it. The observer replaces an integral term. It uses the thrust actually given, so saturation causes no windup.
 """
 
@@ -14,14 +14,14 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from controllers.arm.inverse_dynamics import ArmDynamics
-from controllers.estimation.disturbance_observer import DisturbanceObserver, DisturbanceObserverState
-from controllers.tuning import HULL, ObserverDeviations
-from models import hydrodynamics
-from models.vehicle import Vehicle
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.messages import StateEstimate
-from sim.interfaces.spatial import Array, checked, log_so3, readonly, skew
+from uuv.controllers.arm.inverse_dynamics import ArmDynamics
+from uuv.controllers.estimation.disturbance_observer import DisturbanceObserver, DisturbanceObserverState
+from uuv.controllers.tuning import HULL, ObserverDeviations
+from uuv.models import hydrodynamics
+from uuv.models.vehicle import Vehicle
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.messages import StateEstimate
+from uuv.sim.interfaces.spatial import Array, checked, log_so3, readonly, skew
 
 _STILL = readonly(np.zeros(3))
 
@@ -69,7 +69,7 @@ class StationKeeping:
         checked([water_error], (1,), "hover water_error")
         vehicle = Vehicle.of(model)
         if not hydrodynamics.carries(model.body_user[vehicle.hull]):
-            raise ConfigurationError("the hull has no hydrodynamics: call models.hydrodynamics.attach on its spec")
+            raise ConfigurationError("the hull has no hydrodynamics: call uuv.models.hydrodynamics.attach on its spec")
         own = hull_inertia(model, vehicle.hull, 1.0 + water_error)
         self.inertia = own.copy()  # (6, 6) [kg, kg m, kg m^2] with the arm's, hull axes at the hull's origin
         if arm is None and float(model.body_subtreemass[vehicle.hull]) > float(model.body_mass[vehicle.hull]):
@@ -105,7 +105,7 @@ class StationKeeping:
     def current(self, state: StationKeepingState) -> Array:
         """Estimated current (3,) [m/s] in W, also during contact.
 
-        See `controllers.estimation.disturbance_observer` for the assumptions. A steady force that no sensor measures (a
+        See `uuv.controllers.estimation.disturbance_observer` for the assumptions. A steady force that no sensor measures (a
         tether, a wrong weight) appears as current. A direction without drag gives no information on the current.
         """
         return state.observer.current_W.copy()

@@ -2,7 +2,7 @@
 
 Loads are weight and buoyancy, the arm's weight in water, the set force, and the surface's friction; in a current also
 its drag on hull and arm, the hull's Munk moment, and the inflow of the thrusters. Hull placement
-(`controllers.planning.hull_placement`) counts the share that remains as one of its margins.
+(`uuv.controllers.planning.hull_placement`) counts the share that remains as one of its margins.
 """
 
 from copy import copy
@@ -12,14 +12,14 @@ import mujoco
 import numpy as np
 from numpy.typing import ArrayLike
 
-from controllers.arm.inverse_dynamics import ArmDynamics, inverse_dynamics
-from controllers.hull.station_keeping import StationKeeping
-from models import hydrodynamics
-from models.hydrodynamics import BodyHydrodynamics
-from models.vehicle import Vehicle
-from models.water.thrusters import FORWARD, INFLOW_LOSS, REVERSE
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.spatial import Array, checked, cross
+from uuv.controllers.arm.inverse_dynamics import ArmDynamics, inverse_dynamics
+from uuv.controllers.hull.station_keeping import StationKeeping
+from uuv.models import hydrodynamics
+from uuv.models.hydrodynamics import BodyHydrodynamics
+from uuv.models.vehicle import Vehicle
+from uuv.models.water.thrusters import FORWARD, INFLOW_LOSS, REVERSE
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.spatial import Array, checked, cross
 
 
 class ThrustMargin:

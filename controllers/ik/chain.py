@@ -1,4 +1,4 @@
-"""Serial chains for the inverse kinematics of `controllers.mkps`, built from DH rows, vectors, MJCF or URDF.
+"""Serial chains for the inverse kinematics of `uuv.controllers.mkps`, built from DH rows, vectors, MJCF or URDF.
 
 Joints are hinges [rad], slides [m] and pantograph links [rad]. A pantograph link swings while the body that it carries
 keeps its orientation. The base frame is the one that the chain was given in; the tip frame is the tool frame G.
@@ -14,25 +14,13 @@ import mujoco
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from controllers.ik import chain_kernels as kernels
-from controllers.ik.entries import entry
-from models.arms.kinematics import THETA, A, D
-from models.arms.serial_arm import SerialArm, tilt_of
-from models.arms.urdf import CHAIN_TIP, model_from_urdf
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.spatial import (
-    FARTHEST,
-    Array,
-    checked,
-    checked_pose,
-    checked_rows,
-    exp_so3,
-    inverse,
-    pose,
-    readonly,
-    real_array,
-    shown,
-)
+from uuv.controllers.ik import chain_kernels as kernels
+from uuv.controllers.ik.entries import entry
+from uuv.models.arms.kinematics import THETA, A, D
+from uuv.models.arms.serial_arm import SerialArm, tilt_of
+from uuv.models.files.urdf import CHAIN_TIP, model_from_urdf
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.spatial import FARTHEST, Array, checked, checked_pose, checked_rows, exp_so3, inverse, pose, readonly, real_array, shown
 
 _KINDS = {"r": kernels.HINGE, "p": kernels.SLIDE, "o": kernels.PANTOGRAPH}
 _JOINT_LETTERS = "r (hinge), p (slide), o (pantograph link)"
@@ -116,7 +104,7 @@ class Chain:
         """Build the chain of a serial arm, from its base to its flange, with its limits and joint names.
 
         Args:
-            arm: kinematics, as read from a file or a model, or published (`models.arms`).
+            arm: kinematics, as read from a file or a model, or published (`uuv.models.arms`).
 
         Returns:
             The chain.
@@ -133,7 +121,7 @@ class Chain:
     def _along_rows(
         cls, table: Array, types: str, X_base_0: Array, X_n_tip: Array, limits: Array, names: tuple[str, ...]
     ) -> Self:
-        """Build the chain of validated table rows (n, 5) of `models.arms.serial_arm`, with pantograph links."""
+        """Build the chain of validated table rows (n, 5) of `uuv.models.arms.serial_arm`, with pantograph links."""
         axes, points, links = np.empty((3, len(table), 3))
         X = X_base_0
         for i, row in enumerate(table):
@@ -249,7 +237,7 @@ class Chain:
 
         Raises:
             ConfigurationError: as `from_mjcf`, and for a file that is not a URDF of one tree (see
-                `models.arms.urdf`).
+                `uuv.models.files.urdf`).
         """
         model, root = model_from_urdf(urdf, base_link, tip_link)
         return cls.from_mjcf(model, "world" if base_link == root else base_link, CHAIN_TIP, exclude)
@@ -368,8 +356,8 @@ def set_limits(memory: NDArray[np.floating], column: int, bounds: Array | NDArra
     """Write joint limits into kernel memory.
 
     Args:
-        memory: kernel memory of a chain (see `controllers.ik.chain_kernels`), changed in place.
-        column: LOWER or UPPER of `controllers.ik.chain_kernels`.
+        memory: kernel memory of a chain (see `uuv.controllers.ik.chain_kernels`), changed in place.
+        column: LOWER or UPPER of `uuv.controllers.ik.chain_kernels`.
         bounds: (n,) [rad] or [m] the limits.
     """
     n = len(bounds)
@@ -377,7 +365,7 @@ def set_limits(memory: NDArray[np.floating], column: int, bounds: Array | NDArra
 
 
 def memory_of(chain: Chain, scale: float) -> Array:
-    """Build kernel memory (see `controllers.ik.chain_kernels`) for a chain, its lengths multiplied by `scale`."""
+    """Build kernel memory (see `uuv.controllers.ik.chain_kernels`) for a chain, its lengths multiplied by `scale`."""
     n = chain.n
     memory = np.zeros(kernels.memory_size(n))
     table = memory[: (kernels.HEAD + n) * kernels.COLUMNS].reshape(-1, kernels.COLUMNS)

@@ -1,4 +1,4 @@
-"""Compiled kinematics of a serial chain, shared by the solvers of `controllers.ik`; allocation-free.
+"""Compiled kinematics of a serial chain, shared by the solvers of `uuv.controllers.ik`; allocation-free.
 
 A chain and its solver's working memory are one array, `memory`, of `memory_size(n)` numbers, for one thread at a time.
 Its type, float64 or float32, is the precision of all arithmetic. `partition` cuts it into views:
@@ -28,7 +28,7 @@ import numpy as np
 from numba import types
 from numba.extending import overload
 
-from sim.interfaces.kernels import kernel
+from uuv.sim.interfaces.kernels import kernel
 
 KIND, OFFSET, COS_ALPHA, SIN_ALPHA, LINK, LOWER, UPPER, COS_OFFSET, SIN_OFFSET, AFTER, COLUMNS = (
     0,
@@ -54,7 +54,7 @@ PAST = 15  # columns of `past`
 CONVERGED, STALLED, EXHAUSTED, BRANCH_LOST, OUT_OF_REACH = 0, 1, 2, 3, 4  # why a solver ended
 BAD_TARGET, BAD_START, BAD_OPTION = 5, 6, 7  # input that a solver refuses
 HYBRID, JACOBIAN_FREE, PLAIN, PRIORITY = 0, 1, 2, 3  # methods, in `Settings`
-ALONG, WITHIN, THROUGH = 0, 1, 2  # treatment of the limits, see `controllers.ik.damped_descent.descend`
+ALONG, WITHIN, THROUGH = 0, 1, 2  # treatment of the limits, see `uuv.controllers.ik.damped_descent.descend`
 
 TWO_PI = 2.0 * math.pi  # [rad]
 _WALK = 0.1  # [rad] longest step of a joint between two Jacobians that `branch_left` compares
@@ -84,7 +84,7 @@ class Settings(NamedTuple):
     limit: int  # largest number of steps or sweeps, restarts included
     restarts: int  # largest number of restarts
     keep: bool  # keep the branch of the start: no restart, no jump by a whole turn
-    tip_axes: bool  # see `controllers.ik.paper_stages.stage_axes`; PLAIN only
+    tip_axes: bool  # see `uuv.controllers.ik.paper_stages.stage_axes`; PLAIN only
 
 
 class Near(NamedTuple):

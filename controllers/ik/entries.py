@@ -1,4 +1,4 @@
-"""Compiled, cached entry points of the inverse kinematics, called from Python by `controllers.mkps`.
+"""Compiled, cached entry points of the inverse kinematics, called from Python by `uuv.controllers.mkps`.
 
 The entries for one target hold the GIL on purpose. They may then share the memory of their chain, and one solution
 takes far less time than a switch to another thread. The entry for many targets releases the GIL and needs memory of its
@@ -13,24 +13,13 @@ import numpy as np
 from numba import types
 from numpy.typing import DTypeLike
 
-from controllers.ik.chain_kernels import (
-    BAD_OPTION,
-    HYBRID,
-    JACOBIAN_FREE,
-    PLAIN,
-    PRIORITY,
-    SCALE,
-    Settings,
-    forward,
-    partition,
-    set_goal,
-)
-from controllers.ik.damped_descent import solve_hybrid, solve_keep
-from controllers.ik.paper_stages import solve_plain, stage_axes, three_goals
-from controllers.ik.pose_parts import PartTolerances, alike, split
-from controllers.ik.priorities import solve_priority
-from controllers.ik.sweeps import solve_jacobian_free
-from sim.interfaces.kernels import kernel
+from uuv.controllers.ik.chain_kernels import BAD_OPTION, HYBRID, JACOBIAN_FREE, PLAIN, PRIORITY, SCALE, Settings, forward, partition, set_goal
+from uuv.controllers.ik.damped_descent import solve_hybrid, solve_keep
+from uuv.controllers.ik.paper_stages import solve_plain, stage_axes, three_goals
+from uuv.controllers.ik.pose_parts import PartTolerances, alike, split
+from uuv.controllers.ik.priorities import solve_priority
+from uuv.controllers.ik.sweeps import solve_jacobian_free
+from uuv.sim.interfaces.kernels import kernel
 
 _VECTOR, _TABLE = types.float64[::1], types.float64[:, ::1]
 _GIVEN = {d: types.Array(types.float64, d, "C", readonly=True) for d in (1, 2, 3)}  # writable arrays are accepted too

@@ -7,42 +7,15 @@ link plus the error. The arguments of atan2 are `across` and `near` below. Test 
 farthest position of a joint for the nearest.
 
 Rotating all links beyond a joint costs O(n) per step. Carrying only the tip point and the tool axes gives the same
-iterates in O(n) per sweep. Arrays are those of `controllers.ik.chain_kernels`.
+iterates in O(n) per sweep. Arrays are those of `uuv.controllers.ik.chain_kernels`.
 """
 
 import math
 
 import numpy as np
 
-from controllers.ik.chain_kernels import (
-    AXIS,
-    BAD_TARGET,
-    BEST,
-    BRANCH_LOST,
-    CONVERGED,
-    EXHAUSTED,
-    HEAD,
-    HINGE,
-    KIND,
-    LOWER,
-    OUT_OF_REACH,
-    PANTOGRAPH,
-    POINT,
-    SCALE,
-    SLIDE,
-    UPPER,
-    begin,
-    branch_left,
-    hand_over,
-    jit,
-    note,
-    partition,
-    recall,
-    squared_tolerances,
-    trace,
-    turn_left,
-)
-from controllers.ik.sweeps import SHORT_WAY, turn
+from uuv.controllers.ik.chain_kernels import AXIS, BAD_TARGET, BEST, BRANCH_LOST, CONVERGED, EXHAUSTED, HEAD, HINGE, KIND, LOWER, OUT_OF_REACH, PANTOGRAPH, POINT, SCALE, SLIDE, UPPER, begin, branch_left, hand_over, jit, note, partition, recall, squared_tolerances, trace, turn_left
+from uuv.controllers.ik.sweeps import SHORT_WAY, turn
 
 STAGE_SWEEPS = 10  # largest number of sweeps of one stage before the next one begins
 

@@ -1,48 +1,13 @@
 """Compiled loops of the Jacobian-free method: combined MKPS sweeps [Danilov 2021] with Anderson acceleration.
 
-Arrays are those of `controllers.ik.chain_kernels`.
+Arrays are those of `uuv.controllers.ik.chain_kernels`.
 """
 
 import math
 
 import numpy as np
 
-from controllers.ik.chain_kernels import (
-    ALONG,
-    AXIS,
-    BAD_TARGET,
-    BEST,
-    BRANCH_LOST,
-    CONVERGED,
-    EXHAUSTED,
-    HEAD,
-    HINGE,
-    KIND,
-    LOWER,
-    OUT_OF_REACH,
-    PANTOGRAPH,
-    POINT,
-    SCALE,
-    SLIDE,
-    STALLED,
-    THROUGH,
-    TWO_PI,
-    UPPER,
-    WITHIN,
-    admit,
-    begin,
-    branch_left,
-    fold,
-    hand_over,
-    jit,
-    note,
-    partition,
-    recall,
-    scatter,
-    squared_tolerances,
-    trace,
-    turn_left,
-)
+from uuv.controllers.ik.chain_kernels import ALONG, AXIS, BAD_TARGET, BEST, BRANCH_LOST, CONVERGED, EXHAUSTED, HEAD, HINGE, KIND, LOWER, OUT_OF_REACH, PANTOGRAPH, POINT, SCALE, SLIDE, STALLED, THROUGH, TWO_PI, UPPER, WITHIN, admit, begin, branch_left, fold, hand_over, jit, note, partition, recall, scatter, squared_tolerances, trace, turn_left
 
 AT, SWEPT, RESIDUAL, STEPS, TURNS = 0, 1, 2, 3, 9  # columns of `past`; the last two are DEPTH columns wide
 DEPTH = 6  # sweeps that the Anderson acceleration remembers
@@ -93,7 +58,7 @@ def sweep(table, goal, weight, mode, q, work):
         table: the chain.
         goal: (4, 3) the goal.
         weight: [1/rad^2] of the tool axes against the scaled position.
-        mode: ALONG, WITHIN or THROUGH, as in `controllers.ik.damped_descent.descend`.
+        mode: ALONG, WITHIN or THROUGH, as in `uuv.controllers.ik.damped_descent.descend`.
         q: (n,) joint values, changed in place.
         work: scratch values, overwritten.
 

@@ -14,7 +14,7 @@ Nearness is the smallest singular value of the Jacobian, lengths divided by the 
 in arm lengths, comparable to radians. Nearness 0 is singular, and 1/nearness bounds the joint speed [rad/s] for a tool
 speed of 1. Passing begins where nearness is under `near` and the plain solution exceeds `speed_limits`. It ends where
 the plain solution is within `speed_limits` again. By default it is `limit`, which leaves the path least
-(scripts/papers/singular_crossings.py). With `auto` it is `hold` under a quarter of `near`, else `limit`.
+(scripts/experiments/papers/singular_crossings.py). With `auto` it is `hold` under a quarter of `near`, else `limit`.
 """
 
 from dataclasses import dataclass
@@ -23,13 +23,13 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from controllers.ik import chain_kernels as kernels
-from controllers.ik.chain import Chain, memory_of, set_limits
-from controllers.ik.entries import entry
-from controllers.ik.method import Method
-from controllers.ik.pose_parts import count_alike
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.spatial import Array, checked, not_a_pose, number, one_of, readonly, real_array, whole_number
+from uuv.controllers.ik import chain_kernels as kernels
+from uuv.controllers.ik.chain import Chain, memory_of, set_limits
+from uuv.controllers.ik.entries import entry
+from uuv.controllers.ik.method import Method
+from uuv.controllers.ik.pose_parts import count_alike
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.spatial import Array, checked, not_a_pose, number, one_of, readonly, real_array, whole_number
 
 Passing = Literal["auto", "limit", "hold", "off"]
 Way = Literal["none", "limit", "hold"]
@@ -109,7 +109,7 @@ class Tracker:
             near: nearness (see the module) under which passing may begin; infinite to keep the speed limits everywhere.
             position_tolerance: [m] of each pose.
             orientation_tolerance: [rad] of each pose.
-            method: solver, as in `controllers.mkps.solve`.
+            method: solver, as in `uuv.controllers.mkps.solve`.
             hold_joint: index of the joint that is held, theta_1 in [Danilov 2021]; default: the one that would spin.
 
         Raises:

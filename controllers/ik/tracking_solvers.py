@@ -11,12 +11,12 @@ from numba import types
 from numba.extending import intrinsic
 from numba.np.numpy_support import carray
 
-from controllers.ik.chain_kernels import JACOBIAN_FREE, PLAIN, PRIORITY, Settings, memory_size
-from controllers.ik.method import Method
-from controllers.ik.paper_stages import solve_plain
-from controllers.ik.priorities import solve_priority
-from controllers.ik.sweeps import solve_jacobian_free
-from sim.interfaces.kernels import c_function, kernel
+from uuv.controllers.ik.chain_kernels import JACOBIAN_FREE, PLAIN, PRIORITY, Settings, memory_size
+from uuv.controllers.ik.method import Method
+from uuv.controllers.ik.paper_stages import solve_plain
+from uuv.controllers.ik.priorities import solve_priority
+from uuv.controllers.ik.sweeps import solve_jacobian_free
+from uuv.sim.interfaces.kernels import c_function, kernel
 
 _NUMBER = types.CPointer(types.float64)
 # code = solver(n, tolerances (3), most sweeps, memory, X (4, 4), q0 (n), q (n) out, errors (2) out)
@@ -95,7 +95,7 @@ def solve_at(address, chain, X, q0, tolerances, limit, q, errors):
         errors: (2,) out, [m] and [rad].
 
     Returns:
-        A code of `controllers.ik.chain_kernels`.
+        A code of `uuv.controllers.ik.chain_kernels`.
     """
     places = chain.ctypes.data, X.ctypes.data, q0.ctypes.data, q.ctypes.data, errors.ctypes.data
     return _call_solver(

@@ -6,13 +6,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from controllers.hull.thrust_margin import ThrustMargin
-from controllers.mkps import Chain, IkOptions, IkResult, solve
-from controllers.planning.arm_size import FULL, reach
-from controllers.planning.hull_path import ROUNDING, arm_gap, joint_centres_kernel, joint_gap_kernel
-from models.vehicle import Vehicle
-from sim.interfaces.kernels import kernel
-from sim.interfaces.spatial import Array, inverse
+from uuv.controllers.hull.thrust_margin import ThrustMargin
+from uuv.controllers.mkps import Chain, IkOptions, IkResult, solve
+from uuv.controllers.planning.arm_size import FULL, reach
+from uuv.controllers.planning.hull_path import ROUNDING, arm_gap, joint_centres_kernel, joint_gap_kernel
+from uuv.models.vehicle import Vehicle
+from uuv.sim.interfaces.kernels import kernel
+from uuv.sim.interfaces.spatial import Array, inverse
 
 FEW_STEPS = IkOptions(max_iterations=60)
 TILT = 0.35  # [rad] by which the tool axis of an arm of fewer joints may be off while the tool presses

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from controllers.ik.chain import Chain
-from controllers.ik.priorities import FULL as FULL  # joints of an arm that can give its tool any pose
-from sim.interfaces.spatial import Array
+from uuv.controllers.ik.chain import Chain
+from uuv.controllers.ik.priorities import FULL as FULL  # joints of an arm that can give its tool any pose
+from uuv.sim.interfaces.spatial import Array
 
 _USUAL = 1.5  # [m] length of a stretched arm from which on distances beside an object are the usual ones
 _LEAST = 0.4  # smallest scale: the errors of navigation and station keeping do not shrink with an arm

@@ -15,18 +15,18 @@ from typing import TYPE_CHECKING, cast
 import numpy as np
 from scipy.spatial import ConvexHull
 
-from controllers.hull.thrust_margin import ThrustMargin
-from controllers.ik.chain import Chain
-from controllers.mkps import IkOptions, solve
-from controllers.planning.arm_margins import BENT, ArmMargins, Dropped, ToolTrack
-from controllers.planning.arm_size import reach
-from controllers.planning.hull_path import hull_keeps, skin_of
-from controllers.planning.path_poses import STANDOFF_STEPS, samples_along, tool_loads, tool_poses
-from controllers.planning.placement import Placement, PlacementSearch, Surroundings, out_of_reach
-from models.vehicle import Vehicle
-from sim.interfaces.errors import ReachError
-from sim.interfaces.messages import ToolPath
-from sim.interfaces.spatial import Array, exp_so3, pose, readonly
+from uuv.controllers.hull.thrust_margin import ThrustMargin
+from uuv.controllers.ik.chain import Chain
+from uuv.controllers.mkps import IkOptions, solve
+from uuv.controllers.planning.arm_margins import BENT, ArmMargins, Dropped, ToolTrack
+from uuv.controllers.planning.arm_size import reach
+from uuv.controllers.planning.hull_path import hull_keeps, skin_of
+from uuv.controllers.planning.path_poses import STANDOFF_STEPS, samples_along, tool_loads, tool_poses
+from uuv.controllers.planning.placement import Placement, PlacementSearch, Surroundings, out_of_reach
+from uuv.models.vehicle import Vehicle
+from uuv.sim.interfaces.errors import ReachError
+from uuv.sim.interfaces.messages import ToolPath
+from uuv.sim.interfaces.spatial import Array, exp_so3, pose, readonly
 
 if TYPE_CHECKING:
     from scipy.interpolate import CubicSpline

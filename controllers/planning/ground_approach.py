@@ -9,9 +9,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sim.interfaces.errors import ConfigurationError, ReachError
-from sim.interfaces.messages import StateEstimate
-from sim.interfaces.spatial import Array
+from uuv.sim.interfaces.errors import ConfigurationError, ReachError
+from uuv.sim.interfaces.messages import StateEstimate
+from uuv.sim.interfaces.spatial import Array
 
 BEAMS = 3  # minimal number of beams, not collinear, that define a plane
 

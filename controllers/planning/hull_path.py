@@ -6,12 +6,12 @@ from itertools import pairwise
 import numpy as np
 from scipy.spatial import ConvexHull
 
-from controllers.mkps import Chain
-from controllers.planning.arm_size import size
-from controllers.planning.trajectories import PoseMove
-from models.vehicle import Vehicle
-from sim.interfaces.kernels import kernel
-from sim.interfaces.spatial import Array, exp_so3, pose, transform_points
+from uuv.controllers.mkps import Chain
+from uuv.controllers.planning.arm_size import size
+from uuv.controllers.planning.trajectories import PoseMove
+from uuv.models.vehicle import Vehicle
+from uuv.sim.interfaces.kernels import kernel
+from uuv.sim.interfaces.spatial import Array, exp_so3, pose, transform_points
 
 CLEARANCE = 0.2  # [m] of hull, joints and tip to the object; covers the tool's size, marine growth and tracking lag
 ROUNDING = 1e-9  # [m] far above the rounding of a distance

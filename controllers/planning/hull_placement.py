@@ -23,27 +23,20 @@ from typing import cast
 import numpy as np
 from scipy.spatial import ConvexHull
 
-from controllers.hull.thrust_margin import ThrustMargin
-from controllers.mkps import Chain
-from controllers.planning.arm_margins import ArmMargins, Dropped, ToolTrack, posture_for
-from controllers.planning.arm_size import FULL, base_axis, reach, size
-from controllers.planning.carried_arm import CarriedArm
-from controllers.planning.hull_path import hull_keeps, skin_of
-from controllers.planning.path_poses import (
-    STANDOFF_STEPS,
-    from_moving_hull,
-    middle_part,
-    samples_along,
-    tool_loads,
-    tool_poses,
-)
-from controllers.planning.placement import Placement, PlacementSearch, Surroundings, out_of_reach
-from controllers.planning.promise import MOST_THRUST
-from models.objects.targets import TargetModel
-from models.vehicle import Vehicle
-from sim.interfaces.errors import ReachError, StrongCurrentError
-from sim.interfaces.messages import Target, ToolPath
-from sim.interfaces.spatial import Array, exp_so3, inverse, pose, readonly, transform_points
+from uuv.controllers.hull.thrust_margin import ThrustMargin
+from uuv.controllers.mkps import Chain
+from uuv.controllers.planning.arm_margins import ArmMargins, Dropped, ToolTrack, posture_for
+from uuv.controllers.planning.arm_size import FULL, base_axis, reach, size
+from uuv.controllers.planning.carried_arm import CarriedArm
+from uuv.controllers.planning.hull_path import hull_keeps, skin_of
+from uuv.controllers.planning.path_poses import STANDOFF_STEPS, from_moving_hull, middle_part, samples_along, tool_loads, tool_poses
+from uuv.controllers.planning.placement import Placement, PlacementSearch, Surroundings, out_of_reach
+from uuv.controllers.planning.promise import MOST_THRUST
+from uuv.models.objects.targets import TargetModel
+from uuv.models.vehicle import Vehicle
+from uuv.sim.interfaces.errors import ReachError, StrongCurrentError
+from uuv.sim.interfaces.messages import Target, ToolPath
+from uuv.sim.interfaces.spatial import Array, exp_so3, inverse, pose, readonly, transform_points
 
 _TRAVELS = (0.0, 0.5, 1.0, 1.4)  # travels of the hull that are tried, as shares of the line between the path's ends
 _SHORTER = 0.04  # share of a path by which it is shortened per try, where it is too long
@@ -79,7 +72,7 @@ def place_hull(
     Returns:
         The placement, its pose at the start of the path.
 
-    An arm of fewer than six joints is carried along by the hull, see `controllers.planning.carried_arm`.
+    An arm of fewer than six joints is carried along by the hull, see `uuv.controllers.planning.carried_arm`.
 
     Raises:
         ReachError: no candidate reaches all of the path; the message gives the largest share reached.

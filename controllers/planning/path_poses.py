@@ -5,9 +5,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sim.interfaces.kernels import kernel
-from sim.interfaces.messages import ToolPath
-from sim.interfaces.spatial import Array, pose
+from uuv.sim.interfaces.kernels import kernel
+from uuv.sim.interfaces.messages import ToolPath
+from uuv.sim.interfaces.spatial import Array, pose
 
 STANDOFF_STEPS = 3  # number of poses tried between the stand-off and the surface
 _MOST_TURN = 0.3  # [rad] of the tool between two samples of its path

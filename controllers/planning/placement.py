@@ -5,10 +5,10 @@ from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
-from controllers.planning.arm_margins import ArmMargins, Dropped
-from controllers.planning.path_poses import STANDOFF_STEPS
-from sim.interfaces.errors import ReachError
-from sim.interfaces.spatial import Array, exp_so3
+from uuv.controllers.planning.arm_margins import ArmMargins, Dropped
+from uuv.controllers.planning.path_poses import STANDOFF_STEPS
+from uuv.sim.interfaces.errors import ReachError
+from uuv.sim.interfaces.spatial import Array, exp_so3
 
 if TYPE_CHECKING:
     from scipy.interpolate import CubicSpline

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.messages import Promise, StateEstimate, Target
-from sim.interfaces.spatial import Array, finite_number
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.messages import Promise, StateEstimate, Target
+from uuv.sim.interfaces.spatial import Array, finite_number
 
 WANTED = 0.98  # chance from which on there is nothing to wait for
 NAVIGATION_TIME = 2.4  # [s] correlation time of the error of the estimated position; measured 1.1 to 3.5 s
@@ -22,7 +22,7 @@ _QUANTILES = 512  # of the normal distribution, at which the constant part is su
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StopLimits:
-    """When a pressed tool stops on its path, and how well it then stands (`controllers.tasks.stops`)."""
+    """When a pressed tool stops on its path, and how well it then stands (`uuv.controllers.tasks.stops`)."""
 
     every: float = 3.0  # [s] of motion between two stops
     lasting: float = 0.5  # [s] that the tool stands

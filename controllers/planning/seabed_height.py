@@ -10,16 +10,16 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
-from controllers.mkps import Chain, IkOptions, solve
-from controllers.planning.arm_margins import ArmMargins, Dropped, ToolTrack
-from controllers.planning.arm_size import reach
-from controllers.planning.hull_path import joint_centres
-from controllers.planning.path_poses import tool_poses
-from controllers.planning.placement import Placement
-from controllers.planning.work_vehicle import WorkVehicle
-from sim.interfaces.errors import ConfigurationError, ReachError
-from sim.interfaces.messages import ToolPath
-from sim.interfaces.spatial import Array, checked, inverse, readonly
+from uuv.controllers.mkps import Chain, IkOptions, solve
+from uuv.controllers.planning.arm_margins import ArmMargins, Dropped, ToolTrack
+from uuv.controllers.planning.arm_size import reach
+from uuv.controllers.planning.hull_path import joint_centres
+from uuv.controllers.planning.path_poses import tool_poses
+from uuv.controllers.planning.placement import Placement
+from uuv.controllers.planning.work_vehicle import WorkVehicle
+from uuv.sim.interfaces.errors import ConfigurationError, ReachError
+from uuv.sim.interfaces.messages import ToolPath
+from uuv.sim.interfaces.spatial import Array, checked, inverse, readonly
 
 # Largest shear under a round turbulent jet that strikes a wall perpendicularly from height H [Beltaos 1974]:
 # 0.16 rho U0^2 (d / H)^2. Expressed by its thrust rho U0^2 pi d^2 / 4, the diameter d cancels.
@@ -44,7 +44,7 @@ class HeightSearch:
     clearance: float = 0.3  # [m] least distance of the hull to the ground
     arm_clearance: float = 0.06  # [m] least distance of joint centres to the ground
     margin: float = (
-        0.1  # [-] least margin of the placement (`controllers.planning.hull_placement`): else too near a limit
+        0.1  # [-] least margin of the placement (`uuv.controllers.planning.hull_placement`): else too near a limit
     )
     roomy: float = 0.5  # [-] margin at which the search ends
     step: float = 0.04  # [m] of the descent

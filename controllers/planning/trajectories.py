@@ -4,9 +4,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.messages import ToolPath
-from sim.interfaces.spatial import Array, exp_so3, finite_number, log_so3, readonly
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.messages import ToolPath
+from uuv.sim.interfaces.spatial import Array, exp_so3, finite_number, log_so3, readonly
 
 SLOWEST, FASTEST = 1e-4, 1.0  # [m/s] of a tool along its path
 BEND = 0.05  # [m/s^2] of a tool across its path, where nothing else is said

@@ -4,11 +4,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from controllers.mkps import Chain
-from controllers.planning.arm_size import size
-from models.vehicle import Vehicle
-from sim.interfaces.messages import StateEstimate
-from sim.interfaces.spatial import Array, readonly
+from uuv.controllers.mkps import Chain
+from uuv.controllers.planning.arm_size import size
+from uuv.models.vehicle import Vehicle
+from uuv.sim.interfaces.messages import StateEstimate
+from uuv.sim.interfaces.spatial import Array, readonly
 
 _AHEAD = readonly([[0.0, 0.0, 1.0, 0.0], [-1.0, 0.0, 0.0, 0.0], [0.0, -1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
 
@@ -24,7 +24,7 @@ class WorkVehicle:
 
     @property
     def size(self) -> float:
-        """Scale [-] of the distances that it keeps beside an object, see `controllers.planning.arm_size`."""
+        """Scale [-] of the distances that it keeps beside an object, see `uuv.controllers.planning.arm_size`."""
         return size(self.chain)
 
     @property

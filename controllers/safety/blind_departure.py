@@ -13,14 +13,14 @@ from dataclasses import dataclass, field
 import mujoco
 import numpy as np
 
-from controllers.arm.inverse_dynamics import ArmDynamics
-from controllers.hull.allocation import PRIORITIES_AFTER_LOSS, Allocation
-from controllers.tuning import SAFETY
-from models.vehicle import Vehicle
-from models.water.thruster_curves import thrust_at
-from models.water.thrusters import curves
-from sim.interfaces.messages import Command, Reference, StateEstimate
-from sim.interfaces.spatial import Array
+from uuv.controllers.arm.inverse_dynamics import ArmDynamics
+from uuv.controllers.hull.allocation import PRIORITIES_AFTER_LOSS, Allocation
+from uuv.controllers.tuning import SAFETY
+from uuv.models.vehicle import Vehicle
+from uuv.models.water.thruster_curves import thrust_at
+from uuv.models.water.thrusters import curves
+from uuv.sim.interfaces.messages import Command, Reference, StateEstimate
+from uuv.sim.interfaces.spatial import Array
 
 _FOLDED = 0.2  # [rad], slides [m], from the folded arm's joint angles, up to which the tool is near nothing
 

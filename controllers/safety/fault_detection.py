@@ -6,7 +6,7 @@ The plant is not used. A fault is a disagreement of two sources that should agre
 - Torque sensor against its motor: the gear passes the motor's torque less rotor inertia and gear friction.
 - Age of the newest picture, where the estimator reports it. Only this fault is cleared, when pictures come again.
 - Encoder: its angle against the integral of its speed.
-- Gyro, attitude reference, accelerometer: the estimator finds that one is off (`controllers.safety.sensor_checks`). The
+- Gyro, attitude reference, accelerometer: the estimator finds that one is off (`uuv.controllers.safety.sensor_checks`). The
   work goes on but for the attitude.
 - Hull momentum, the residual of [DeLuca 2003] for the hull as one body. It is what the hull gains beyond the commanded
   thrust, the arm's wrench, weight and drag.
@@ -14,7 +14,7 @@ The plant is not used. A fault is a disagreement of two sources that should agre
 A missing wrench that persists along the column of one thruster is attributed to that thruster, if it could give the
 thrust that is left: it is lost, or stuck. Any other is a gust or a snag, and counts only by its effect on station
 keeping. Where the column is almost a pure force (one sway thruster amidships) a wave, or a current that has just risen,
-looks like the thruster's loss. Such a thruster is probed by a small doublet (`controllers.safety.thruster_probe`).
+looks like the thruster's loss. Such a thruster is probed by a small doublet (`uuv.controllers.safety.thruster_probe`).
 
 Each residual is compared with its own average (`learning_time`), so that constant biases and model errors are no fault.
 Thresholds are in `FaultLimits`; the tests measure the distance of sound runs from them.
@@ -26,18 +26,18 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
-from controllers.hull.station_keeping import hull_inertia
-from controllers.safety.joint_residuals import JointResidualModel, JointResiduals, update_residuals
-from controllers.safety.sensor_checks import sensor_faults
-from controllers.safety.thruster_probe import ProbeState, ThrusterProbe, is_lost
-from controllers.tuning import FaultLimits
-from models import hydrodynamics
-from models.vehicle import Vehicle
-from models.water.thruster_curves import thrust_at, thrust_in_flow
-from models.water.thrusters import INFLOW_LOSS, SLEW_RATE, TIME_CONSTANT, curves, inflow_levers
-from sim.interfaces.kernels import kernel
-from sim.interfaces.messages import Command, Fault, FaultKind, HullLoad, StateEstimate
-from sim.interfaces.spatial import Array
+from uuv.controllers.hull.station_keeping import hull_inertia
+from uuv.controllers.safety.joint_residuals import JointResidualModel, JointResiduals, update_residuals
+from uuv.controllers.safety.sensor_checks import sensor_faults
+from uuv.controllers.safety.thruster_probe import ProbeState, ThrusterProbe, is_lost
+from uuv.controllers.tuning import FaultLimits
+from uuv.models import hydrodynamics
+from uuv.models.vehicle import Vehicle
+from uuv.models.water.thruster_curves import thrust_at, thrust_in_flow
+from uuv.models.water.thrusters import INFLOW_LOSS, SLEW_RATE, TIME_CONSTANT, curves, inflow_levers
+from uuv.sim.interfaces.kernels import kernel
+from uuv.sim.interfaces.messages import Command, Fault, FaultKind, HullLoad, StateEstimate
+from uuv.sim.interfaces.spatial import Array
 
 _SLACK = 1.2  # [-] by which a thruster that is stuck may seem to give more than it can
 _FOLLOWED = 1.0  # [s] after a stuck thruster was found, for which what it gives is followed

@@ -4,8 +4,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sim.interfaces.kernels import kernel
-from sim.interfaces.spatial import Array
+from uuv.sim.interfaces.kernels import kernel
+from uuv.sim.interfaces.spatial import Array
 
 
 class JointResiduals(NamedTuple):

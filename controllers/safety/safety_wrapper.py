@@ -1,8 +1,8 @@
 """Safety wrapper for any controller: rejects invalid estimates, replaces failed sensors, commands finite numbers.
 
-Wraps any `sim.interfaces.protocols.Controller`:
+Wraps any `uuv.sim.interfaces.protocols.Controller`:
 
-- Fault detection (`controllers.safety.fault_detection`) runs every step; its faults are sent with the command.
+- Fault detection (`uuv.controllers.safety.fault_detection`) runs every step; its faults are sent with the command.
 - A torque sensor that is faulty or not finite is replaced by its motor: commanded torque less rotor inertia and
   friction, plus the sensor's offset while it was sound.
 - Once the work is broken off the arm gives way: beyond its weight it bears only a small force at its tip.
@@ -11,7 +11,7 @@ Wraps any `sim.interfaces.protocols.Controller`:
 - An estimate with numbers that are not finite, or with IMU data that are too old, never reaches the controller. One
   with a time that stands still reaches it for `patience` only.
 - Without a valid estimate the last command is repeated for `patience`. After that the arm is braked. The hull
-  departs blindly (`controllers.safety.blind_departure`). Then the thrusters are stopped for good. The same holds for a
+  departs blindly (`uuv.controllers.safety.blind_departure`). Then the thrusters are stopped for good. The same holds for a
   controller with commands that are not finite.
 """
 
@@ -23,15 +23,15 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from controllers.arm.inverse_dynamics import ArmDynamics
-from controllers.safety.blind_departure import BlindDeparture, DepartureStage, HullBalance
-from controllers.safety.fault_detection import FaultDetection, FaultDetectionState, finite
-from controllers.tuning import SAFETY, FaultLimits
-from models.vehicle import Vehicle
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.messages import Command, ContactEstimate, Fault, FaultKind, Reference, StateEstimate
-from sim.interfaces.protocols import Controller
-from sim.interfaces.spatial import Array
+from uuv.controllers.arm.inverse_dynamics import ArmDynamics
+from uuv.controllers.safety.blind_departure import BlindDeparture, DepartureStage, HullBalance
+from uuv.controllers.safety.fault_detection import FaultDetection, FaultDetectionState, finite
+from uuv.controllers.tuning import SAFETY, FaultLimits
+from uuv.models.vehicle import Vehicle
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.messages import Command, ContactEstimate, Fault, FaultKind, Reference, StateEstimate
+from uuv.sim.interfaces.protocols import Controller
+from uuv.sim.interfaces.spatial import Array
 
 _LEAST_LEVER = 0.1  # [m] of a joint about which the tip does not move: the wrist's torque turns the tool
 _LEFT_OUT = 1e3  # [N m] sigma of a replaced torque sensor: excludes its joint from the force estimate
@@ -54,7 +54,7 @@ class SafetyWrapperState:
 
 
 class SafetyWrapper:
-    """Controller with fault handling around another one (`sim.interfaces.protocols.Controller`)."""
+    """Controller with fault handling around another one (`uuv.sim.interfaces.protocols.Controller`)."""
 
     def __init__(
         self,
@@ -85,7 +85,7 @@ class SafetyWrapper:
 
     @property
     def tunings(self) -> tuple[Any, ...]:
-        """The gains in use, those of the wrapped controller first, for `controllers.tuning.table`."""
+        """The gains in use, those of the wrapped controller first, for `uuv.controllers.tuning.table`."""
         return *getattr(self.controller, "tunings", ()), self.health.limits, SAFETY
 
     def init(self, estimate: StateEstimate) -> SafetyWrapperState:

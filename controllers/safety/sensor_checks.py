@@ -10,7 +10,7 @@ A new check is a field of the estimate, zero while its sensor is sound, and a ro
 | attitude reference | the same, where it alone changed at the onset | the same | the same |
 | accelerometer | velocity, against the Doppler log | mean innovation | `fixes` |
 
-The limits are in `perception.navigation`, in the modules of these names.
+The limits are in `uuv.perception.navigation`, in the modules of these names.
 """
 
 import math
@@ -18,7 +18,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from sim.interfaces.messages import Fault, FaultKind, StateEstimate
+from uuv.sim.interfaces.messages import Fault, FaultKind, StateEstimate
 
 _AXES = "xyz"
 

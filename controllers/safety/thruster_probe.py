@@ -13,9 +13,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from controllers.tuning import FaultLimits
-from models.water.thruster_curves import command_for, thrust_at, thrust_in_flow
-from sim.interfaces.spatial import Array
+from uuv.controllers.tuning import FaultLimits
+from uuv.models.water.thruster_curves import command_for, thrust_at, thrust_in_flow
+from uuv.sim.interfaces.spatial import Array
 
 _DEGREE = 1.5  # of the polynomial, for each doublet's time: a disturbance of up to 0.3 Hz
 _LOST = 0.5  # [-] share of the added thrust that is missing, above which the thruster is lost

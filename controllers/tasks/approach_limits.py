@@ -3,8 +3,8 @@
 from dataclasses import dataclass, fields, replace
 from typing import Self
 
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.spatial import finite_number
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.spatial import finite_number
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

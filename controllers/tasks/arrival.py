@@ -7,20 +7,20 @@ from typing import Self
 
 import numpy as np
 
-from controllers.planning.arm_size import base_axis
-from controllers.planning.hull_path import HullPath
-from controllers.planning.placement import Placement
-from controllers.planning.promise import NAVIGATION_TIME, PromiseLimits, promise
-from controllers.planning.work_vehicle import WorkVehicle
-from controllers.tasks.hull_phases import HullMotion, MoveHull, RestLimits, Settle, Unfold, heading
-from controllers.tasks.monitors import Reaction
-from controllers.tasks.phase import Abort, Context, Decide, Held, Outcome, Phase, PhaseEvent, Setpoint, ToolLine
-from controllers.tasks.task import TaskRow, at_once
-from models.objects.targets import TargetModel
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.messages import AbortCode, StateEstimate, Target, ToolPath, WorkState
-from sim.interfaces.pose_covariance import PoseCovariance, mean_pose
-from sim.interfaces.spatial import Array, exp_so3, inverse, pose, readonly, transform_points
+from uuv.controllers.planning.arm_size import base_axis
+from uuv.controllers.planning.hull_path import HullPath
+from uuv.controllers.planning.placement import Placement
+from uuv.controllers.planning.promise import NAVIGATION_TIME, PromiseLimits, promise
+from uuv.controllers.planning.work_vehicle import WorkVehicle
+from uuv.controllers.tasks.hull_phases import HullMotion, MoveHull, RestLimits, Settle, Unfold, heading
+from uuv.controllers.tasks.monitors import Reaction
+from uuv.controllers.tasks.phase import Abort, Context, Decide, Held, Outcome, Phase, PhaseEvent, Setpoint, ToolLine
+from uuv.controllers.tasks.task import TaskRow, at_once
+from uuv.models.objects.targets import TargetModel
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.messages import AbortCode, StateEstimate, Target, ToolPath, WorkState
+from uuv.sim.interfaces.pose_covariance import PoseCovariance, mean_pose
+from uuv.sim.interfaces.spatial import Array, exp_so3, inverse, pose, readonly, transform_points
 
 # Chooses the hull placement for a path on a target in a current (3,) [m/s], W: (placement, part of the path, its
 # share); raises ReachError.

@@ -11,20 +11,12 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
-from controllers.tasks.arrival import Since
-from controllers.tasks.hull_phases import Halt
-from controllers.tasks.monitors import (
-    BEFORE_CONTACT,
-    Monitor,
-    Reaction,
-    adrift,
-    contact_force,
-    fault_monitors,
-    too_much_force,
-)
-from controllers.tasks.phase import Abort, Context, Held, Hold, HoldTool, Outcome, Phase, PhaseEvent, Setpoint, towards
-from controllers.tasks.task import TaskRow
-from sim.interfaces.messages import AbortCode, WorkState
+from uuv.controllers.tasks.arrival import Since
+from uuv.controllers.tasks.hull_phases import Halt
+from uuv.controllers.tasks.monitors import BEFORE_CONTACT, Monitor, Reaction, adrift, contact_force, fault_monitors, too_much_force
+from uuv.controllers.tasks.phase import Abort, Context, Held, Hold, HoldTool, Outcome, Phase, PhaseEvent, Setpoint, towards
+from uuv.controllers.tasks.task import TaskRow
+from uuv.sim.interfaces.messages import AbortCode, WorkState
 
 _AT_WORK = frozenset({WorkState.APPROACH, WorkState.SEARCH, WorkState.INSERT, WorkState.PRESS, WorkState.WORK})
 

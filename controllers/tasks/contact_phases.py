@@ -4,15 +4,15 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
-from controllers.planning.path_poses import stretches
-from controllers.planning.promise import StopLimits
-from controllers.planning.trajectories import BEND, Progress, SpeedLaw, progress_along
-from controllers.tasks.approach_limits import ApproachLimits
-from controllers.tasks.arrival import Since
-from controllers.tasks.phase import ZERO, Abort, Context, Held, Outcome, Phase, PhaseEvent, Setpoint, towards, way_back
-from controllers.tasks.stops import Stops
-from sim.interfaces.messages import AbortCode, StateEstimate
-from sim.interfaces.spatial import Array
+from uuv.controllers.planning.path_poses import stretches
+from uuv.controllers.planning.promise import StopLimits
+from uuv.controllers.planning.trajectories import BEND, Progress, SpeedLaw, progress_along
+from uuv.controllers.tasks.approach_limits import ApproachLimits
+from uuv.controllers.tasks.arrival import Since
+from uuv.controllers.tasks.phase import ZERO, Abort, Context, Held, Outcome, Phase, PhaseEvent, Setpoint, towards, way_back
+from uuv.controllers.tasks.stops import Stops
+from uuv.sim.interfaces.messages import AbortCode, StateEstimate
+from uuv.sim.interfaces.spatial import Array
 
 
 @dataclass(slots=True)

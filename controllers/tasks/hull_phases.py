@@ -7,12 +7,12 @@ from typing import Self
 
 import numpy as np
 
-from controllers.planning.trajectories import JointMove, PoseMove
-from controllers.safety.blind_departure import ascent_direction
-from controllers.tasks.phase import ZERO, Abort, Context, Held, Outcome, Phase, PhaseEvent, Setpoint, way_back
-from controllers.tuning import SAFETY
-from sim.interfaces.messages import AbortCode, StateEstimate
-from sim.interfaces.spatial import Array, exp_so3, pose
+from uuv.controllers.planning.trajectories import JointMove, PoseMove
+from uuv.controllers.safety.blind_departure import ascent_direction
+from uuv.controllers.tasks.phase import ZERO, Abort, Context, Held, Outcome, Phase, PhaseEvent, Setpoint, way_back
+from uuv.controllers.tuning import SAFETY
+from uuv.sim.interfaces.messages import AbortCode, StateEstimate
+from uuv.sim.interfaces.spatial import Array, exp_so3, pose
 
 _STEEP = 0.3  # [-] vertical part of a direction from which on depth alone tells how far a hull has come along it
 

@@ -4,7 +4,7 @@ settle -> scan -> close-in -> tare -> approach -> insert -> work (stays in the h
                                          \-> search -/       any of these -> withdraw -> abort
 
 From the stand-off the tool moves along the axis of the hole as identified, by the damping law of
-`controllers.tasks.axial_phases`. While a side force acts, the advance waits until the lateral compliance of the
+`uuv.controllers.tasks.axial_phases`. While a side force acts, the advance waits until the lateral compliance of the
 controller has centred the tool.
 """
 
@@ -15,31 +15,19 @@ from functools import partial
 
 import numpy as np
 
-from controllers.planning.arm_size import FULL
-from controllers.planning.hull_placement import PathStanding, StandingLimits
-from controllers.planning.placement import PlacementSearch
-from controllers.planning.work_vehicle import WorkVehicle
-from controllers.tasks.arrival import ArrivalLimits, WorkSite, around, arrival
-from controllers.tasks.axial_phases import (
-    PARK,
-    WITHDRAW,
-    AxialApproach,
-    AxialContact,
-    AxialLimits,
-    AxialPhase,
-    Push,
-    Stay,
-    Withdraw,
-    axial_end,
-    axial_monitors,
-)
-from controllers.tasks.phase import Abort, Context, Held, Outcome, PhaseEvent
-from controllers.tasks.task import TaskPlanner, TaskRow, TaskState, at_once
-from models.objects.manifold import Hole
-from models.objects.targets import TargetModel
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.messages import AbortCode, Command, Reference, StateEstimate, Target, ToolPath, WorkState
-from sim.interfaces.spatial import Array, readonly
+from uuv.controllers.planning.arm_size import FULL
+from uuv.controllers.planning.hull_placement import PathStanding, StandingLimits
+from uuv.controllers.planning.placement import PlacementSearch
+from uuv.controllers.planning.work_vehicle import WorkVehicle
+from uuv.controllers.tasks.arrival import ArrivalLimits, WorkSite, around, arrival
+from uuv.controllers.tasks.axial_phases import PARK, WITHDRAW, AxialApproach, AxialContact, AxialLimits, AxialPhase, Push, Stay, Withdraw, axial_end, axial_monitors
+from uuv.controllers.tasks.phase import Abort, Context, Held, Outcome, PhaseEvent
+from uuv.controllers.tasks.task import TaskPlanner, TaskRow, TaskState, at_once
+from uuv.models.objects.manifold import Hole
+from uuv.models.objects.targets import TargetModel
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.messages import AbortCode, Command, Reference, StateEstimate, Target, ToolPath, WorkState
+from uuv.sim.interfaces.spatial import Array, readonly
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -233,7 +221,7 @@ class SpiralSearch(AxialPhase):
 
 
 class HoleInsertion(TaskPlanner):
-    """Planner (`sim.interfaces.protocols.Planner`) that inserts the tool into one hole of one known object."""
+    """Planner (`uuv.sim.interfaces.protocols.Planner`) that inserts the tool into one hole of one known object."""
 
     def __init__(
         self,
@@ -246,7 +234,7 @@ class HoleInsertion(TaskPlanner):
         period: float = 0.01,
         search: PlacementSearch | None = None,
     ) -> None:
-        """Set up the planner; arguments as `controllers.tasks.surface_work`, with a hole instead of a path.
+        """Set up the planner; arguments as `uuv.controllers.tasks.surface_work`, with a hole instead of a path.
 
         Args:
             own: the vehicle.

@@ -21,19 +21,19 @@ import numpy as np
 from scipy.interpolate import BSpline, splprep
 from scipy.spatial import ConvexHull
 
-from controllers.planning.hull_path import HullPath
-from controllers.planning.trajectories import PoseMove, Progress
-from controllers.planning.work_vehicle import WorkVehicle
-from controllers.tasks.arrival import ScanLimits, ScanTarget
-from controllers.tasks.hull_phases import HullMotion, MoveHull, RestLimits, Settle
-from controllers.tasks.monitors import Monitor, Reaction, adrift
-from controllers.tasks.phase import ZERO, Context, Decide, Held, Hold, Outcome, Phase, PhaseEvent, Setpoint
-from controllers.tasks.task import TaskPlanner, TaskRow, at_once
-from models.meshes.visibility import SurfaceSamples, View
-from models.objects.targets import TargetModel
-from sim.interfaces.errors import ConfigurationError, ReachError
-from sim.interfaces.messages import AbortCode, WorkState
-from sim.interfaces.spatial import Array, exp_so3, inverse, pose, readonly, rotation_from_z, transform_points
+from uuv.controllers.planning.hull_path import HullPath
+from uuv.controllers.planning.trajectories import PoseMove, Progress
+from uuv.controllers.planning.work_vehicle import WorkVehicle
+from uuv.controllers.tasks.arrival import ScanLimits, ScanTarget
+from uuv.controllers.tasks.hull_phases import HullMotion, MoveHull, RestLimits, Settle
+from uuv.controllers.tasks.monitors import Monitor, Reaction, adrift
+from uuv.controllers.tasks.phase import ZERO, Context, Decide, Held, Hold, Outcome, Phase, PhaseEvent, Setpoint
+from uuv.controllers.tasks.task import TaskPlanner, TaskRow, at_once
+from uuv.models.meshes.visibility import SurfaceSamples, View
+from uuv.models.objects.targets import TargetModel
+from uuv.sim.interfaces.errors import ConfigurationError, ReachError
+from uuv.sim.interfaces.messages import AbortCode, WorkState
+from uuv.sim.interfaces.spatial import Array, exp_so3, inverse, pose, readonly, rotation_from_z, transform_points
 
 _STEP = 0.02  # [m] distance between samples of the line
 _SMOOTH = 0.002  # [m] RMS distance of the spline from the line
@@ -264,7 +264,7 @@ class FlyOrbit(Phase):
 
 
 class Inspection(TaskPlanner):
-    """Planner (`sim.interfaces.protocols.Planner`) that views one known object from all sides, its arm folded."""
+    """Planner (`uuv.sim.interfaces.protocols.Planner`) that views one known object from all sides, its arm folded."""
 
     def __init__(
         self,

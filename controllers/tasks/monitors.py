@@ -24,8 +24,8 @@ from enum import StrEnum
 
 import numpy as np
 
-from controllers.tasks.phase import Abort, Context, Held
-from sim.interfaces.messages import AbortCode, FaultKind, WorkState
+from uuv.controllers.tasks.phase import Abort, Context, Held
+from uuv.sim.interfaces.messages import AbortCode, FaultKind, WorkState
 
 
 class Reaction(StrEnum):

@@ -1,7 +1,7 @@
 """Phases of a task: the protocol, what phases share, what they see and what they ask of the controller.
 
 A phase is a small object with its own limits. It is entered, stepped once a period, and gives the set points of that
-period. `controllers.tasks.task` runs the phases of a table; `controllers.tasks.monitors` watches over them.
+period. `uuv.controllers.tasks.task` runs the phases of a table; `uuv.controllers.tasks.monitors` watches over them.
 """
 
 import math
@@ -12,11 +12,11 @@ from typing import Any
 
 import numpy as np
 
-from controllers.planning.path_poses import tool_pose
-from controllers.planning.placement import Placement
-from sim.interfaces.errors import ConfigurationError, ReachError, StrongCurrentError
-from sim.interfaces.messages import AbortCode, Command, Promise, StateEstimate, Target, ToolAtRest, ToolPath
-from sim.interfaces.spatial import Array, readonly
+from uuv.controllers.planning.path_poses import tool_pose
+from uuv.controllers.planning.placement import Placement
+from uuv.sim.interfaces.errors import ConfigurationError, ReachError, StrongCurrentError
+from uuv.sim.interfaces.messages import AbortCode, Command, Promise, StateEstimate, Target, ToolAtRest, ToolPath
+from uuv.sim.interfaces.spatial import Array, readonly
 
 ZERO = readonly(np.zeros(3))
 NO_ESTIMATE = "the controller gives no contact estimate: Command.contact.normal [N] is not a number"
@@ -48,7 +48,7 @@ class ToolLine:
     """Tool path in W, worked from a chosen hull pose, with the straight way to it along the tool axis.
 
     Another way than the straight one changes three places alike: `Held.aside`, set before the tare, the velocity of
-    the phase's set point, and `controllers.planning.hull_placement.tool_poses`, by which reach is tested.
+    the phase's set point, and `uuv.controllers.planning.hull_placement.tool_poses`, by which reach is tested.
     """
 
     path: ToolPath
@@ -157,7 +157,7 @@ class Context:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Setpoint:
-    """What a phase asks of the controller beside `Held`; fields as those of `sim.interfaces.messages.Reference`."""
+    """What a phase asks of the controller beside `Held`; fields as those of `uuv.sim.interfaces.messages.Reference`."""
 
     X_WG: Array | None = None
     v_WG_W: Array = field(default_factory=lambda: ZERO)

@@ -3,9 +3,9 @@
 settle (-> settle, nearer) -> scan -> close-in -> tare -> approach -> insert (-> press) -> work -> withdraw -> done
                                              any of these -> withdraw -> abort
 
-The hull pose is chosen by `controllers.planning.seabed_height`.
+The hull pose is chosen by `uuv.controllers.planning.seabed_height`.
 
-A core enters by the damping law of `controllers.tasks.axial_phases` until the soil bears nearly the set push. Then the
+A core enters by the damping law of `uuv.controllers.tasks.axial_phases` until the soil bears nearly the set push. Then the
 force loop closes, and the tool stays for some time under that push. A dragged tool descends to its depth, slower as the
 soil resists, and then follows the path at that depth. The controller estimates the soil's force from the joint torques
 and feeds its push forward to the thrusters.
@@ -18,31 +18,19 @@ from functools import partial
 
 import numpy as np
 
-from controllers.planning.ground_approach import GroundApproach
-from controllers.planning.placement import Placement
-from controllers.planning.seabed_height import HeightSearch, choose_height
-from controllers.planning.trajectories import Progress
-from controllers.planning.work_vehicle import WorkVehicle
-from controllers.tasks.arrival import ArrivalLimits, ScanLimits, WorkSite, arrival
-from controllers.tasks.axial_phases import (
-    PARK,
-    WITHDRAW,
-    AxialApproach,
-    AxialContact,
-    AxialLimits,
-    AxialPhase,
-    Push,
-    Stay,
-    Withdraw,
-    axial_end,
-    axial_monitors,
-)
-from controllers.tasks.contact_phases import FollowState, Press, PressLimits
-from controllers.tasks.phase import Abort, Context, Held, Outcome, PhaseEvent, Setpoint
-from controllers.tasks.task import TaskPlanner, TaskRow, at_once
-from sim.interfaces.errors import ConfigurationError, ReachError
-from sim.interfaces.messages import AbortCode, Target, ToolPath, WorkState
-from sim.interfaces.spatial import Array, readonly
+from uuv.controllers.planning.ground_approach import GroundApproach
+from uuv.controllers.planning.placement import Placement
+from uuv.controllers.planning.seabed_height import HeightSearch, choose_height
+from uuv.controllers.planning.trajectories import Progress
+from uuv.controllers.planning.work_vehicle import WorkVehicle
+from uuv.controllers.tasks.arrival import ArrivalLimits, ScanLimits, WorkSite, arrival
+from uuv.controllers.tasks.axial_phases import PARK, WITHDRAW, AxialApproach, AxialContact, AxialLimits, AxialPhase, Push, Stay, Withdraw, axial_end, axial_monitors
+from uuv.controllers.tasks.contact_phases import FollowState, Press, PressLimits
+from uuv.controllers.tasks.phase import Abort, Context, Held, Outcome, PhaseEvent, Setpoint
+from uuv.controllers.tasks.task import TaskPlanner, TaskRow, at_once
+from uuv.sim.interfaces.errors import ConfigurationError, ReachError
+from uuv.sim.interfaces.messages import AbortCode, Target, ToolPath, WorkState
+from uuv.sim.interfaces.spatial import Array, readonly
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -134,7 +122,7 @@ class Drag(AxialPhase):
 
 
 class SeabedWork(TaskPlanner):
-    """Planner (`sim.interfaces.protocols.Planner`) of one operation in the seabed: a core, or a dragged tool."""
+    """Planner (`uuv.sim.interfaces.protocols.Planner`) of one operation in the seabed: a core, or a dragged tool."""
 
     def __init__(
         self,

@@ -7,10 +7,10 @@ force across it, left from sliding, is therefore let go first.
 import math
 from dataclasses import dataclass
 
-from controllers.planning.promise import StopLimits
-from controllers.tasks.phase import Context
-from sim.interfaces.messages import ToolAtRest
-from sim.interfaces.spatial import Array
+from uuv.controllers.planning.promise import StopLimits
+from uuv.controllers.tasks.phase import Context
+from uuv.sim.interfaces.messages import ToolAtRest
+from uuv.sim.interfaces.spatial import Array
 
 
 @dataclass(slots=True)

@@ -13,44 +13,21 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from controllers.hull.thrust_margin import ThrustMargin
-from controllers.planning.hull_placement import PathStanding, StandingLimits
-from controllers.planning.placement import PlacementSearch
-from controllers.planning.promise import PromiseLimits
-from controllers.planning.work_vehicle import WorkVehicle
-from controllers.tasks.arrival import ArrivalLimits, CertainPlace, TareSensors, WorkSite, around, arrival
-from controllers.tasks.contact_phases import (
-    ApproachLimits,
-    FollowLimits,
-    FollowPath,
-    GuardedApproach,
-    NextStretch,
-    Press,
-    PressLimits,
-    Retreat,
-    Unload,
-)
-from controllers.tasks.hull_phases import Escape, EscapeLimits, Halt, HoldAway, PullBack
-from controllers.tasks.monitors import (
-    BEFORE_CONTACT,
-    IN_CONTACT,
-    LEAVING,
-    Monitor,
-    Reaction,
-    adrift,
-    contact_force,
-    fault_monitors,
-    normal_force,
-    object_moves,
-    too_much_force,
-    uncertain_force,
-)
-from controllers.tasks.phase import Context, Held, Hold, HoldTool, PhaseEvent
-from controllers.tasks.task import TaskPlanner, TaskRow
-from models.objects.targets import TargetModel
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.messages import AbortCode, WorkState
-from sim.interfaces.spatial import Array
+from uuv.controllers.hull.thrust_margin import ThrustMargin
+from uuv.controllers.planning.hull_placement import PathStanding, StandingLimits
+from uuv.controllers.planning.placement import PlacementSearch
+from uuv.controllers.planning.promise import PromiseLimits
+from uuv.controllers.planning.work_vehicle import WorkVehicle
+from uuv.controllers.tasks.arrival import ArrivalLimits, CertainPlace, TareSensors, WorkSite, around, arrival
+from uuv.controllers.tasks.contact_phases import ApproachLimits, FollowLimits, FollowPath, GuardedApproach, NextStretch, Press, PressLimits, Retreat, Unload
+from uuv.controllers.tasks.hull_phases import Escape, EscapeLimits, Halt, HoldAway, PullBack
+from uuv.controllers.tasks.monitors import BEFORE_CONTACT, IN_CONTACT, LEAVING, Monitor, Reaction, adrift, contact_force, fault_monitors, normal_force, object_moves, too_much_force, uncertain_force
+from uuv.controllers.tasks.phase import Context, Held, Hold, HoldTool, PhaseEvent
+from uuv.controllers.tasks.task import TaskPlanner, TaskRow
+from uuv.models.objects.targets import TargetModel
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.messages import AbortCode, WorkState
+from uuv.sim.interfaces.spatial import Array
 
 _HEADROOM = 0.85  # largest set force as a share of the force limit; the rest is for overshoot
 
@@ -119,7 +96,7 @@ class SurfaceTaskConfig:
 
 
 class SurfaceWork(TaskPlanner):
-    """Planner (`sim.interfaces.protocols.Planner`) that works along one tool path on one known object."""
+    """Planner (`uuv.sim.interfaces.protocols.Planner`) that works along one tool path on one known object."""
 
     def __init__(
         self,

@@ -3,14 +3,14 @@
 from collections.abc import Callable, Iterable, Sequence
 from itertools import pairwise
 
-from controllers.tasks import contact_phases as contact
-from controllers.tasks.arrival import WorkSite, arrival
-from controllers.tasks.phase import Context, Decide, Held, Phase, PhaseEvent
-from controllers.tasks.surface_work import BREAK_OFF, SurfaceTaskConfig, retreat_rows, surface_monitors
-from controllers.tasks.task import TaskPlanner, TaskRow, at_once
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.messages import AbortCode, StateEstimate, WorkState
-from sim.interfaces.spatial import Array
+from uuv.controllers.tasks import contact_phases as contact
+from uuv.controllers.tasks.arrival import WorkSite, arrival
+from uuv.controllers.tasks.phase import Context, Decide, Held, Phase, PhaseEvent
+from uuv.controllers.tasks.surface_work import BREAK_OFF, SurfaceTaskConfig, retreat_rows, surface_monitors
+from uuv.controllers.tasks.task import TaskPlanner, TaskRow, at_once
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.messages import AbortCode, StateEstimate, WorkState
+from uuv.sim.interfaces.spatial import Array
 
 
 def tap(

@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from controllers.tasks.monitors import Monitor, Reaction, watch
-from controllers.tasks.phase import NO_ESTIMATE, Abort, Context, Held, Phase, PhaseEvent
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.messages import Command, Fault, FaultKind, Reference, StateEstimate, Target, WorkState
-from sim.interfaces.spatial import Array
+from uuv.controllers.tasks.monitors import Monitor, Reaction, watch
+from uuv.controllers.tasks.phase import NO_ESTIMATE, Abort, Context, Held, Phase, PhaseEvent
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.messages import Command, Fault, FaultKind, Reference, StateEstimate, Target, WorkState
+from uuv.sim.interfaces.spatial import Array
 
 
 class AtOnce(str):
@@ -48,7 +48,7 @@ class TaskState:
 
 
 class TaskPlanner:
-    """Planner (`sim.interfaces.protocols.Planner`) that runs a table of phases."""
+    """Planner (`uuv.sim.interfaces.protocols.Planner`) that runs a table of phases."""
 
     def __init__(
         self,

@@ -10,14 +10,14 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from controllers.mkps import Chain, solve
-from controllers.tasks.phase import Context, Held, Hold, Outcome, Phase, PhaseEvent, Setpoint
-from controllers.tasks.task import TaskPlanner, TaskRow
-from controllers.tuning import TOUCH, TouchTuning
-from models.vehicle import Vehicle
-from sim.interfaces.errors import ReachError
-from sim.interfaces.messages import WorkState
-from sim.interfaces.spatial import Array, inverse, pose, rotation_from_z
+from uuv.controllers.mkps import Chain, solve
+from uuv.controllers.tasks.phase import Context, Held, Hold, Outcome, Phase, PhaseEvent, Setpoint
+from uuv.controllers.tasks.task import TaskPlanner, TaskRow
+from uuv.controllers.tuning import TOUCH, TouchTuning
+from uuv.models.vehicle import Vehicle
+from uuv.sim.interfaces.errors import ReachError
+from uuv.sim.interfaces.messages import WorkState
+from uuv.sim.interfaces.spatial import Array, inverse, pose, rotation_from_z
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -280,7 +280,7 @@ class LeaveNest(OverNest):
 
 
 class TouchSequence(TaskPlanner):
-    """Planner (`sim.interfaces.protocols.Planner`) that asks for one touch after the other.
+    """Planner (`uuv.sim.interfaces.protocols.Planner`) that asks for one touch after the other.
 
     `Reference.touch` is the index of the touch while the encoders are to be read.
     """

@@ -1,6 +1,6 @@
 """Denavit-Hartenberg rows of an arm in an MJCF: read from it, disturbed as by a workshop, and written back.
 
-Rows are those of `models.arms.serial_arm`: standard ones, and Hayati's where the next axis is nearly parallel. There d
+Rows are those of `uuv.models.arms.serial_arm`: standard ones, and Hayati's where the next axis is nearly parallel. There d
 is 0 and beta tilts the axis [Hayati 1985]. The last frame is that of the last joint (a zero row), and the tip site is
 fixed in it. Frame 0 stands on the first axis.
 """
@@ -11,11 +11,11 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 
-from models.arms.kinematics import BETA, ROW, THETA, A, D
-from models.arms.serial_arm import NEAR_PARALLEL, SerialArm, tilt_of
-from models.naming import find
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.spatial import Array, exp_so3, inverse, pose, quat_wxyz_from_rotation, readonly
+from uuv.models.arms.kinematics import BETA, ROW, THETA, A, D
+from uuv.models.arms.serial_arm import NEAR_PARALLEL, SerialArm, tilt_of
+from uuv.models.naming import find
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.spatial import Array, exp_so3, inverse, pose, quat_wxyz_from_rotation, readonly
 
 _INTERSECTING = 1e-9  # [m] common normal, below which axes are taken to meet
 

@@ -20,8 +20,8 @@ import mujoco
 import numpy as np
 from numpy.typing import ArrayLike
 
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.spatial import Array, number, readonly
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.spatial import Array, number, readonly
 
 _STAMP = 745520.0  # marks user data that `attach` wrote
 _HARD = 0.9999  # impedance of the constraint

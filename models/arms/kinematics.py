@@ -1,4 +1,4 @@
-"""Compiled forward kinematics of serial arms: link frames; `models.arms.tip_places` has the tips and derivatives.
+"""Compiled forward kinematics of serial arms: link frames; `uuv.models.arms.tip_places` has the tips and derivatives.
 
 A joint's row in `table` is (theta0, d, a, alpha, beta). Its frame moves by Rz(theta0 + q) Tz(d) Tx(a) Rx(alpha)
 Ry(beta); for a slide by Rz(theta0) Tz(d + q) instead of the first two. beta is the angle of [Hayati 1985], zero except
@@ -10,7 +10,7 @@ import math
 import numpy as np
 from numba import boolean, float64, types
 
-from sim.interfaces.kernels import kernel
+from uuv.sim.interfaces.kernels import kernel
 
 THETA, D, A, ALPHA, BETA, ROW = 0, 1, 2, 3, 4, 5  # columns of a table row, and their number
 

@@ -3,7 +3,7 @@
     arm = published_arms.load("panda")
     chain = Chain.from_arm(arm)
 
-Rows are standard: theta0 [rad], d [m], a [m], alpha [rad] (`models.arms.serial_arm`, beta zero). Tables that were
+Rows are standard: theta0 [rad], d [m], a [m], alpha [rad] (`uuv.models.arms.serial_arm`, beta zero). Tables that were
 published in Craig's convention are converted. The tip is then turned about its own axis, or the base, by a quarter or
 half turn.
 """
@@ -15,9 +15,9 @@ from functools import partial
 
 import numpy as np
 
-from models.arms.serial_arm import SerialArm
-from models.registry import Registry
-from sim.interfaces.spatial import Array, pose, readonly
+from uuv.models.arms.serial_arm import SerialArm
+from uuv.models.registry import Registry
+from uuv.sim.interfaces.spatial import Array, pose, readonly
 
 H = math.pi / 2
 _Rows = list[tuple[float, float, float, float]]

@@ -16,21 +16,10 @@ from typing import Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from models.arms import kinematics
-from models.arms.kinematics import ALPHA, BETA, ROW, THETA, A, D
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.spatial import (
-    Array,
-    checked,
-    checked_place,
-    checked_pose,
-    checked_rows,
-    exp_so3,
-    inverse,
-    pose,
-    readonly,
-    shown,
-)
+from uuv.models.arms import kinematics
+from uuv.models.arms.kinematics import ALPHA, BETA, ROW, THETA, A, D
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.spatial import Array, checked, checked_place, checked_pose, checked_rows, exp_so3, inverse, pose, readonly, shown
 
 NEAR_PARALLEL = np.deg2rad(5.0)  # [rad] between neighbouring axes; below this, d and theta0 of common normals run away
 _EXACTLY_PARALLEL = 1e-9  # [rad] below this the common normal is taken where it was
@@ -253,7 +242,7 @@ class SerialArm:
 
     def tips(self, q: ArrayLike, tcp: ArrayLike) -> Array:
         """Tips (M, 3) [m] in the base for joint values `q` (M, n) and a tool point `tcp` (3,) [m] in the flange."""
-        from models.arms.tip_places import NO_JACOBIAN, tips
+        from uuv.models.arms.tip_places import NO_JACOBIAN, tips
 
         values = np.ascontiguousarray(q, dtype=np.float64)
         point = np.ascontiguousarray(tcp, dtype=np.float64)
@@ -261,7 +250,7 @@ class SerialArm:
 
     def tips_and_jacobian(self, q: Array, tcp: Array) -> tuple[Array, Array]:
         """Tips (M, 3) [m] and their derivatives (M, 5 n + 3, 3) by the table, row by row, then by the tool point."""
-        from models.arms.tip_places import tips
+        from uuv.models.arms.tip_places import tips
 
         J = np.empty((len(q), ROW * self.n + 3, 3))
         return tips(self.table, self.slides, self.X_base_0, self.X_n_flange, tcp, q, J), J

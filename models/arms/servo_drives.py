@@ -9,9 +9,9 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from models.arms.published_arms import VectorArm
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.spatial import Array, pose
+from uuv.models.arms.published_arms import VectorArm
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.spatial import Array, pose
 
 _REST = 1e-6  # [rad/s] joint speeds of an arm at rest
 _LONGEST = 30.0  # [s] within which it must come to rest

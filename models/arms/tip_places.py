@@ -1,14 +1,14 @@
 """Compiled tip positions of serial arms, with first derivatives by the numbers of their table.
 
-Apart from `models.arms.kinematics`, because its signature lets it compile on import: only calibration needs it.
+Apart from `uuv.models.arms.kinematics`, because its signature lets it compile on import: only calibration needs it.
 Derivatives are analytic: a turn about an axis through o moves the tip p by axis x (p - o), a shift by its direction.
 """
 
 import numpy as np
 from numba import boolean, float64, types
 
-from models.arms.kinematics import ALPHA, BETA, ROW, THETA, A, D, frame_step
-from sim.interfaces.kernels import kernel
+from uuv.models.arms.kinematics import ALPHA, BETA, ROW, THETA, A, D, frame_step
+from uuv.sim.interfaces.kernels import kernel
 
 NO_JACOBIAN = np.empty((0, 0, 0))  # as `J` of `tips`: compute no derivatives
 

@@ -8,8 +8,8 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import ArrayLike
 
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.spatial import Array
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.spatial import Array
 
 _WELD = 1e-7  # [m] distance below which two vertices are merged
 

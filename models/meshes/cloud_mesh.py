@@ -13,11 +13,11 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import breadth_first_order, connected_components, minimum_spanning_tree
 from scipy.spatial import Delaunay, QhullError, cKDTree
 
-from models.meshes.closed_shells import sphere
-from models.meshes.far_origin import middle_if_far
-from models.meshes.ray_casting import RayScene
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.spatial import Array
+from uuv.models.meshes.closed_shells import sphere
+from uuv.models.meshes.far_origin import middle_if_far
+from uuv.models.meshes.ray_casting import RayScene
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.spatial import Array
 
 FEWEST = 100  # points of a model, at least: fewer show no shape
 _MOST = 60_000  # points that are meshed, about; more add time

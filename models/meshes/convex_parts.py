@@ -11,10 +11,10 @@ from functools import lru_cache
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
-from models.meshes.closed_shells import vertex_normals, welded
-from models.meshes.ray_casting import RayScene
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.spatial import Array, readonly
+from uuv.models.meshes.closed_shells import vertex_normals, welded
+from uuv.models.meshes.ray_casting import RayScene
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.spatial import Array, readonly
 
 TOLERANCE = 5e-4  # [m] by which a part may protrude from the surface
 SUNK = 0.012  # [m] largest depth to which a patch is sunk into the solid

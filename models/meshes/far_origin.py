@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import ArrayLike
 
-from sim.interfaces.spatial import Array
+from uuv.sim.interfaces.spatial import Array
 
 _FAR = 8.0  # [sizes] of the middle from the origin, from which on rounding is felt
 

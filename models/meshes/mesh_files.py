@@ -11,12 +11,12 @@ from typing import Any
 
 import numpy as np
 
-from models.meshes.ply_files import NO_SUCH_VERTEX, need_corners, read_ply
-from models.meshes.surfel_files import TEXT
-from sim.interfaces.errors import ConfigurationError, MissingLibraryError
-from sim.interfaces.extras import wanted
-from sim.interfaces.files import bytes_of
-from sim.interfaces.spatial import Array
+from uuv.models.meshes.ply_files import NO_SUCH_VERTEX, need_corners, read_ply
+from uuv.models.meshes.surfel_files import TEXT
+from uuv.sim.interfaces.errors import ConfigurationError, MissingLibraryError
+from uuv.sim.interfaces.extras import wanted
+from uuv.sim.interfaces.files import bytes_of
+from uuv.sim.interfaces.spatial import Array
 
 FORMATS = {"stl": "STL", "ply": "PLY", "obj": "OBJ", "off": "OFF", "gltf": "glTF", "glb": "GLB"}  # by ending
 _SILENT = logging.NullHandler()

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from sim.interfaces.kernels import kernel
-from sim.interfaces.spatial import Array
+from uuv.sim.interfaces.kernels import kernel
+from uuv.sim.interfaces.spatial import Array
 
 _LEAF = 4  # largest number of triangles in a leaf
 

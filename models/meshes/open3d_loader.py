@@ -8,7 +8,7 @@ import warnings
 from functools import cache
 from typing import Any
 
-from sim.interfaces.errors import MissingLibraryError
+from uuv.sim.interfaces.errors import MissingLibraryError
 
 DEBIAN_PACKAGES = "libgl1 libegl1 libx11-6 libudev1 libidn2-0"
 

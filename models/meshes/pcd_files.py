@@ -4,10 +4,10 @@ from pathlib import Path
 
 import numpy as np
 
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.files import bytes_of
-from sim.interfaces.kernels import kernel
-from sim.interfaces.spatial import Array
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.files import bytes_of
+from uuv.sim.interfaces.kernels import kernel
+from uuv.sim.interfaces.spatial import Array
 
 _TYPES = {("F", 4): "<f4", ("F", 8): "<f8"} | {
     (kind, size): f"<{kind.lower()}{size}" for kind in "IU" for size in (1, 2, 4, 8)

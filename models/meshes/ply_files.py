@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from sim.interfaces.spatial import Array
+from uuv.sim.interfaces.spatial import Array
 
 _TYPES = {
     "char": "i1",

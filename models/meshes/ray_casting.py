@@ -12,9 +12,9 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from models.meshes import open3d_loader
-from models.meshes.far_origin import middle_if_far
-from sim.interfaces.errors import MissingLibraryError
+from uuv.models.meshes import open3d_loader
+from uuv.models.meshes.far_origin import middle_if_far
+from uuv.sim.interfaces.errors import MissingLibraryError
 
 Engine = Literal["embree", "open3d"]
 

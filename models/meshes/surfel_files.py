@@ -3,11 +3,11 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from models.meshes.ply_files import read_ply_normals
-from models.meshes.text_clouds import read_text_cloud
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.files import bytes_of, existing_file, text_of
-from sim.interfaces.spatial import Array
+from uuv.models.meshes.ply_files import read_ply_normals
+from uuv.models.meshes.text_clouds import read_text_cloud
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.files import bytes_of, existing_file, text_of
+from uuv.sim.interfaces.spatial import Array
 
 TEXT = ("xyz", "txt", "asc", "csv", "pts", "xyzn", "xyzrgb")  # endings of text files
 KINDS = "what goes is PLY, PCD, or text with x y z a line"
@@ -61,7 +61,7 @@ def read_surfels(file: str | Path, what: str = "cloud") -> Surfels:
     path = existing_file(file, what)
     match path.suffix.lower():
         case ".pcd":
-            from models.meshes.pcd_files import read_pcd  # brings numba, which few objects need
+            from uuv.models.meshes.pcd_files import read_pcd  # brings numba, which few objects need
 
             points, normals, shape = read_pcd(path)
             return Surfels(points=points, normals=normals, shape=shape, notes=())

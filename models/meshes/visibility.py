@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from models.meshes.ray_casting import RayScene
-from sim.interfaces.spatial import Array, inverse, transform_points
+from uuv.models.meshes.ray_casting import RayScene
+from uuv.sim.interfaces.spatial import Array, inverse, transform_points
 
 _PIECES = 4000  # number of surface samples
 _TURNED = np.cos(np.radians(75.0))  # cosine of the largest incidence at which a surface counts as seen

@@ -6,10 +6,10 @@ Sizes are ours, at the small end of those that are cast (0.8 m, about 40 kg of a
 import mujoco
 import numpy as np
 
-from models.meshes.closed_shells import joined, prism, revolve
-from models.objects.target_model import PATH_STEP, ModelPath, Solid, Symmetry, TargetModel
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.spatial import Array, pose, rotation_from_z
+from uuv.models.meshes.closed_shells import joined, prism, revolve
+from uuv.models.objects.target_model import PATH_STEP, ModelPath, Solid, Symmetry, TargetModel
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.spatial import Array, pose, rotation_from_z
 
 LENGTH = 0.8  # [m] of the bar, along x_T
 TOP, BOTTOM, HEIGHT = 0.12, 0.16, 0.12  # [m] widths (y_T) and height (z_T) of its section

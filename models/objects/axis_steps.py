@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sim.interfaces.spatial import Array
+from uuv.sim.interfaces.spatial import Array
 
 STEP = 0.35  # [rad] by which the axis turns between two points, from which on the tool turns at rest
 

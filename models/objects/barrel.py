@@ -3,10 +3,10 @@
 import mujoco
 import numpy as np
 
-from models.meshes.closed_shells import joined, revolve
-from models.objects.target_model import PATH_STEP, SHARPEST_CORNER, ModelPath, Solid, Symmetry, TargetModel
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.spatial import exp_so3, finite_number, pose, rotation_from_z, transform_points
+from uuv.models.meshes.closed_shells import joined, revolve
+from uuv.models.objects.target_model import PATH_STEP, SHARPEST_CORNER, ModelPath, Solid, Symmetry, TargetModel
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.spatial import exp_so3, finite_number, pose, rotation_from_z, transform_points
 
 BARREL_DIAMETER = 0.6  # [m] of the shell; our choice
 BARREL_LENGTH = 0.9  # [m] our choice

@@ -4,8 +4,8 @@ from itertools import product
 
 import numpy as np
 
-from models.objects.target_model import PATH_STEP, SHARPEST_CORNER, ModelPath, Symmetry, TargetModel
-from sim.interfaces.spatial import Array, exp_so3, finite_number
+from uuv.models.objects.target_model import PATH_STEP, SHARPEST_CORNER, ModelPath, Symmetry, TargetModel
+from uuv.sim.interfaces.spatial import Array, exp_so3, finite_number
 
 SIZE = (0.7, 0.5, 0.4)  # [m] along x_T, y_T, z_T
 RADIUS = 0.02  # [m] of its edges

@@ -12,11 +12,11 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from models.meshes.closed_shells import split, vertex_normals, welded
-from models.meshes.nearest_surface import NearestSurface
-from models.objects.target_model import TargetModel
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.spatial import Array, checked, checked_place, readonly, real_array, shown, whole_number
+from uuv.models.meshes.closed_shells import split, vertex_normals, welded
+from uuv.models.meshes.nearest_surface import NearestSurface
+from uuv.models.objects.target_model import TargetModel
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.spatial import Array, checked, checked_place, readonly, real_array, shown, whole_number
 
 HEIGHT = (0.01, 0.04)  # [m] default range of the height of growth and depth of dents
 PATCHES = 5  # default number of patches

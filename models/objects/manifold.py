@@ -14,10 +14,10 @@ import mujoco
 import numpy as np
 from numpy.typing import ArrayLike
 
-from models.meshes.closed_shells import joined, revolve, welded
-from models.objects.target_model import ModelPath, Solid, TargetModel
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.spatial import Array, exp_so3, pose, readonly, rotation_from_z
+from uuv.models.meshes.closed_shells import joined, revolve, welded
+from uuv.models.objects.target_model import ModelPath, Solid, TargetModel
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.spatial import Array, exp_so3, pose, readonly, rotation_from_z
 
 SIZE = (0.56, 0.42, 0.14)  # [m] of the block
 SIDES = 24  # of a bore's wall; its corners lie 0.17 mm outside the circle at 20 mm radius

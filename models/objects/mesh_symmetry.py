@@ -6,9 +6,9 @@ from itertools import combinations
 import numpy as np
 from scipy.spatial import cKDTree
 
-from models.meshes.nearest_surface import NearestSurface
-from models.objects.target_model import Symmetry
-from sim.interfaces.spatial import Array, exp_so3, rotation_angle
+from uuv.models.meshes.nearest_surface import NearestSurface
+from uuv.models.objects.target_model import Symmetry
+from uuv.sim.interfaces.spatial import Array, exp_so3, rotation_angle
 
 _ALIKE = 0.006  # [radii] distance between the surfaces, up to which they are the same; a 24-sided pipe is round
 _EVEN = 40_000  # triangles drawn from the mesh of a cloud

@@ -9,10 +9,10 @@ from collections.abc import Mapping
 import mujoco
 import numpy as np
 
-from models.meshes.closed_shells import revolve
-from models.objects.target_model import PATH_STEP, ModelPath, Solid, Symmetry, TargetModel
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.spatial import Array, pose
+from uuv.models.meshes.closed_shells import revolve
+from uuv.models.objects.target_model import PATH_STEP, ModelPath, Solid, Symmetry, TargetModel
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.spatial import Array, pose
 
 PILE_DIAMETER = 0.6  # [m] our choice
 PILE_LENGTH = 3.0  # [m] our choice

@@ -6,10 +6,10 @@ Sizes are ours: the stiffeners are flat bars of 60 by 12 mm, the nozzle a short 
 import mujoco
 import numpy as np
 
-from models.meshes.closed_shells import box, joined, revolve
-from models.objects.target_model import PATH_STEP, ModelPath, Solid, TargetModel
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.spatial import Array, pose
+from uuv.models.meshes.closed_shells import box, joined, revolve
+from uuv.models.objects.target_model import PATH_STEP, ModelPath, Solid, TargetModel
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.spatial import Array, pose
 
 SIZE = (0.9, 0.6, 0.02)  # [m] of the plate, along x_T, y_T, z_T
 BAR = (0.012, 0.06)  # [m] thickness and height of a stiffener

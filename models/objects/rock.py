@@ -6,10 +6,10 @@ distance to each plane along a ray from the middle. Broad swells and hollows mak
 
 import numpy as np
 
-from models.meshes.closed_shells import sphere
-from models.objects.target_model import PATH_STEP, ModelPath, TargetModel
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.spatial import Array
+from uuv.models.meshes.closed_shells import sphere
+from uuv.models.objects.target_model import PATH_STEP, ModelPath, TargetModel
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.spatial import Array
 
 _PLANES = 14  # random cutting planes, beside the six that bound the rock
 _WORN = 9.0  # exponent of the smooth minimum; larger gives sharper edges

@@ -5,8 +5,8 @@ The paper gives no sizes; ours are 0.4 m across and 35 mm thick. The underside i
 
 import numpy as np
 
-from models.objects.target_model import PATH_STEP, ModelPath, Symmetry, TargetModel
-from sim.interfaces.spatial import Array, exp_so3
+from uuv.models.objects.target_model import PATH_STEP, ModelPath, Symmetry, TargetModel
+from uuv.sim.interfaces.spatial import Array, exp_so3
 
 THICKNESS = 0.035  # [m] in the middle
 ARMS = 5  # equal arms, so the symmetry is a turn of 72 deg

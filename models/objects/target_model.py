@@ -13,26 +13,15 @@ import mujoco
 import numpy as np
 from numpy.typing import ArrayLike
 
-from models.meshes.far_origin import middle_if_far
-from models.meshes.mesh_files import read_mesh
-from models.meshes.surfel_files import is_cloud_file, read_surfels
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.files import existing_file
-from sim.interfaces.spatial import (
-    Array,
-    checked,
-    checked_pose,
-    checked_rows,
-    exp_so3,
-    finite_number,
-    pose,
-    quat_wxyz_from_rotation,
-    readonly,
-    real_array,
-)
+from uuv.models.meshes.far_origin import middle_if_far
+from uuv.models.meshes.mesh_files import read_mesh
+from uuv.models.meshes.surfel_files import is_cloud_file, read_surfels
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.files import existing_file
+from uuv.sim.interfaces.spatial import Array, checked, checked_pose, checked_rows, exp_so3, finite_number, pose, quat_wxyz_from_rotation, readonly, real_array
 
 if TYPE_CHECKING:
-    from models.meshes.cloud_mesh import CloudMesh
+    from uuv.models.meshes.cloud_mesh import CloudMesh
 
 LARGEST = 20.0  # [m] largest extent accepted without a stated scale; larger meshes are probably in millimetres
 _LEAST_SINE = 0.05  # between the axes that a tool keeps
@@ -167,7 +156,7 @@ class ModelPath:
             blend: [m] of the path over which the tool turns at a corner: its angle is averaged over so much, and over
                 _SHORTEST_BLEND at least, which the motion takes as slowly as the tool turns.
             dwell: the tool stops in a corner and turns there, in place of that, where the corner has
-                `models.objects.axis_steps.STEP` or more.
+                `uuv.models.objects.axis_steps.STEP` or more.
         """
         b = self.b - np.sum(self.b * self.a, axis=1, keepdims=True) * self.a
         b /= np.linalg.norm(b, axis=1, keepdims=True)
@@ -308,7 +297,7 @@ class TargetModel:
         middle = middle_if_far(self.vertices)  # MuJoCo keeps meshes in single precision
         hulls, cut = self.hulls, felt and not (self.solids or self.hulls)
         if cut:
-            from models.meshes import convex_parts
+            from uuv.models.meshes import convex_parts
 
             hulls = convex_parts.parts(self.vertices, self.triangles)
         if hulls or not self.solids:
@@ -460,7 +449,7 @@ class TargetModel:
                 f"{what}: points must lie within {FARTHEST_VERTEX:g} m of its origin, got {farthest:g}; subtract their "
                 f"middle, about {' '.join(f'{v:.0f}' for v in np.median(values[finite], axis=0))}"
             )
-        from models.meshes.cloud_mesh import mesh_of_cloud
+        from uuv.models.meshes.cloud_mesh import mesh_of_cloud
 
         made = mesh_of_cloud(values[finite], outward)
         target = cls(

@@ -1,24 +1,24 @@
-"""Access to objects to work on: registry by name, mesh files, and the classes of `models.objects.target_model`."""
+"""Access to objects to work on: registry by name, mesh files, and the classes of `uuv.models.objects.target_model`."""
 
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from models.meshes.closed_shells import revolve
-from models.objects.anode import anode
-from models.objects.barrel import BARREL_DIAMETER, BARREL_LENGTH, barrel, longitudinal, transverse
-from models.objects.block import block
-from models.objects.manifold import manifold
-from models.objects.pile import PILE_DIAMETER, PILE_LENGTH, helix, pile, ring, vertical
-from models.objects.plate import plate
-from models.objects.rock import rock
-from models.objects.starfish import starfish
-from models.objects.target_model import ModelPath, Solid, Symmetry, TargetModel
-from models.objects.valve import valve
-from models.registry import Registry
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.files import existing_file
-from sim.interfaces.spatial import shown
+from uuv.models.meshes.closed_shells import revolve
+from uuv.models.objects.anode import anode
+from uuv.models.objects.barrel import BARREL_DIAMETER, BARREL_LENGTH, barrel, longitudinal, transverse
+from uuv.models.objects.block import block
+from uuv.models.objects.manifold import manifold
+from uuv.models.objects.pile import PILE_DIAMETER, PILE_LENGTH, helix, pile, ring, vertical
+from uuv.models.objects.plate import plate
+from uuv.models.objects.rock import rock
+from uuv.models.objects.starfish import starfish
+from uuv.models.objects.target_model import ModelPath, Solid, Symmetry, TargetModel
+from uuv.models.objects.valve import valve
+from uuv.models.registry import Registry
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.files import existing_file
+from uuv.sim.interfaces.spatial import shown
 
 __all__ = [
     "BARREL_DIAMETER",

@@ -6,10 +6,10 @@ Sizes are ours, of the order of a DN100 ball valve. The lever leaves it without 
 import mujoco
 import numpy as np
 
-from models.meshes.closed_shells import box, joined, revolve
-from models.objects.target_model import PATH_STEP, ModelPath, Solid, TargetModel
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.spatial import pose, rotation_from_z
+from uuv.models.meshes.closed_shells import box, joined, revolve
+from uuv.models.objects.target_model import PATH_STEP, ModelPath, Solid, TargetModel
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.spatial import pose, rotation_from_z
 
 PIPE = (0.06, 0.44)  # [m] radius and length, along x_T
 FLANGE = (0.11, 0.025)  # [m] radius and thickness, at each end

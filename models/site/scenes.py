@@ -4,19 +4,20 @@ from pathlib import Path
 
 import mujoco
 
-import models
-from models import hydrodynamics, sidecar
-from models.arms.urdf import is_urdf
-from models.mjcf_files import compiled, read_mjcf
-from models.naming import TOOL_GEOM
-from models.objects.targets import TargetModel
-from models.own import mapping, urdf_vehicle
-from models.own.complete import complete, forget, note
-from models.own.parts_file import PartsMap, beside, read_parts
-from models.site.seabed import Seabed
-from sim.interfaces.errors import ConfigurationError, did_you_mean
-from sim.interfaces.files import existing_file
-from sim.interfaces.spatial import Array, shown, transform_points
+from uuv import models
+from uuv.models import hydrodynamics
+from uuv.models.files import sidecar
+from uuv.models.files.urdf import is_urdf
+from uuv.models.files.mjcf_files import compiled, read_mjcf
+from uuv.models.naming import TOOL_GEOM
+from uuv.models.objects.targets import TargetModel
+from uuv.models.completing import mapping, urdf_vehicle
+from uuv.models.completing.complete import complete, forget, note
+from uuv.models.files.parts_file import PartsMap, beside, read_parts
+from uuv.models.site.seabed import Seabed
+from uuv.sim.interfaces.errors import ConfigurationError, did_you_mean
+from uuv.sim.interfaces.files import existing_file
+from uuv.sim.interfaces.spatial import Array, shown, transform_points
 
 SEABED_DEPTH = 0.75  # [m] of the flat seabed below the object's origin
 
@@ -24,19 +25,19 @@ SEABED_DEPTH = 0.75  # [m] of the flat seabed below the object's origin
 def vehicle_spec(
     vehicle: str | Path, water: str | Path | None = None, parts: str | Path | None = None
 ) -> mujoco.MjSpec:
-    """Vehicle by its name in `models.available()`, or from a file; the parts that can be computed are complete.
+    """Vehicle by its name in `uuv.models.available()`, or from a file; the parts that can be computed are complete.
 
-    An MJCF's coefficients are in its user data, in custom elements, or in a sidecar (`models.sidecar`); a URDF's in a
+    An MJCF's coefficients are in its user data, in custom elements, or in a sidecar (`uuv.models.files.sidecar`); a URDF's in a
     sidecar.
 
     Args:
         vehicle: a name, MODULE:FUNCTION, or a file, MJCF or URDF.
         water: sidecar of the file; None: `NAME.water.yaml` beside it, if there is one.
-        parts: file that maps the model's names to those of the contract (`models.own.parts_file`); None:
+        parts: file that maps the model's names to those of the contract (`uuv.models.files.parts_file`); None:
             `NAME.parts.yaml` beside the vehicle's file, if there is one.
 
     Returns:
-        Its spec with its water; `models.own.complete.computed` tells what was added.
+        Its spec with its water; `uuv.models.completing.complete.computed` tells what was added.
 
     Raises:
         ConfigurationError: neither a name nor a file, a file that cannot be read or compiled, or a part of the mapping
@@ -124,7 +125,7 @@ def work_site(vehicle: mujoco.MjSpec, target: TargetModel, X_WT: Array) -> mujoc
 def dig_site(vehicle: mujoco.MjSpec, ground: Seabed) -> mujoco.MjSpec:
     """Add `ground` to the spec of a vehicle whose tool, the geom "pad", penetrates it without collision.
 
-    The soil acts as a force on the tool (`models.site.soil`).
+    The soil acts as a force on the tool (`uuv.models.site.soil`).
 
     Raises:
         ConfigurationError: the vehicle has no such tool.

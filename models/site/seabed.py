@@ -12,9 +12,9 @@ import mujoco
 import numpy as np
 from numpy.typing import ArrayLike
 
-from models.site.terrain_kinds import KINDS, Kind
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.spatial import Array, checked, readonly
+from uuv.models.site.terrain_kinds import KINDS, Kind
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.spatial import Array, checked, readonly
 
 SEABED_GEOM = "seabed"
 _BASE = 0.3  # [m] thickness of solid ground under the lowest point

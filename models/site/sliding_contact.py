@@ -5,7 +5,7 @@ import math
 import mujoco
 import numpy as np
 
-from models.naming import TOOL_GEOM
+from uuv.models.naming import TOOL_GEOM
 
 TARGET_BODY = "target"
 FRICTION_TIME = 0.045  # [s] time constant of friction under a pressed tool

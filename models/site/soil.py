@@ -30,9 +30,9 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import ArrayLike
 
-from models.registry import Registry
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.spatial import Array
+from uuv.models.registry import Registry
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.spatial import Array
 
 NARROW = 3.0  # pressure on a narrow tool in sand, as a multiple of Rankine's
 _SLIP_ANGLES = 3_000  # number of slip angles in the search for the least resistance

@@ -5,14 +5,14 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 
-from models import hydrodynamics
-from models.hydrodynamics import BodyHydrodynamics, carries, density_of, unpack
-from models.keyframes import keyframes_kept
-from models.naming import HOME_KEY, HULL_BODY, PAD_BODY, TIP_SITE, TOOL_FACE_SITE, TOOL_GEOM
-from models.tools import heads, sampler
-from models.tools.tools import Tool
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.spatial import Array
+from uuv.models import hydrodynamics
+from uuv.models.hydrodynamics import BodyHydrodynamics, carries, density_of, unpack
+from uuv.models.files.keyframes import keyframes_kept
+from uuv.models.naming import HOME_KEY, HULL_BODY, PAD_BODY, TIP_SITE, TOOL_FACE_SITE, TOOL_GEOM
+from uuv.models.tools import heads, sampler
+from uuv.models.tools.tools import Tool
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.spatial import Array
 
 _IDENTITY = np.array([1.0, 0.0, 0.0, 0.0])
 

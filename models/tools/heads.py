@@ -5,11 +5,11 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from models.hydrodynamics import BodyHydrodynamics, cylinder
-from models.naming import PAD_BODY, PAD_JOINT, TOOL_FACE_SITE, TOOL_GEOM
-from models.tools.contact import ToolContact, touching
-from models.tools.sampler import DAMPING, GIVE, STIFFNESS, add_slide
-from sim.interfaces.spatial import Array
+from uuv.models.hydrodynamics import BodyHydrodynamics, cylinder
+from uuv.models.naming import PAD_BODY, PAD_JOINT, TOOL_FACE_SITE, TOOL_GEOM
+from uuv.models.tools.contact import ToolContact, touching
+from uuv.models.tools.sampler import DAMPING, GIVE, STIFFNESS, add_slide
+from uuv.sim.interfaces.spatial import Array
 
 _FINGERS = "jaw_left", "jaw_right"
 _CLOSING = 2e3  # [N/m] spring of each finger

@@ -10,11 +10,11 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from models.hydrodynamics import BodyHydrodynamics, cylinder
-from models.keyframes import keyframes_kept
-from models.naming import PAD_BODY, PAD_JOINT, TIP_SITE, TOOL_FACE_SITE, TOOL_GEOM
-from models.tools.contact import ToolContact, touching
-from sim.interfaces.errors import ConfigurationError
+from uuv.models.hydrodynamics import BodyHydrodynamics, cylinder
+from uuv.models.files.keyframes import keyframes_kept
+from uuv.models.naming import PAD_BODY, PAD_JOINT, TIP_SITE, TOOL_FACE_SITE, TOOL_GEOM
+from uuv.models.tools.contact import ToolContact, touching
+from uuv.sim.interfaces.errors import ConfigurationError
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -3,9 +3,9 @@
 attachment.attach(spec, TOOLS.load("brush"))
 """
 
-from models.registry import Registry
-from models.tools.heads import Head, Jaws
-from models.tools.sampler import BOX, CORER, SAMPLER, Box, Tube
+from uuv.models.registry import Registry
+from uuv.models.tools.heads import Head, Jaws
+from uuv.models.tools.sampler import BOX, CORER, SAMPLER, Box, Tube
 
 Tool = Tube | Box | Head | Jaws
 

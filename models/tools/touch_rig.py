@@ -8,9 +8,9 @@ import mujoco
 import numpy as np
 from numpy.typing import ArrayLike
 
-from models.naming import HULL_BODY, TIP_SITE, TOOL_GEOM
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.spatial import Array, checked, quat_wxyz_from_rotation, rotation_from_z
+from uuv.models.naming import HULL_BODY, TIP_SITE, TOOL_GEOM
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.spatial import Array, checked, quat_wxyz_from_rotation, rotation_from_z
 
 BALL = 0.017  # [m] radius of the pin's ball
 SEAT = 0.040  # [m] radius of each of a nest's balls

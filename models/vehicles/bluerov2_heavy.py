@@ -8,11 +8,11 @@ the added masses, and 0.1858 kg m^2 in roll where the others have 0.189. Of the 
 hkolano/PitchPrediction). The thesis itself was not read. That its inertia is about the origin, the centre of buoyancy,
 is as the transcription has it.
 
-Thrusters: eight T200 at 16 V (`models.water.thrusters.t200`). Their positions are those of Benzon's set, and reproduce
+Thrusters: eight T200 at 16 V (`uuv.models.water.thrusters.t200`). Their positions are those of Benzon's set, and reproduce
 Wu's matrix too. The four horizontal ones stand at 45 degrees 85 mm below the origin. The four vertical ones push up in
 Benzon's set, while Wu counts thrusts 6 and 7 downwards. Neither set has the torque of the propellers, so it is zero
 here. Both sets give a slightly buoyant hull; here it is ballasted to be neutral
-(`models.vehicles.published_hulls.ballast`).
+(`uuv.models.vehicles.published_hulls.ballast`).
 """
 
 import math
@@ -20,10 +20,10 @@ import math
 import mujoco
 import numpy as np
 
-from models.naming import CAMERA_SITE
-from models.vehicles import published_hulls, reach_alpha_5
-from models.vehicles.published_hulls import PublishedHull
-from models.water import thrusters
+from uuv.models.naming import CAMERA_SITE
+from uuv.models.vehicles import published_hulls, reach_alpha_5
+from uuv.models.vehicles.published_hulls import PublishedHull
+from uuv.models.water import thrusters
 
 LENGTH, WIDTH, HEIGHT = 0.457, 0.575, 0.254  # [m] [BlueRobotics Heavy]
 _FRESH_WATER = 1000.0  # [kg/m^3] density for Wu's set

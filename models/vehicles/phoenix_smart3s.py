@@ -22,12 +22,12 @@ Joint friction is the source's. It has no joint limits, torque limits or rotor i
 import mujoco
 import numpy as np
 
-from models import hydrodynamics
-from models.hydrodynamics import BodyHydrodynamics, StripDrag, moved_added_mass
-from models.naming import ARM_BASE_BODY, TIP_SITE
-from models.vehicles import published_hulls
-from models.vehicles.published_hulls import PublishedHull
-from sim.interfaces.spatial import Array, quat_wxyz_from_rotation, rotation_from_z
+from uuv.models import hydrodynamics
+from uuv.models.hydrodynamics import BodyHydrodynamics, StripDrag, moved_added_mass
+from uuv.models.naming import ARM_BASE_BODY, TIP_SITE
+from uuv.models.vehicles import published_hulls
+from uuv.models.vehicles.published_hulls import PublishedHull
+from uuv.sim.interfaces.spatial import Array, quat_wxyz_from_rotation, rotation_from_z
 
 LENGTH = 5.3  # [m] of the hull
 DENSITY = 1000.0  # [kg/m^3] density for which the source is written

@@ -11,11 +11,11 @@ import mujoco
 import numpy as np
 from numpy.typing import ArrayLike
 
-from models import hydrodynamics
-from models.hydrodynamics import SEA_WATER, BodyHydrodynamics
-from models.naming import HOME_KEY, HULL_BODY, READY_KEY
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.spatial import Array, quat_wxyz_from_rotation, rotation_from_z, skew
+from uuv.models import hydrodynamics
+from uuv.models.hydrodynamics import SEA_WATER, BodyHydrodynamics
+from uuv.models.naming import HOME_KEY, HULL_BODY, READY_KEY
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.spatial import Array, quat_wxyz_from_rotation, rotation_from_z, skew
 
 TIMESTEP = 0.002  # [s] of the simulation
 _HALF_TURN = np.diag([1.0, -1.0, -1.0])  # rotation about x
@@ -132,7 +132,7 @@ def add_thruster(spec: mujoco.MjSpec, hull: mujoco.MjsBody, name: str, p: ArrayL
         direction: (3,) of positive thrust in hull axes.
 
     Returns:
-        The actuator's name, for `models.water.thrusters.attach`.
+        The actuator's name, for `uuv.models.water.thrusters.attach`.
     """
     axis = np.asarray(direction, dtype=np.float64)
     R = rotation_from_z(axis, np.eye(3)[int(np.argmin(np.abs(axis)))])[:, [2, 0, 1]]  # x along the thrust

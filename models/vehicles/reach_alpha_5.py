@@ -17,11 +17,11 @@ from dataclasses import dataclass, replace
 import mujoco
 import numpy as np
 
-from models import hydrodynamics
-from models.hydrodynamics import SEA_WATER, BodyHydrodynamics, StripDrag, cylinder
-from models.naming import ARM_BASE_BODY, HOME_KEY, READY_KEY, TIP_SITE
-from models.vehicles import published_hulls
-from sim.interfaces.spatial import Array, exp_so3, quat_wxyz_from_rotation
+from uuv.models import hydrodynamics
+from uuv.models.hydrodynamics import SEA_WATER, BodyHydrodynamics, StripDrag, cylinder
+from uuv.models.naming import ARM_BASE_BODY, HOME_KEY, READY_KEY, TIP_SITE
+from uuv.models.vehicles import published_hulls
+from uuv.sim.interfaces.spatial import Array, exp_so3, quat_wxyz_from_rotation
 
 RADIUS = 0.020  # [m] radius of every link
 _GREY = (0.3, 0.3, 0.33, 1.0)

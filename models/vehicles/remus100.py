@@ -21,13 +21,13 @@ import mujoco
 import numpy as np
 from numpy.typing import ArrayLike
 
-from models import hydrodynamics
-from models.hydrodynamics import BodyHydrodynamics
-from models.naming import HULL_BODY
-from models.vehicles import published_hulls
-from models.water import thrusters
-from models.water.forms import FadingDamping, LiftDrag, MunkFactor, PlanarStrip
-from sim.interfaces.spatial import GRAVITY, Array, checked, skew
+from uuv.models import hydrodynamics
+from uuv.models.hydrodynamics import BodyHydrodynamics
+from uuv.models.naming import HULL_BODY
+from uuv.models.vehicles import published_hulls
+from uuv.models.water import thrusters
+from uuv.models.water.forms import FadingDamping, LiftDrag, MunkFactor, PlanarStrip
+from uuv.sim.interfaces.spatial import GRAVITY, Array, checked, skew
 
 LENGTH, DIAMETER = 1.6, 0.19  # [m]
 DENSITY = 1026.0  # [kg/m^3] of the source; the vehicle is ballasted for any

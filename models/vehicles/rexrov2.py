@@ -7,7 +7,7 @@ Added mass and damping are taken to be in axes forward, starboard, down; inertia
 there, and the inertia is turned into the former here. The propellers' time constant is an estimate.
 
 The vehicle of that package carries an Oberon, whose numbers were not found. The arm here has the kinematics, joint
-limits and torques of the KUKA LBR iiwa 7 R800 (`models.arms.published_arms`, KUKA's technical data) and a pad. Its
+limits and torques of the KUKA LBR iiwa 7 R800 (`uuv.models.arms.published_arms`, KUKA's technical data) and a pad. Its
 links are cylinders, their masses estimates that add up to the 24 kg of that arm. No such arm is sold for use under
 water: it stands for those of seven joints. The camera looks down past the bow.
 """
@@ -18,16 +18,16 @@ from typing import cast
 import mujoco
 import numpy as np
 
-from models import hydrodynamics
-from models.arms import published_arms
-from models.hydrodynamics import BodyHydrodynamics, cylinder
-from models.naming import ARM_BASE_BODY, CAMERA_SITE, TIP_SITE
-from models.tools import attachment
-from models.tools.tools import TOOLS
-from models.vehicles import published_hulls
-from models.vehicles.published_hulls import PublishedHull
-from models.water import thrusters
-from sim.interfaces.spatial import Array, exp_so3, pose, quat_wxyz_from_rotation
+from uuv.models import hydrodynamics
+from uuv.models.arms import published_arms
+from uuv.models.hydrodynamics import BodyHydrodynamics, cylinder
+from uuv.models.naming import ARM_BASE_BODY, CAMERA_SITE, TIP_SITE
+from uuv.models.tools import attachment
+from uuv.models.tools.tools import TOOLS
+from uuv.models.vehicles import published_hulls
+from uuv.models.vehicles.published_hulls import PublishedHull
+from uuv.models.water import thrusters
+from uuv.sim.interfaces.spatial import Array, exp_so3, pose, quat_wxyz_from_rotation
 
 HULL = PublishedHull(
     mass=1862.87,

@@ -24,15 +24,15 @@ from typing import Literal
 import mujoco
 import numpy as np
 
-from models import hydrodynamics
-from models.arms import gear_friction
-from models.arms.gear_friction import GearFriction
-from models.hydrodynamics import BodyHydrodynamics, cylinder
-from models.naming import ARM_BASE_BODY, CAMERA_SITE, HOME_KEY, HULL_BODY, PAD_BODY
-from models.tools import attachment, sampler
-from models.tools.tools import TOOLS
-from models.water import thrusters
-from sim.interfaces.spatial import Array, pose, quat_wxyz_from_rotation, rotation_from_z
+from uuv.models import hydrodynamics
+from uuv.models.arms import gear_friction
+from uuv.models.arms.gear_friction import GearFriction
+from uuv.models.hydrodynamics import BodyHydrodynamics, cylinder
+from uuv.models.naming import ARM_BASE_BODY, CAMERA_SITE, HOME_KEY, HULL_BODY, PAD_BODY
+from uuv.models.tools import attachment, sampler
+from uuv.models.tools.tools import TOOLS
+from uuv.models.water import thrusters
+from uuv.sim.interfaces.spatial import Array, pose, quat_wxyz_from_rotation, rotation_from_z
 
 _ASSET = Path(__file__).with_suffix(".xml")
 

@@ -5,8 +5,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.spatial import Array, checked
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.spatial import Array, checked
 
 SEA_WATER: Final = 1025.0  # [kg/m^3] default density of the water
 LARGEST: Final = 1e15  # [SI] bound of any coefficient: beyond every real body

@@ -1,7 +1,7 @@
 """Further terms of a body's hydrodynamics, for what added mass, damping matrices and strips cannot say.
 
 Each is a frozen dataclass in the body frame, kept in `BodyHydrodynamics.forms`. It is stored as a record behind the
-body's row (`models.hydrodynamics.LAYOUT`), and the passive callback evaluates it (`sim.water.form_kernel`). A body
+body's row (`uuv.models.hydrodynamics.LAYOUT`), and the passive callback evaluates it (`uuv.sim.water.form_kernel`). A body
 without forms costs nothing.
 
 The wrench of each is a function of the twist relative to the water, nu_r = (v; w) at the body origin. It is therefore
@@ -17,9 +17,9 @@ from typing import Any, ClassVar, Final, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from models.water.bounds import LONGEST, SEA_WATER, bounded, not_negative, positive, segment
-from sim.interfaces.errors import ConfigurationError, did_you_mean
-from sim.interfaces.spatial import Array, checked, checked_rows, finite_number, readonly, shown, skew
+from uuv.models.water.bounds import LONGEST, SEA_WATER, bounded, not_negative, positive, segment
+from uuv.sim.interfaces.errors import ConfigurationError, did_you_mean
+from uuv.sim.interfaces.spatial import Array, checked, checked_rows, finite_number, readonly, shown, skew
 
 MAX_TERMS: Final = 64  # terms of one CrossTerms
 SWEEPS: Final = (-2, 0, 2)  # exponents of `LiftDrag.sweep`
@@ -385,7 +385,7 @@ class LiftDrag(Form):
 class CrossTerms(Form):
     """Sum of terms -c |nu_k| nu_j or -c nu_k nu_j in components i of the wrench, as gz-sim's Hydrodynamics has them.
 
-    A positive c with i = j and |nu_k| is damping. Other terms may feed energy in: `sim.hydrodynamics.doubts` looks for
+    A positive c with i = j and |nu_k| is damping. Other terms may feed energy in: `uuv.sim.hydrodynamics.doubts` looks for
     a motion in which they do.
 
     Raises:

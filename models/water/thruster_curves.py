@@ -7,9 +7,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.kernels import kernel
-from sim.interfaces.spatial import Array
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.kernels import kernel
+from uuv.sim.interfaces.spatial import Array
 
 QUADRATIC, POLYNOMIAL, TABLE = range(3)
 

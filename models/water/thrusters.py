@@ -17,8 +17,8 @@ import mujoco
 import numpy as np
 from numpy.typing import ArrayLike
 
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.spatial import Array, number
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.spatial import Array, number
 
 # Columns of a row; the data of the curve follow.
 FORWARD, REVERSE, DEAD_BAND, TIME_CONSTANT, INFLOW_LOSS, SLEW_RATE, TORQUE, LEAST, STAMP, COUNT = range(10)
@@ -85,7 +85,7 @@ class Thruster:
             raise ConfigurationError("thruster: a polynomial or a table, not both")
         if self.polynomial is None and self.table is None:
             return
-        from models.water.thruster_curves import check_polynomial, check_table  # bring numba
+        from uuv.models.water.thruster_curves import check_polynomial, check_table  # bring numba
 
         if self.polynomial is not None:
             ends = [check_polynomial(side) for side in self.polynomial]
@@ -115,7 +115,7 @@ class Thruster:
         Raises:
             ConfigurationError: a side that does not rise.
         """
-        from models.water.thruster_curves import check_polynomial
+        from uuv.models.water.thruster_curves import check_polynomial
 
         both = _pair((ahead, ahead if astern is None else astern), "polynomial")
         assert both is not None
@@ -145,7 +145,7 @@ class Thruster:
         Raises:
             ConfigurationError: commands or thrusts that do not rise, or thrusts of one sign.
         """
-        from models.water.thruster_curves import check_table
+        from uuv.models.water.thruster_curves import check_table
 
         neutral, full = number(neutral, "thruster neutral"), None if full is None else number(full, "thruster full")
         given = _pair((command, thrust), "table")
@@ -353,8 +353,8 @@ def read(model: mujoco.MjModel) -> tuple[np.ndarray, Array]:
 
 
 def curves(table: Array) -> Array:
-    """Static curves (m, ...) of thruster rows `table` (m, ...), as `models.water.thruster_curves` takes them."""
-    from models.water import thruster_curves as rows
+    """Static curves (m, ...) of thruster rows `table` (m, ...), as `uuv.models.water.thruster_curves` takes them."""
+    from uuv.models.water import thruster_curves as rows
 
     thrusters = [unpack(row) for row in table]
     ready = []

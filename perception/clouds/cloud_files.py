@@ -5,11 +5,11 @@ from pathlib import Path
 
 import numpy as np
 
-from models.meshes.surfel_files import read_surfels
-from perception.clouds.scan import row_hash
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.files import existing_file
-from sim.interfaces.spatial import Array, finite_number, readonly
+from uuv.models.meshes.surfel_files import read_surfels
+from uuv.perception.clouds.scan import row_hash
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.files import existing_file
+from uuv.sim.interfaces.spatial import Array, finite_number, readonly
 
 FARTHEST = 100.0  # [m] from the sensor; a cloud without `scale` that lies farther is refused
 _NO_POINT = 1e15  # in any unit; larger coordinates count as not finite

@@ -13,9 +13,9 @@ from numpy.typing import ArrayLike
 from scipy import ndimage
 from scipy.spatial import Delaunay, QhullError, cKDTree
 
-from models.meshes.ray_casting import RayScene
-from sim.interfaces.errors import PerceptionError
-from sim.interfaces.spatial import Array
+from uuv.models.meshes.ray_casting import RayScene
+from uuv.sim.interfaces.errors import PerceptionError
+from uuv.sim.interfaces.spatial import Array
 
 _MOST_CELLS = 640  # pixels per side of the virtual pinhole's image, at most
 _FEWEST_CELLS = 40  # pixels along its longer side, at least

@@ -8,8 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sim.interfaces.kernels import kernel
-from sim.interfaces.spatial import Array
+from uuv.sim.interfaces.kernels import kernel
+from uuv.sim.interfaces.spatial import Array
 
 _CELL = 3.0  # [spacings] width of a cell
 _MOST_CELLS = 2_000_000  # cells at most; the width doubles until they are fewer

@@ -1,13 +1,13 @@
-"""Text files of targets B_i and direction z [Konoplin 2019]; clouds are read by `models.meshes.surfel_files`."""
+"""Text files of targets B_i and direction z [Konoplin 2019]; clouds are read by `uuv.models.meshes.surfel_files`."""
 
 from pathlib import Path
 
 import numpy as np
 
-from models.meshes.surfel_files import read_surfels
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.files import existing_file, text_of
-from sim.interfaces.spatial import Array
+from uuv.models.meshes.surfel_files import read_surfels
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.files import existing_file, text_of
+from uuv.sim.interfaces.spatial import Array
 
 _UP = "z"  # first word of the line with the direction z
 _BLANKS = str.maketrans({",": " ", ";": " ", "\t": " "})

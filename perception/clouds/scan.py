@@ -14,12 +14,12 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from models.meshes.ray_casting import RayScene
-from perception.clouds.cloud_grid import jump, lattice_grid, organised_grid, scatter_grid
-from sim.interfaces.errors import ConfigurationError, PerceptionError
-from sim.interfaces.kernels import kernel
-from sim.interfaces.messages import DepthImage
-from sim.interfaces.spatial import Array, number, readonly, real_array
+from uuv.models.meshes.ray_casting import RayScene
+from uuv.perception.clouds.cloud_grid import jump, lattice_grid, organised_grid, scatter_grid
+from uuv.sim.interfaces.errors import ConfigurationError, PerceptionError
+from uuv.sim.interfaces.kernels import kernel
+from uuv.sim.interfaces.messages import DepthImage
+from uuv.sim.interfaces.spatial import Array, number, readonly, real_array
 
 SIGMA_ALLOWED = (1e-6, 0.01)  # [m] of depth at 1 m; at 0.02 a barrel 10 cm thinner is accepted as the barrel
 MIN_POINTS = 60  # points, below this no pose can be told from noise

@@ -3,9 +3,9 @@
 import numpy as np
 from numpy.typing import ArrayLike
 
-from perception.clouds.scan import SensorModel, jump
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.spatial import Array, readonly
+from uuv.perception.clouds.scan import SensorModel, jump
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.spatial import Array, readonly
 
 _SUPPORT = 3  # of 8 neighbours, least number on the same surface for an echo to be kept
 

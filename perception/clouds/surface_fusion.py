@@ -9,12 +9,12 @@ from scipy import ndimage
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from models.meshes import open3d_loader
-from models.meshes.nearest_surface import NearestSurface
-from perception.clouds.scan import Scan, SensorModel, without_flying_pixels
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.messages import DepthImage
-from sim.interfaces.spatial import Array, checked, checked_pose, finite_number, inverse, readonly
+from uuv.models.meshes import open3d_loader
+from uuv.models.meshes.nearest_surface import NearestSurface
+from uuv.perception.clouds.scan import Scan, SensorModel, without_flying_pixels
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.messages import DepthImage
+from uuv.sim.interfaces.spatial import Array, checked, checked_pose, finite_number, inverse, readonly
 
 VOXEL = 0.006  # [m] of the field; 8 mm is less accurate at edges, 4 mm no better
 _TRUNCATION = 0.02  # [m] two deviations of a stereo frame at 1.4 m; 30 mm rounds edges off (95 %: 5.6 for 3.0 mm)

@@ -13,18 +13,18 @@ position at that moment, which the filter keeps as a state (stochastic cloning [
 from a new key picture, with the noise of the reading z at that key, is the same operation.
 
 All that the filter remembers is one record of the type FILTER. Kernels that are called from Python take it as the array
-(1,) `memory`, the others its element `f`. Records of `sim.interfaces.records` may be given as plain tuples, which are
+(1,) `memory`, the others its element `f`. Records of `uuv.sim.interfaces.records` may be given as plain tuples, which are
 faster to pass from Python.
 """
 
 import numpy as np
 
-from perception.navigation.rate_check import ATTITUDE as ATTITUDE_FAULT
-from perception.navigation.rate_check import CLEAR, JUMPS, RATE_CHECK, WILD, compare_rate
-from perception.navigation.rate_check import GYRO as GYRO_FAULT
-from sim.interfaces.kernels import kernel
-from sim.interfaces.records import EstimateRecord, ImuRecord, JointRecord
-from sim.interfaces.spatial import GRAVITY
+from uuv.perception.navigation.rate_check import ATTITUDE as ATTITUDE_FAULT
+from uuv.perception.navigation.rate_check import CLEAR, JUMPS, RATE_CHECK, WILD, compare_rate
+from uuv.perception.navigation.rate_check import GYRO as GYRO_FAULT
+from uuv.sim.interfaces.kernels import kernel
+from uuv.sim.interfaces.records import EstimateRecord, ImuRecord, JointRecord
+from uuv.sim.interfaces.spatial import GRAVITY
 
 MOST_STATES = 18  # size of x with all optional states
 VISION, DVL = 0, 1  # kinds of fix: position, velocity

@@ -9,23 +9,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from perception.navigation.filter_kernel import (
-    ATTITUDE,
-    DVL,
-    FIX,
-    HAS,
-    HISTORY,
-    JUMP,
-    SHIFT,
-    TIME,
-    VALUE,
-    VARIANCE,
-    VISION,
-    mahalanobis,
-    replay,
-    row_at,
-)
-from sim.interfaces.spatial import Array
+from uuv.perception.navigation.filter_kernel import ATTITUDE, DVL, FIX, HAS, HISTORY, JUMP, SHIFT, TIME, VALUE, VARIANCE, VISION, mahalanobis, replay, row_at
+from uuv.sim.interfaces.spatial import Array
 
 _REPEATS = 3  # equal readings in a row by which a noisy sensor is found frozen
 _MEAN_TIME = 0.25  # [s] time constant of the mean innovation; it detects a jump by 0.05 m/s^2 in twice that

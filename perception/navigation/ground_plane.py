@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.messages import DvlRangesMeasurement, GroundPlane, Measurement, StateEstimate
-from sim.interfaces.protocols import Estimator
-from sim.interfaces.spatial import Array, readonly
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.messages import DvlRangesMeasurement, GroundPlane, Measurement, StateEstimate
+from uuv.sim.interfaces.protocols import Estimator
+from uuv.sim.interfaces.spatial import Array, readonly
 
 _HEARD = 0.5  # [-] share of the pings in which a beam must have an echo to count
 _LEAST = 3  # beams, fewer make no plane
@@ -57,7 +57,7 @@ class GroundState:
 class GroundPlaneEstimator:
     """Estimator wrapper that adds the plane of the ground to the state estimate.
 
-    Implements `sim.interfaces.protocols.Estimator`.
+    Implements `uuv.sim.interfaces.protocols.Estimator`.
     """
 
     estimator: Estimator

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from sim.interfaces.spatial import Array
+from uuv.sim.interfaces.spatial import Array
 
 _SHORT, _LONG = 1.0, 8.0  # [s] of the two means
 _BEGUN = 2.0  # [s] of a track before its means count

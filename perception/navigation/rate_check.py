@@ -15,7 +15,7 @@ in step with the turning.
 
 import numpy as np
 
-from sim.interfaces.kernels import kernel
+from uuv.sim.interfaces.kernels import kernel
 
 NONE, GYRO, ATTITUDE, EITHER = 0, 1, 2, 3  # verdicts
 

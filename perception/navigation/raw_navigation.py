@@ -5,17 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.messages import (
-    DvlMeasurement,
-    EncoderMeasurement,
-    ImuMeasurement,
-    Measurement,
-    StateEstimate,
-    TorqueMeasurement,
-    VisionMeasurement,
-)
-from sim.interfaces.spatial import GRAVITY, Array
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.messages import DvlMeasurement, EncoderMeasurement, ImuMeasurement, Measurement, StateEstimate, TorqueMeasurement, VisionMeasurement
+from uuv.sim.interfaces.spatial import GRAVITY, Array
 
 
 @dataclass(slots=True, eq=False)
@@ -33,7 +25,7 @@ class RawState:
 class RawNavigation:
     """Estimator without fusion: position is the last one of vision, with its delay.
 
-    Implements `sim.interfaces.protocols.Estimator`.
+    Implements `uuv.sim.interfaces.protocols.Estimator`.
     """
 
     period: float = 0.002  # [s]

@@ -1,7 +1,7 @@
 """Strapdown navigation filter: hull pose, velocity and acceleration from IMU, DVL, delayed vision and joint sensors.
 
 Position, velocity and accelerometer bias are estimated by one Kalman filter driven by the accelerometer at the IMU's
-rate (`perception.navigation.filter_kernel`). The tilt error of the attitude reference couples gravity into the
+rate (`uuv.perception.navigation.filter_kernel`). The tilt error of the attitude reference couples gravity into the
 acceleration and cannot be separated from the bias. The bias is therefore kept in hull axes, where both stay constant
 when the hull turns.
 
@@ -43,48 +43,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from perception.navigation.filter_kernel import (
-    AT_DVL_BIAS,
-    AT_TRACK,
-    AT_WANDER,
-    ATTITUDE,
-    DVL,
-    FILTER,
-    STATES,
-    TIME,
-    VISION,
-    put_out,
-    take_imu,
-    take_sample,
-)
-from perception.navigation.fixes import Fixes, FixMonitor
-from perception.navigation.object_watch import ObjectWatch
-from perception.navigation.surface_track import SurfaceTrack, TrackMount
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.messages import (
-    DvlMeasurement,
-    DvlNoise,
-    EncoderMeasurement,
-    ImuMeasurement,
-    ImuNoise,
-    Measurement,
-    StateEstimate,
-    SurfaceMotionMeasurement,
-    ToolAtRest,
-    TorqueMeasurement,
-    VisionMeasurement,
-    VisionNoise,
-)
-from sim.interfaces.records import (
-    EstimateRecord,
-    ImuRecord,
-    JointRecord,
-    estimate_record,
-    imu_record,
-    joint_record,
-    state_estimate,
-)
-from sim.interfaces.spatial import GRAVITY, Array
+from uuv.perception.navigation.filter_kernel import AT_DVL_BIAS, AT_TRACK, AT_WANDER, ATTITUDE, DVL, FILTER, STATES, TIME, VISION, put_out, take_imu, take_sample
+from uuv.perception.navigation.fixes import Fixes, FixMonitor
+from uuv.perception.navigation.object_watch import ObjectWatch
+from uuv.perception.navigation.surface_track import SurfaceTrack, TrackMount
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.messages import DvlMeasurement, DvlNoise, EncoderMeasurement, ImuMeasurement, ImuNoise, Measurement, StateEstimate, SurfaceMotionMeasurement, ToolAtRest, TorqueMeasurement, VisionMeasurement, VisionNoise
+from uuv.sim.interfaces.records import EstimateRecord, ImuRecord, JointRecord, estimate_record, imu_record, joint_record, state_estimate
+from uuv.sim.interfaces.spatial import GRAVITY, Array
 
 
 @dataclass(slots=True, eq=False)
@@ -124,7 +90,7 @@ _DVL, _VISION = DvlNoise(white=3e-3), VisionNoise(white=2e-3)
 class Navigation:
     """Strapdown navigation filter with delayed fixes, adaptive noise and smooth output.
 
-    Implements `sim.interfaces.protocols.Estimator`. `imu`, `dvl` and `vision` apply to a sensor that states no noise.
+    Implements `uuv.sim.interfaces.protocols.Estimator`. `imu`, `dvl` and `vision` apply to a sensor that states no noise.
     """
 
     period: float = 0.002  # [s]

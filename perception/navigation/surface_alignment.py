@@ -16,8 +16,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import ndimage
 
-from sim.interfaces.kernels import kernel
-from sim.interfaces.spatial import Array, exp_so3
+from uuv.sim.interfaces.kernels import kernel
+from uuv.sim.interfaces.spatial import Array, exp_so3
 
 LEVELS = (2.5, 0.8)  # [px] blur of the intensity, coarse to fine
 ITERATIONS = (8, 12)  # most, for each level

@@ -13,22 +13,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from models.arms.serial_arm import SerialArm
-from perception.navigation.filter_kernel import (
-    AT_TRACK,
-    ATTITUDE,
-    BEGUN,
-    INFORMATION,
-    ORIGIN,
-    PLACE,
-    READ,
-    TRACK,
-    compare_track,
-    replay,
-    row_at,
-)
-from sim.interfaces.messages import SurfaceMotionMeasurement, ToolAtRest
-from sim.interfaces.spatial import Array
+from uuv.models.arms.serial_arm import SerialArm
+from uuv.perception.navigation.filter_kernel import AT_TRACK, ATTITUDE, BEGUN, INFORMATION, ORIGIN, PLACE, READ, TRACK, compare_track, replay, row_at
+from uuv.sim.interfaces.messages import SurfaceMotionMeasurement, ToolAtRest
+from uuv.sim.interfaces.spatial import Array
 
 _MOST_REFUSED = 5  # refused readings in a row, after which a new track begins
 _SHARE = 1e-9  # of the largest information: a direction with less was not observed

@@ -6,10 +6,10 @@ from functools import cache, cached_property, lru_cache
 import numpy as np
 from scipy import fft, ndimage
 
-from perception.clouds.nearest_point import NearestPoint
-from perception.clouds.scan import Scan, SensorModel, facing_normals, hashed_subset, voxel_means
-from perception.registration.model_surface import ModelSurface
-from sim.interfaces.spatial import Array, transform_points
+from uuv.perception.clouds.nearest_point import NearestPoint
+from uuv.perception.clouds.scan import Scan, SensorModel, facing_normals, hashed_subset, voxel_means
+from uuv.perception.registration.model_surface import ModelSurface
+from uuv.sim.interfaces.spatial import Array, transform_points
 
 MODEL_TOLERANCE = 0.001  # [m] accuracy of the model
 _GRAZING = np.deg2rad(88.0)  # [rad] of incidence, up to which the model explains what was scanned

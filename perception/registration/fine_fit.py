@@ -11,10 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from perception.registration.evidence import Evidence
-from perception.registration.model_surface import ModelSurface
-from perception.registration.pairing import Pairing, PairRows
-from sim.interfaces.spatial import Array, exp_so3, pose, transform_points
+from uuv.perception.registration.evidence import Evidence
+from uuv.perception.registration.model_surface import ModelSurface
+from uuv.perception.registration.pairing import Pairing, PairRows
+from uuv.sim.interfaces.spatial import Array, exp_so3, pose, transform_points
 
 GATES = (8.0, 3.0)  # [spacings] distance within which points are paired, in the first and in the last round
 _NUDGES = 3  # steps of ICP after which a start is judged

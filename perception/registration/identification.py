@@ -13,40 +13,24 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import ndimage
 
-from models.objects.targets import TargetModel
-from perception.clouds.scan import MIN_POINTS, Scan, SensorModel, background, near_any, without_flying_pixels
-from perception.registration.evidence import Evidence, score, seen_noise, surface_noise
-from perception.registration.initialiser import Expected, initial_poses
-from perception.registration.likelihood import log_likelihood
-from perception.registration.model_surface import ModelSurface
-from perception.registration.pose_check import MAX_SIZE, MIN_MARGIN, Decision, PoseCheck, check
-from perception.registration.pose_covariance import PoseCovariance, pose_covariance
-from perception.registration.pose_search import REFINED, Found, Hypothesis, likeliest_pose, weighed_again
-from perception.registration.projective_fit import polished_rows
-from perception.registration.published.paper_check import published_criterion
-from perception.registration.published.paper_icp import laid_on, paper_fit, required_error
-from perception.registration.rival_shapes import (
-    MIN_HAND,
-    MirrorImage,
-    best_mirror_image,
-    is_told_again,
-    resized_log_likelihood,
-)
-from perception.registration.slipping import with_slip
-from perception.registration.symmetry import resolve_symmetry
-from perception.registration_method import Method
-from sim.interfaces.errors import ConfigurationError, PerceptionError
-from sim.interfaces.spatial import (
-    Array,
-    checked,
-    finite_number,
-    one_of,
-    pose,
-    readonly,
-    shown,
-    transform_points,
-    whole_number,
-)
+from uuv.models.objects.targets import TargetModel
+from uuv.perception.clouds.scan import MIN_POINTS, Scan, SensorModel, background, near_any, without_flying_pixels
+from uuv.perception.registration.evidence import Evidence, score, seen_noise, surface_noise
+from uuv.perception.registration.initialiser import Expected, initial_poses
+from uuv.perception.registration.likelihood import log_likelihood
+from uuv.perception.registration.model_surface import ModelSurface
+from uuv.perception.registration.pose_check import MAX_SIZE, MIN_MARGIN, Decision, PoseCheck, check
+from uuv.perception.registration.pose_covariance import PoseCovariance, pose_covariance
+from uuv.perception.registration.pose_search import REFINED, Found, Hypothesis, likeliest_pose, weighed_again
+from uuv.perception.registration.projective_fit import polished_rows
+from uuv.perception.registration.published.paper_check import published_criterion
+from uuv.perception.registration.published.paper_icp import laid_on, paper_fit, required_error
+from uuv.perception.registration.rival_shapes import MIN_HAND, MirrorImage, best_mirror_image, is_told_again, resized_log_likelihood
+from uuv.perception.registration.slipping import with_slip
+from uuv.perception.registration.symmetry import resolve_symmetry
+from uuv.perception.registration_method import Method
+from uuv.sim.interfaces.errors import ConfigurationError, PerceptionError
+from uuv.sim.interfaces.spatial import Array, checked, finite_number, one_of, pose, readonly, shown, transform_points, whole_number
 
 _FARTHEST = 1e5  # [m] largest accepted distance of an object from the sensor
 APPROACH_ERROR = 0.3  # [m] largest error of a coarse detection, unless the caller states another

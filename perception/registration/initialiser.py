@@ -13,12 +13,12 @@ from typing import NamedTuple
 import numpy as np
 from scipy import ndimage
 
-from models.meshes.closed_shells import sphere
-from perception.clouds.scan import Scan, SensorModel, connected_surfaces, facing_normals, voxel_means
-from perception.registration.model_surface import ModelSurface
-from perception.registration.point_pairs import point_pair_poses
-from sim.interfaces.kernels import kernel
-from sim.interfaces.spatial import Array, exp_so3, rotation_from_z, transform_points
+from uuv.models.meshes.closed_shells import sphere
+from uuv.perception.clouds.scan import Scan, SensorModel, connected_surfaces, facing_normals, voxel_means
+from uuv.perception.registration.model_surface import ModelSurface
+from uuv.perception.registration.point_pairs import point_pair_poses
+from uuv.sim.interfaces.kernels import kernel
+from uuv.sim.interfaces.spatial import Array, exp_so3, rotation_from_z, transform_points
 
 _SPINS = 12  # rotations about the line of sight, for each view
 _DISTANCE = 4.0  # [radii] of the model, from its centre to the virtual sensor

@@ -5,9 +5,9 @@ from functools import lru_cache
 
 import numpy as np
 
-from perception.registration.evidence import Evidence
-from perception.registration.model_surface import ModelSurface
-from sim.interfaces.spatial import Array, transform_points
+from uuv.perception.registration.evidence import Evidence
+from uuv.perception.registration.model_surface import ModelSurface
+from uuv.sim.interfaces.spatial import Array, transform_points
 
 OCCLUDER = 0.06  # [m] in front of the model: nearer pixels show something else, not the object, fouled or not
 _PIXELS = 40_000  # pixels of the thinned scan that the likelihood counts, at most about

@@ -7,12 +7,12 @@ from functools import cached_property, lru_cache
 import numpy as np
 from scipy.spatial import cKDTree
 
-from models.meshes.closed_shells import sphere
-from models.meshes.ray_casting import OneSidedScene, RayScene
-from models.objects.mesh_symmetry import mesh_symmetry
-from models.objects.target_model import Symmetry, TargetModel
-from perception.clouds.scan import Scan
-from sim.interfaces.spatial import Array, inverse, transform_points
+from uuv.models.meshes.closed_shells import sphere
+from uuv.models.meshes.ray_casting import OneSidedScene, RayScene
+from uuv.models.objects.mesh_symmetry import mesh_symmetry
+from uuv.models.objects.target_model import Symmetry, TargetModel
+from uuv.perception.clouds.scan import Scan
+from uuv.sim.interfaces.spatial import Array, inverse, transform_points
 
 _AT_BORDER = 2.0  # [spacings of the cloud] from its border, within which an edge is the border's
 

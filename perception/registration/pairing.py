@@ -8,13 +8,13 @@ import numpy as np
 from scipy import ndimage
 from scipy.spatial import cKDTree
 
-from perception.clouds.nearest_point import NearestPoint
-from perception.clouds.scan import Contour, Scan, contour, jump, outward
-from perception.registration.evidence import Evidence
-from perception.registration.likelihood import OCCLUDER
-from perception.registration.model_surface import ModelSurface
-from sim.interfaces.kernels import kernel
-from sim.interfaces.spatial import Array, inverse, transform_points
+from uuv.perception.clouds.nearest_point import NearestPoint
+from uuv.perception.clouds.scan import Contour, Scan, contour, jump, outward
+from uuv.perception.registration.evidence import Evidence
+from uuv.perception.registration.likelihood import OCCLUDER
+from uuv.perception.registration.model_surface import ModelSurface
+from uuv.sim.interfaces.kernels import kernel
+from uuv.sim.interfaces.spatial import Array, inverse, transform_points
 
 SHARP_EDGE = np.cos(np.deg2rad(70.0))  # where a surface turns away more slowly the sensor fails, it has no edge
 _WINDOW_PIXELS = 80_000  # pixels above which depth edges are taken from a thinned grid

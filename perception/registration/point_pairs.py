@@ -11,9 +11,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from perception.registration.model_surface import ModelSurface, one_per_cube
-from sim.interfaces.kernels import kernel
-from sim.interfaces.spatial import Array
+from uuv.perception.registration.model_surface import ModelSurface, one_per_cube
+from uuv.sim.interfaces.kernels import kernel
+from uuv.sim.interfaces.spatial import Array
 
 _MODEL_POINTS = 500  # of the model that are paired, about
 _SCAN_POINTS = 900  # of the scan that are paired, at most about

@@ -25,15 +25,15 @@ from typing import NamedTuple
 import numpy as np
 from scipy import ndimage
 
-from perception.clouds.scan import connected_surfaces, distances_along, jump
-from perception.registration.evidence import MODEL_TOLERANCE, Evidence, explained
-from perception.registration.fine_fit import IcpFit, fine_fit
-from perception.registration.likelihood import OCCLUDER, log_likelihood
-from perception.registration.model_surface import ModelSurface
-from perception.registration.pairing import edge_offsets
-from perception.registration.pose_covariance import PoseCovariance
-from perception.registration.pose_search import best_alternative
-from sim.interfaces.spatial import Array, inverse, transform_points
+from uuv.perception.clouds.scan import connected_surfaces, distances_along, jump
+from uuv.perception.registration.evidence import MODEL_TOLERANCE, Evidence, explained
+from uuv.perception.registration.fine_fit import IcpFit, fine_fit
+from uuv.perception.registration.likelihood import OCCLUDER, log_likelihood
+from uuv.perception.registration.model_surface import ModelSurface
+from uuv.perception.registration.pairing import edge_offsets
+from uuv.perception.registration.pose_covariance import PoseCovariance
+from uuv.perception.registration.pose_search import best_alternative
+from uuv.sim.interfaces.spatial import Array, inverse, transform_points
 
 TRIM = 0.15  # [-] share of the largest distances left out of the figure
 _SURFACE_PIXELS = 40_000  # pixels at most of the scan that is triangulated: finer than the rays lie
@@ -60,7 +60,7 @@ _PATCHES = 9.0  # [-] model radius over the edge of a patch
 _PATCH_RAYS = 5  # rays in a patch, at least
 _PATCH_TRIM = 0.25  # [-] share of patches that may be fouled or dented
 # Limits on shares of rays and edges (0..1) and on figures in units of the noise. They lie between true poses (clean,
-# fouled, up to 66 % hidden) and poses 10 deg or 3 cm off; scripts/studies/decisions.py counts their errors.
+# fouled, up to 66 % hidden) and poses 10 deg or 3 cm off; scripts/experiments/identification/decisions.py counts their errors.
 MAX_FIGURE = 1.0  # [sigma]; true poses reach 0.85
 MIN_AGREEMENT = 0.70  # [-] least share of rays on which both surfaces agree
 MAX_THROUGH = 0.12  # [-] largest share of rays on which the scan sees through the model

@@ -7,11 +7,11 @@ errors of pixels may be correlated in whatever way. Motions that no pair resists
 
 import numpy as np
 
-from perception.registration.evidence import Evidence
-from perception.registration.model_surface import ModelSurface
-from perception.registration.pairing import PairRows
-from sim.interfaces.pose_covariance import PoseCovariance
-from sim.interfaces.spatial import Array, readonly, transform_points
+from uuv.perception.registration.evidence import Evidence
+from uuv.perception.registration.model_surface import ModelSurface
+from uuv.perception.registration.pairing import PairRows
+from uuv.sim.interfaces.pose_covariance import PoseCovariance
+from uuv.sim.interfaces.spatial import Array, readonly, transform_points
 
 _TILE = 4.0  # [noise lengths] edge of a tile
 _DRAWN = 20.0  # tiles that the assumption of equal, independent errors counts for

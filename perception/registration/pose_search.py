@@ -6,15 +6,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import ndimage
 
-from perception.registration.evidence import Evidence, score
-from perception.registration.fine_fit import GATES, IcpFit, fine_fit, icp_rows, nudged
-from perception.registration.likelihood import glance, log_likelihood
-from perception.registration.model_surface import ModelSurface
-from perception.registration.pose_covariance import PoseCovariance, pose_covariance
-from perception.registration.projective_fit import polished, polished_rows
-from perception.registration.slipping import resting_places, settled
-from perception.registration.symmetry import ambiguous_poses, slipping_twist
-from sim.interfaces.spatial import Array, exp_so3, pose, readonly
+from uuv.perception.registration.evidence import Evidence, score
+from uuv.perception.registration.fine_fit import GATES, IcpFit, fine_fit, icp_rows, nudged
+from uuv.perception.registration.likelihood import glance, log_likelihood
+from uuv.perception.registration.model_surface import ModelSurface
+from uuv.perception.registration.pose_covariance import PoseCovariance, pose_covariance
+from uuv.perception.registration.projective_fit import polished, polished_rows
+from uuv.perception.registration.slipping import resting_places, settled
+from uuv.perception.registration.symmetry import ambiguous_poses, slipping_twist
+from uuv.sim.interfaces.spatial import Array, exp_so3, pose, readonly
 
 _ROUGH_ACROSS = 110  # [px] of the object's picture in a rough fit, at least
 _ROUGH_WIDTH = 5.0  # [px] of its parts, at least: bars are to stay

@@ -6,12 +6,12 @@ compared with the rendered model: the same comparison that the likelihood makes.
 
 import numpy as np
 
-from perception.registration.evidence import Evidence
-from perception.registration.fine_fit import GATES, IcpFit
-from perception.registration.likelihood import OCCLUDER, log_likelihood
-from perception.registration.model_surface import ModelSurface
-from perception.registration.pairing import Pairing, PairRows
-from sim.interfaces.spatial import Array, exp_so3, pose, transform_points
+from uuv.perception.registration.evidence import Evidence
+from uuv.perception.registration.fine_fit import GATES, IcpFit
+from uuv.perception.registration.likelihood import OCCLUDER, log_likelihood
+from uuv.perception.registration.model_surface import ModelSurface
+from uuv.perception.registration.pairing import Pairing, PairRows
+from uuv.sim.interfaces.spatial import Array, exp_so3, pose, transform_points
 
 _STEPS = 3  # of Gauss-Newton at most
 _LONGEST = 3.0  # [spacings] of a step: where little is compared a longer one leads astray

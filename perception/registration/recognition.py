@@ -20,15 +20,15 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import ndimage
 
-from models.meshes.mesh_files import FORMATS
-from models.meshes.surfel_files import TEXT
-from perception.clouds.scan import KnownObjects, Scan, SensorModel
-from perception.registration.identification import APPROACH_ERROR, Identification, attempted, identify, sampled
-from perception.registration.likelihood import log_likelihood
-from perception.registration.model_surface import ModelSurface
-from perception.registration.pose_check import MIN_MARGIN, Decision
-from sim.interfaces.errors import ConfigurationError, PerceptionError
-from sim.interfaces.spatial import shown
+from uuv.models.meshes.mesh_files import FORMATS
+from uuv.models.meshes.surfel_files import TEXT
+from uuv.perception.clouds.scan import KnownObjects, Scan, SensorModel
+from uuv.perception.registration.identification import APPROACH_ERROR, Identification, attempted, identify, sampled
+from uuv.perception.registration.likelihood import log_likelihood
+from uuv.perception.registration.model_surface import ModelSurface
+from uuv.perception.registration.pose_check import MIN_MARGIN, Decision
+from uuv.sim.interfaces.errors import ConfigurationError, PerceptionError
+from uuv.sim.interfaces.spatial import shown
 
 _SHARED = 0.2  # [-] largest share of an object's pixels that show another one too
 _ENDINGS = {f".{kind}" for kind in (*FORMATS, *TEXT, "pcd")}

@@ -6,15 +6,15 @@ from functools import lru_cache
 import numpy as np
 from scipy.spatial import cKDTree
 
-from models.objects.mesh_symmetry import has_mirror_plane
-from models.objects.target_model import Symmetry, TargetModel
-from perception.registration.evidence import Evidence
-from perception.registration.initialiser import Expected, initial_poses
-from perception.registration.likelihood import difference, log_likelihood
-from perception.registration.model_surface import ModelSurface
-from perception.registration.pose_search import Found, likeliest_of, weighed_again
-from perception.registration.symmetry import ambiguous_poses
-from sim.interfaces.spatial import Array, inverse, pose, readonly
+from uuv.models.objects.mesh_symmetry import has_mirror_plane
+from uuv.models.objects.target_model import Symmetry, TargetModel
+from uuv.perception.registration.evidence import Evidence
+from uuv.perception.registration.initialiser import Expected, initial_poses
+from uuv.perception.registration.likelihood import difference, log_likelihood
+from uuv.perception.registration.model_surface import ModelSurface
+from uuv.perception.registration.pose_search import Found, likeliest_of, weighed_again
+from uuv.perception.registration.symmetry import ambiguous_poses
+from uuv.sim.interfaces.spatial import Array, inverse, pose, readonly
 
 MIN_HAND = 3.0  # [nat] of log likelihood above that of the mirror image: odds of 20
 _NEAR = 7  # other poses that were found, from which a model of another size is fitted too

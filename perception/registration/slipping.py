@@ -8,12 +8,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from perception.registration.evidence import Evidence
-from perception.registration.likelihood import glance, log_likelihood
-from perception.registration.model_surface import ModelSurface
-from perception.registration.symmetry import slipped, slipping_twist
-from sim.interfaces.pose_covariance import PoseCovariance
-from sim.interfaces.spatial import Array, readonly
+from uuv.perception.registration.evidence import Evidence
+from uuv.perception.registration.likelihood import glance, log_likelihood
+from uuv.perception.registration.model_surface import ModelSurface
+from uuv.perception.registration.symmetry import slipped, slipping_twist
+from uuv.sim.interfaces.pose_covariance import PoseCovariance
+from uuv.sim.interfaces.spatial import Array, readonly
 
 _FARTHEST = 12  # [spacings] to which other places of rest are sought, either way
 _PLACES = 3  # of these, at most

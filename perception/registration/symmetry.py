@@ -17,11 +17,11 @@ import numpy as np
 from scipy.linalg import expm
 from scipy.spatial import cKDTree
 
-from models.objects.target_model import Symmetry
-from perception.clouds.nearest_point import NearestPoint
-from perception.registration.evidence import Evidence
-from perception.registration.model_surface import ModelSurface
-from sim.interfaces.spatial import Array, exp_so3, inverse, pose, skew, transform_points
+from uuv.models.objects.target_model import Symmetry
+from uuv.perception.clouds.nearest_point import NearestPoint
+from uuv.perception.registration.evidence import Evidence
+from uuv.perception.registration.model_surface import ModelSurface
+from uuv.sim.interfaces.spatial import Array, exp_so3, inverse, pose, skew, transform_points
 
 # Near symmetry
 _FOLDS = (2, 3, 4, 5, 6, 8)  # n of the rotations by multiples of 360/n deg

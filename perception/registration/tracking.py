@@ -4,12 +4,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from perception.clouds.scan import MIN_POINTS, Scan, SensorModel, near_any, without_flying_pixels
-from perception.registration.evidence import Evidence
-from perception.registration.fine_fit import GATES, fine_fit, icp_rows
-from perception.registration.model_surface import ModelSurface
-from perception.registration.pose_covariance import PoseCovariance, pose_covariance
-from sim.interfaces.spatial import Array, transform_points
+from uuv.perception.clouds.scan import MIN_POINTS, Scan, SensorModel, near_any, without_flying_pixels
+from uuv.perception.registration.evidence import Evidence
+from uuv.perception.registration.fine_fit import GATES, fine_fit, icp_rows
+from uuv.perception.registration.model_surface import ModelSurface
+from uuv.perception.registration.pose_covariance import PoseCovariance, pose_covariance
+from uuv.sim.interfaces.spatial import Array, transform_points
 
 _PIXELS = 10_000  # of the window around the object, about
 _POINTS = 1500  # of these that ICP compares, about

@@ -5,13 +5,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from perception.clouds.scan import Scan
-from perception.clouds.sonar_cloud import without_isolated_echoes
-from perception.seabed.terrain import ReliefLimits
-from perception.seabed.terrain_path import SeabedPlan, core_path, plan_seabed_work
-from sim.interfaces.errors import ConfigurationError, PerceptionError
-from sim.interfaces.messages import DepthImage, Measurement, SonarScan, StateEstimate, Target
-from sim.interfaces.spatial import Array, checked, pose, readonly, transform_points
+from uuv.perception.clouds.scan import Scan
+from uuv.perception.clouds.sonar_cloud import without_isolated_echoes
+from uuv.perception.seabed.terrain import ReliefLimits
+from uuv.perception.seabed.terrain_path import SeabedPlan, core_path, plan_seabed_work
+from uuv.sim.interfaces.errors import ConfigurationError, PerceptionError
+from uuv.sim.interfaces.messages import DepthImage, Measurement, SonarScan, StateEstimate, Target
+from uuv.sim.interfaces.spatial import Array, checked, pose, readonly, transform_points
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -26,7 +26,7 @@ class SeabedFinderState:
 class SeabedFinder:
     """Target finder for seabed work: builds the terrain from each scan, projects the targets and plans the tool path.
 
-    Implements `sim.interfaces.protocols.TargetFinder`.
+    Implements `uuv.sim.interfaces.protocols.TargetFinder`.
     """
 
     def __init__(

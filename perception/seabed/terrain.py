@@ -3,7 +3,7 @@
 Seen from a vehicle above it a seabed is a height over the ground plane [Konoplin 2019, section 1]. The cloud is
 therefore triangulated by Delaunay in that plane. This needs no parameter and no normals, gives one height at each
 place, and a vertical plane cuts its edges in order. Ball pivoting leaves holes wherever the density changes. Poisson
-reconstruction invents soil where nothing was measured, which is where a sampler must not go (`scripts/studies/seabed.py
+reconstruction invents soil where nothing was measured, which is where a sampler must not go (`scripts/experiments/seabed/seabed.py
 --speed` has the figures). Overhangs are not represented, because the ground under one cannot be reached from above
 either. Two surfaces one above the other are refused.
 
@@ -16,10 +16,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial import Delaunay, QhullError, cKDTree
 
-from models.meshes.ray_casting import RayScene
-from sim.interfaces.errors import ConfigurationError, PerceptionError
-from sim.interfaces.kernels import kernel
-from sim.interfaces.spatial import Array, checked_place, finite_number, readonly, real_array, unit_vector
+from uuv.models.meshes.ray_casting import RayScene
+from uuv.sim.interfaces.errors import ConfigurationError, PerceptionError
+from uuv.sim.interfaces.kernels import kernel
+from uuv.sim.interfaces.spatial import Array, checked_place, finite_number, readonly, real_array, unit_vector
 
 _FARTHEST = 1e5  # [m] largest accepted distance of ground from the sensor
 MIN_POINTS = 60  # points, fewer show no surface

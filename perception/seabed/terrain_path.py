@@ -12,11 +12,11 @@ from numpy.typing import ArrayLike
 from scipy.interpolate import BSpline, make_lsq_spline
 from scipy.spatial import cKDTree
 
-from perception.seabed.terrain import Projection, Relief, ReliefLimits, Terrain, build_terrain, project, relief
-from perception.seabed.tool_width import checked_width
-from sim.interfaces.errors import ConfigurationError, PerceptionError
-from sim.interfaces.messages import ToolPath
-from sim.interfaces.spatial import Array, finite_number, readonly, real_array
+from uuv.perception.seabed.terrain import Projection, Relief, ReliefLimits, Terrain, build_terrain, project, relief
+from uuv.perception.seabed.tool_width import checked_width
+from uuv.sim.interfaces.errors import ConfigurationError, PerceptionError
+from uuv.sim.interfaces.messages import ToolPath
+from uuv.sim.interfaces.spatial import Array, finite_number, readonly, real_array
 
 _DENSE = 0.003  # [m] between the points that the spline is fitted to
 _KNOTS = 0.02  # [m] between the knots of the spline

@@ -1,6 +1,6 @@
 """Accepted widths of a tool over which the normals of the seabed are averaged."""
 
-from sim.interfaces.spatial import finite_number
+from uuv.sim.interfaces.spatial import finite_number
 
 NARROWEST, WIDEST = 1e-3, 10.0  # [m]
 

@@ -11,15 +11,15 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import ndimage
 
-from perception.clouds.scan import MIN_POINTS, jump, without_flying_pixels
-from perception.registration.evidence import Evidence
-from perception.registration.fine_fit import fine_fit
-from perception.registration.identification import Identification
-from perception.registration.likelihood import OCCLUDER
-from perception.registration.model_surface import ModelSurface
-from perception.toolpath.path_deviation import POSE_ERROR, SEEN_WELL
-from sim.interfaces.errors import ConfigurationError, PerceptionError
-from sim.interfaces.spatial import Array, inverse, readonly, transform_points
+from uuv.perception.clouds.scan import MIN_POINTS, jump, without_flying_pixels
+from uuv.perception.registration.evidence import Evidence
+from uuv.perception.registration.fine_fit import fine_fit
+from uuv.perception.registration.identification import Identification
+from uuv.perception.registration.likelihood import OCCLUDER
+from uuv.perception.registration.model_surface import ModelSurface
+from uuv.perception.toolpath.path_deviation import POSE_ERROR, SEEN_WELL
+from uuv.sim.interfaces.errors import ConfigurationError, PerceptionError
+from uuv.sim.interfaces.spatial import Array, inverse, readonly, transform_points
 
 _NOISE = 0.0015  # [m] of the sensor's noise that may remain after averaging
 _WIDTH = (0.006, 0.025)  # [m] limits of the Gaussian's width: a wider one blurs the deviations sought

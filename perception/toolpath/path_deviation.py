@@ -14,12 +14,12 @@ import numpy as np
 from scipy import ndimage
 from scipy.spatial import cKDTree
 
-from models.objects.targets import ModelPath
-from perception.clouds.scan import distances_along, jump
-from perception.registration.evidence import Evidence
-from perception.registration.model_surface import ModelSurface
-from sim.interfaces.errors import PerceptionError
-from sim.interfaces.spatial import Array, inverse, transform_points
+from uuv.models.objects.targets import ModelPath
+from uuv.perception.clouds.scan import distances_along, jump
+from uuv.perception.registration.evidence import Evidence
+from uuv.perception.registration.model_surface import ModelSurface
+from uuv.sim.interfaces.errors import PerceptionError
+from uuv.sim.interfaces.spatial import Array, inverse, transform_points
 
 SEEN_WELL = np.cos(np.deg2rad(60.0))  # cosine of incidence above which a scanned point is trusted
 _BEFORE = 0.2  # [m] in front of the path, where projecting rays begin

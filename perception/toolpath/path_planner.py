@@ -12,15 +12,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy import ndimage
 
-from models.objects.axis_steps import NO_STEPS, Steps
-from models.objects.target_model import ModelPath, without_turn
-from perception.registration.identification import Identification
-from perception.toolpath.path_deviation import BESIDE, Deviation, deviate, scanned_axis, tilted_axis
-from perception.toolpath.turns_at_rest import turning_at_rest
-from sim.interfaces.errors import ConfigurationError, PerceptionError
-from sim.interfaces.kernels import kernel
-from sim.interfaces.messages import ToolPath
-from sim.interfaces.spatial import Array, readonly, transform_points
+from uuv.models.objects.axis_steps import NO_STEPS, Steps
+from uuv.models.objects.target_model import ModelPath, without_turn
+from uuv.perception.registration.identification import Identification
+from uuv.perception.toolpath.path_deviation import BESIDE, Deviation, deviate, scanned_axis, tilted_axis
+from uuv.perception.toolpath.turns_at_rest import turning_at_rest
+from uuv.sim.interfaces.errors import ConfigurationError, PerceptionError
+from uuv.sim.interfaces.kernels import kernel
+from uuv.sim.interfaces.messages import ToolPath
+from uuv.sim.interfaces.spatial import Array, readonly, transform_points
 
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline

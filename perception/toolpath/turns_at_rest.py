@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from models.objects.axis_steps import Steps, rotated
-from sim.interfaces.messages import ToolPath
-from sim.interfaces.spatial import readonly
+from uuv.models.objects.axis_steps import Steps, rotated
+from uuv.sim.interfaces.messages import ToolPath
+from uuv.sim.interfaces.spatial import readonly
 
 _LENGTH = 0.02  # [m] by which a path's s grows in a turn of 1 rad, as if the tool moved
 _EACH = 0.05  # [rad] between two samples of a turn

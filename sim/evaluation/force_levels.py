@@ -6,13 +6,13 @@ from typing import TYPE_CHECKING, NamedTuple, Self
 
 import numpy as np
 
-from sim.evaluation.schemas import unmeasured
-from sim.evaluation.surface_metrics import ContactMetrics, SegmentMetrics
-from sim.interfaces.messages import WorkState
-from sim.interfaces.spatial import Array
+from uuv.sim.evaluation.schemas import unmeasured
+from uuv.sim.evaluation.surface_metrics import ContactMetrics, SegmentMetrics
+from uuv.sim.interfaces.messages import WorkState
+from uuv.sim.interfaces.spatial import Array
 
 if TYPE_CHECKING:
-    from sim.loop.recording import RecordedSeries, Recording
+    from uuv.sim.loop.recording import RecordedSeries, Recording
 
 SETTLING = 1.0  # [s] from the beginning of a change of the set force, excluded from the force error
 AFTER_RAMP = 0.5  # [s] from its end, excluded too

@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 from typing import Any
 
-from sim.evaluation.run_metrics import run_schema
-from sim.evaluation.schemas import metric
+from uuv.sim.evaluation.run_metrics import run_schema
+from uuv.sim.evaluation.schemas import metric
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

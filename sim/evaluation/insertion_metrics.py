@@ -10,15 +10,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sim.evaluation.metrics import Assessment, Requirement
-from sim.evaluation.run_metrics import run_schema
-from sim.evaluation.schemas import metric, unmeasured
-from sim.evaluation.statistics import crashed_run, spread, verdicts
-from sim.interfaces.messages import WorkState
-from sim.interfaces.spatial import Array, checked, inverse, transform_points
+from uuv.sim.evaluation.metrics import Assessment, Requirement
+from uuv.sim.evaluation.run_metrics import run_schema
+from uuv.sim.evaluation.schemas import metric, unmeasured
+from uuv.sim.evaluation.statistics import crashed_run, spread, verdicts
+from uuv.sim.interfaces.messages import WorkState
+from uuv.sim.interfaces.spatial import Array, checked, inverse, transform_points
 
 if TYPE_CHECKING:
-    from sim.loop.recording import Recording
+    from uuv.sim.loop.recording import Recording
 
 AT_THE_HOLE = (WorkState.APPROACH, WorkState.SEARCH, WorkState.INSERT, WorkState.WORK, WorkState.WITHDRAW)
 _INSIDE = (WorkState.INSERT, WorkState.WORK, WorkState.WITHDRAW)

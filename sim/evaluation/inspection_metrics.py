@@ -12,17 +12,17 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
-from models.meshes.visibility import SurfaceSamples, View
-from models.objects.targets import TargetModel
-from sim.evaluation.metrics import Assessment, Requirement
-from sim.evaluation.run_metrics import run_schema
-from sim.evaluation.schemas import metric, unmeasured
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.messages import WorkState
-from sim.interfaces.spatial import Array, checked, inverse, pose, rotation_from_quat_wxyz, transform_points
+from uuv.models.meshes.visibility import SurfaceSamples, View
+from uuv.models.objects.targets import TargetModel
+from uuv.sim.evaluation.metrics import Assessment, Requirement
+from uuv.sim.evaluation.run_metrics import run_schema
+from uuv.sim.evaluation.schemas import metric, unmeasured
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.messages import WorkState
+from uuv.sim.interfaces.spatial import Array, checked, inverse, pose, rotation_from_quat_wxyz, transform_points
 
 if TYPE_CHECKING:
-    from sim.loop.recording import Recording
+    from uuv.sim.loop.recording import Recording
 
 _EVERY = 1.0  # [s] between poses at which visibility is evaluated
 
@@ -193,7 +193,7 @@ def mesh_figures(measured: MeasuredSurface, truth: TrueInspection) -> MeshMetric
     """Figures of a measured surface, which is in the object's frame as the vehicle found it."""
     if not len(measured.vertices):
         return unmeasured(MeshMetrics, vertices=0)
-    from models.meshes.nearest_surface import NearestSurface
+    from uuv.models.meshes.nearest_surface import NearestSurface
 
     off = NearestSurface.of(truth.target.vertices, truth.target.triangles).query(measured.vertices).distance
     return MeshMetrics(

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sim.interfaces.spatial import Array
+from uuv.sim.interfaces.spatial import Array
 
 CREASE = np.radians(30.0)  # [rad] between normals; triangles that differ less are facets of one curved face
 

@@ -11,33 +11,20 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from models.objects.axis_steps import Steps
-from models.objects.target_model import PATH_STEP, ModelPath, TargetModel
-from sim.evaluation.force_levels import contact_figures, tangential, unjudged_levels
-from sim.evaluation.mesh_surface import Surface, closest_on_curve
-from sim.evaluation.run_metrics import EveryRun, RunMetrics, StartMetrics, Timings, run_schema
-from sim.evaluation.schemas import unmeasured
-from sim.evaluation.surface_metrics import (
-    ForceEstimateMetrics,
-    GapMetrics,
-    HullMetrics,
-    IdentificationMetrics,
-    JointMetrics,
-    MotionMetrics,
-    PathMetrics,
-    SpeedMetrics,
-    SurfaceMetrics,
-    ThrusterMetrics,
-    ToolMetrics,
-    UncertaintyMetrics,
-)
-from sim.evaluation.tool_speed import STANDSTILL, speed_figures
-from sim.interfaces.messages import AbortCode, WorkState
-from sim.interfaces.spatial import Array, checked, inverse
-from sim.runs.saving import write_json
+from uuv.models.objects.axis_steps import Steps
+from uuv.models.objects.target_model import PATH_STEP, ModelPath, TargetModel
+from uuv.sim.evaluation.force_levels import contact_figures, tangential, unjudged_levels
+from uuv.sim.evaluation.mesh_surface import Surface, closest_on_curve
+from uuv.sim.evaluation.run_metrics import EveryRun, RunMetrics, StartMetrics, Timings, run_schema
+from uuv.sim.evaluation.schemas import unmeasured
+from uuv.sim.evaluation.surface_metrics import ForceEstimateMetrics, GapMetrics, HullMetrics, IdentificationMetrics, JointMetrics, MotionMetrics, PathMetrics, SpeedMetrics, SurfaceMetrics, ThrusterMetrics, ToolMetrics, UncertaintyMetrics
+from uuv.sim.evaluation.tool_speed import STANDSTILL, speed_figures
+from uuv.sim.interfaces.messages import AbortCode, WorkState
+from uuv.sim.interfaces.spatial import Array, checked, inverse
+from uuv.sim.runs.saving import write_json
 
 if TYPE_CHECKING:
-    from sim.loop.recording import RecordedSeries, Recording
+    from uuv.sim.loop.recording import RecordedSeries, Recording
 
 REVERSAL = 0.005  # [rad] of a joint; less is the arm's answer to the hull's wander
 TILT_RATE = 50.0  # [Hz] rate at which the surface normal under the tip is evaluated

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from sim.evaluation.schemas import metric, schema_of
+from uuv.sim.evaluation.schemas import metric, schema_of
 
 SHA256 = "^[0-9a-f]{64}$"
 
@@ -20,7 +20,7 @@ class RunMetrics:
     )
     note: str = metric("Why it was broken off.")
     abort: str | None = metric(
-        "The same as a code of sim.interfaces.messages.AbortCode; null if it was not broken off."
+        "The same as a code of uuv.sim.interfaces.messages.AbortCode; null if it was not broken off."
     )
     collision_s: float | None = metric("Time in which another part than the tool touched something.", minimum=0)
     trajectory_sha256: str | None = metric(
@@ -39,7 +39,7 @@ class Timings:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StartMetrics:
-    """Compiled kernels until the run was ready; `sim.interfaces.kernels.store` keeps them."""
+    """Compiled kernels until the run was ready; `uuv.sim.interfaces.kernels.store` keeps them."""
 
     kernels_loaded: int = metric("By the process of the run, from the store.", minimum=0)
     kernels_compiled: int = metric("Anew, by it and by those of the first start.", minimum=0)
@@ -47,7 +47,7 @@ class StartMetrics:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Provenance:
-    """What the figures were made by (`sim.runs.provenance`)."""
+    """What the figures were made by (`uuv.sim.runs.provenance`)."""
 
     scenario: str
     options: Mapping[str, Any] = metric("As given, without those that change no figure, such as --out.")

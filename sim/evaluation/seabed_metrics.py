@@ -12,17 +12,17 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from models.site.seabed import Seabed
-from sim.evaluation.metrics import Assessment, Requirement, path_error
-from sim.evaluation.run_metrics import run_schema
-from sim.evaluation.schemas import metric, unmeasured
-from sim.evaluation.statistics import crashed_run, spread, verdicts
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.messages import Target, WorkState
-from sim.interfaces.spatial import Array, checked, rotation_from_quat_wxyz
+from uuv.models.site.seabed import Seabed
+from uuv.sim.evaluation.metrics import Assessment, Requirement, path_error
+from uuv.sim.evaluation.run_metrics import run_schema
+from uuv.sim.evaluation.schemas import metric, unmeasured
+from uuv.sim.evaluation.statistics import crashed_run, spread, verdicts
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.messages import Target, WorkState
+from uuv.sim.interfaces.spatial import Array, checked, rotation_from_quat_wxyz
 
 if TYPE_CHECKING:
-    from sim.loop.recording import Recording
+    from uuv.sim.loop.recording import Recording
 
 IN_THE_SOIL = (WorkState.INSERT, WorkState.PRESS, WorkState.WORK, WorkState.WITHDRAW)
 _GAP_EVERY = 0.5  # [s] between evaluations of the hull's distance from the ground

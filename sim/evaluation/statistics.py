@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from sim.evaluation.run_metrics import EveryRun, RunMetrics, Timings
-from sim.evaluation.schemas import unmeasured
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.messages import WorkState
+from uuv.sim.evaluation.run_metrics import EveryRun, RunMetrics, Timings
+from uuv.sim.evaluation.schemas import unmeasured
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.messages import WorkState
 
 CRASHED = "crashed"  # state of a trial that ended with an error
 

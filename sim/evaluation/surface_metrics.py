@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from sim.evaluation.schemas import metric
+from uuv.sim.evaluation.schemas import metric
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -4,12 +4,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sim.evaluation.schemas import unmeasured
-from sim.evaluation.surface_metrics import SpeedMetrics
-from sim.interfaces.messages import WorkState
+from uuv.sim.evaluation.schemas import unmeasured
+from uuv.sim.evaluation.surface_metrics import SpeedMetrics
+from uuv.sim.interfaces.messages import WorkState
 
 if TYPE_CHECKING:
-    from sim.loop.recording import Recording
+    from uuv.sim.loop.recording import Recording
 
 STANDSTILL = 1e-6  # [m/s] commanded speed up to which the point is at rest
 AT_SPEED = 0.9  # of the set speed: slower is a ramp, a bend or a stop

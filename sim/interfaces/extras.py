@@ -5,7 +5,7 @@ import sys
 from collections.abc import Iterator
 from importlib.util import find_spec
 
-from sim.interfaces.errors import MissingLibraryError
+from uuv.sim.interfaces.errors import MissingLibraryError
 
 LOG = "log"  # the extra that log and report need
 EXTRAS = {  # module: extra, as in pyproject.toml

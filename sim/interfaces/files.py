@@ -8,8 +8,8 @@ from io import BufferedReader
 from pathlib import Path
 from typing import Any
 
-from sim.interfaces.errors import ConfigurationError, commands_a_terminal
-from sim.interfaces.spatial import shown
+from uuv.sim.interfaces.errors import ConfigurationError, commands_a_terminal
+from uuv.sim.interfaces.spatial import shown
 
 _LONGEST_NAME = 200  # [bytes] of a folder's name; file systems take 255, and some names get an ending
 

@@ -11,8 +11,8 @@ from enum import StrEnum
 
 import numpy as np
 
-from sim.interfaces.pose_covariance import PoseCovariance
-from sim.interfaces.spatial import Array, readonly
+from uuv.sim.interfaces.pose_covariance import PoseCovariance
+from uuv.sim.interfaces.spatial import Array, readonly
 
 _UNKNOWN = readonly([math.nan] * 3)  # [m]
 _STILL = readonly([0.0] * 3)  # [rad/s]
@@ -52,7 +52,7 @@ class AbortCode(StrEnum):
     NO_CLEAR_WAY = "no clear way"  # hull or arm would come too near to the object or the seabed
     HULL_NOT_AT_REST = "hull not at rest"  # within its time
     HULL_LATE = "hull late"  # it lags behind its move
-    HULL_ADRIFT = "hull adrift"  # it is further off its place than `lost_place` of the limits in `controllers.tasks`
+    HULL_ADRIFT = "hull adrift"  # it is further off its place than `lost_place` of the limits in `uuv.controllers.tasks`
     NO_CONTACT = "no contact"  # there is no surface where one is expected
     OBSTACLE = "obstacle"  # contact where none is expected
     GIVES_WAY = "surface gives way"  # the tool follows it farther than any work allows for

@@ -1,6 +1,6 @@
 """Protocols of the pluggable parts; their state is explicit, so a run can be replayed and shared.
 
-`period` [s] is a whole multiple of the plant's step; `sim.loop.rollout` checks it and calls `step` at that rate.
+`period` [s] is a whole multiple of the plant's step; `uuv.sim.loop.rollout` checks it and calls `step` at that rate.
 """
 
 from collections.abc import Sequence
@@ -8,14 +8,14 @@ from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
-from sim.interfaces.messages import Command, Measurement, ObjectMotion, Reference, StateEstimate, Target
+from uuv.sim.interfaces.messages import Command, Measurement, ObjectMotion, Reference, StateEstimate, Target
 
 
 @runtime_checkable
 class Sensor(Protocol):
     """Simulated sensor: maps the true state to one measurement, or to None if no message is sent.
 
-    `truth` is `sim.plant.plant.Truth`; only `sim` may read it.
+    `truth` is `uuv.sim.plant.plant.Truth`; only `sim` may read it.
     """
 
     @property

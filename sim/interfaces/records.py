@@ -8,8 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sim.interfaces.messages import StateEstimate
-from sim.interfaces.spatial import Array
+from uuv.sim.interfaces.messages import StateEstimate
+from uuv.sim.interfaces.spatial import Array
 
 
 class ImuRecord(NamedTuple):

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from sim.interfaces.errors import ConfigurationError, did_you_mean, one_line
+from uuv.sim.interfaces.errors import ConfigurationError, did_you_mean, one_line
 
 Array = NDArray[np.float64]
 

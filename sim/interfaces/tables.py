@@ -17,9 +17,9 @@ from functools import cache
 from pathlib import Path
 from typing import Any, Literal, TypeVar, Union, cast, get_args, get_origin, get_type_hints
 
-from sim.interfaces.errors import ConfigurationError, commands_a_terminal, did_you_mean
-from sim.interfaces.files import text_of
-from sim.interfaces.spatial import shown
+from uuv.sim.interfaces.errors import ConfigurationError, commands_a_terminal, did_you_mean
+from uuv.sim.interfaces.files import text_of
+from uuv.sim.interfaces.spatial import shown
 
 Made = TypeVar("Made")
 Chooser = Callable[[type, dict[str, Any], str], type]

@@ -1,6 +1,6 @@
 """Recording of a run: time series filled by the step loop, read by metrics and reports afterwards.
 
-`Recorder` observes `sim.loop.rollout` and costs a few microseconds a step; `Recording` is its frozen result. Times are
+`Recorder` observes `uuv.sim.loop.rollout` and costs a few microseconds a step; `Recording` is its frozen result. Times are
 in s from the start of the run. All other quantities are in SI units and W unless a name says otherwise.
 """
 
@@ -14,14 +14,14 @@ import mujoco
 import numpy as np
 from numpy.typing import ArrayLike
 
-from models.naming import of_geom
-from models.site.sliding_contact import TARGET_BODY
-from models.vehicle import Vehicle
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.kernels import kernel
-from sim.interfaces.messages import AbortCode, Command, ObjectMotion, Promise, Reference, Target, WorkState
-from sim.interfaces.spatial import Array, quat_wxyz_from_rotation, readonly
-from sim.loop.rollout import Moment, ticks_per_period
+from uuv.models.naming import of_geom
+from uuv.models.site.sliding_contact import TARGET_BODY
+from uuv.models.vehicle import Vehicle
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.kernels import kernel
+from uuv.sim.interfaces.messages import AbortCode, Command, ObjectMotion, Promise, Reference, Target, WorkState
+from uuv.sim.interfaces.spatial import Array, quat_wxyz_from_rotation, readonly
+from uuv.sim.loop.rollout import Moment, ticks_per_period
 
 STATES = tuple(WorkState)  # the series "state" holds indices into it
 _INDEX = {state: i for i, state in enumerate(STATES)}
@@ -216,7 +216,7 @@ def write_row(record, time, scalars, reference, felt_force, felt_normal):
 
 
 class Recorder:
-    """Observer of `sim.loop.rollout` that keeps a run in memory.
+    """Observer of `uuv.sim.loop.rollout` that keeps a run in memory.
 
     At the loop's rate it keeps what the metrics need. If `full`, it also keeps joints, torques, thrusts, current, the
     estimate and the controller's internal values every `period`, and the poses of all bodies every `pose_period`. Of an

@@ -12,18 +12,9 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.messages import (
-    Command,
-    Look,
-    Measurement,
-    ObjectMotion,
-    Reference,
-    StateEstimate,
-    Target,
-    WorkState,
-)
-from sim.interfaces.protocols import Controller, Estimator, Planner, Sensor, TargetFinder, TargetFollower
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.messages import Command, Look, Measurement, ObjectMotion, Reference, StateEstimate, Target, WorkState
+from uuv.sim.interfaces.protocols import Controller, Estimator, Planner, Sensor, TargetFinder, TargetFollower
 
 LOOK_PERIOD = 0.1  # [s] between depth frames or sonar scans, while they are requested
 
@@ -31,7 +22,7 @@ LOOK_PERIOD = 0.1  # [s] between depth frames or sonar scans, while they are req
 class SteppedPlant(Protocol):
     """Plant interface that the loop requires.
 
-    A run that is to be saved asks it for `save` and `resume` as well (`sim.plant.plant.Plant`). A
+    A run that is to be saved asks it for `save` and `resume` as well (`uuv.sim.plant.plant.Plant`). A
     wrapper without a state of its own needs neither, if its attribute `plant` is what it wraps.
     """
 
@@ -63,7 +54,7 @@ class Moment:
     """Snapshot of one step for observers: truth, estimate, set points and command."""
 
     tick: int
-    truth: Any  # sim.plant.plant.Truth; live views
+    truth: Any  # uuv.sim.plant.plant.Truth; live views
     estimate: StateEstimate
     target: Target | None
     reference: Reference
@@ -275,7 +266,7 @@ class Rollout:
     def resume(self, saved: dict[str, Any]) -> None:
         """Go on from a copy of what `save` of a run of the same scenario returned.
 
-        Plant and sensors may be wrapped in faults that have not begun (`sim.plant.faults`).
+        Plant and sensors may be wrapped in faults that have not begun (`uuv.sim.plant.faults`).
         """
         fresh = self.sensor_states
         vars(self).update(saved["loop"])

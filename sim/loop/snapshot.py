@@ -14,8 +14,8 @@ import mujoco
 import numpy as np
 from numba.core.dispatcher import Dispatcher
 
-from models.meshes.ray_casting import RayScene
-from sim.interfaces.errors import ConfigurationError, one_line
+from uuv.models.meshes.ray_casting import RayScene
+from uuv.sim.interfaces.errors import ConfigurationError, one_line
 
 # Handed on as they are: code, and what is only read. Data of MuJoCo is copied by who owns it.
 _SHARED = (

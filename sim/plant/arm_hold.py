@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from models.vehicle import Vehicle
-from sim.interfaces.spatial import Array
-from sim.plant.plant import Truth
+from uuv.models.vehicle import Vehicle
+from uuv.sim.interfaces.spatial import Array
+from uuv.sim.plant.plant import Truth
 
 HOLD_ANGLE = 0.05  # [rad] error that asks for the whole torque of a drive, which is the maximum
 HOLD_TIME = 0.03  # [s] damping over stiffness

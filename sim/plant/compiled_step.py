@@ -11,19 +11,19 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sim.interfaces.kernels import kernel
-from sim.interfaces.spatial import Array
-from sim.plant.readout import DATA, MODEL, STEP1, STEP2, TIME, Readout, gears_and_contacts
-from sim.plant.thrusters import advance_thrusters
-from sim.water.native_memory import call_physics, f64
-from sim.water.passive_callback import WET_MARK
+from uuv.sim.interfaces.kernels import kernel
+from uuv.sim.interfaces.spatial import Array
+from uuv.sim.plant.readout import DATA, MODEL, STEP1, STEP2, TIME, Readout, gears_and_contacts
+from uuv.sim.plant.thrusters import advance_thrusters
+from uuv.sim.water.native_memory import call_physics, f64
+from uuv.sim.water.passive_callback import WET_MARK
 
 
 class Drive(NamedTuple):
     """Thrusters of one plant, the motion that they depend on, and the controls that they write."""
 
     curves: Array  # (m, ...) static curves
-    table: Array  # (9, m) constants of `sim.plant.thrusters.advance_thrusters`
+    table: Array  # (9, m) constants of `uuv.sim.plant.thrusters.advance_thrusters`
     state: Array  # (3, m) command after the slew limit, propeller speed, thrust [N]
     R_WB: Array  # (3, 3)
     v_WB_W: Array  # (3,) [m/s]
@@ -35,7 +35,7 @@ class Drive(NamedTuple):
 
 
 class Flow(NamedTuple):
-    """Current of the water: rows made ahead (`sim.water.current.Current`), and where the next one goes."""
+    """Current of the water: rows made ahead (`uuv.sim.water.current.Current`), and where the next one goes."""
 
     velocity: Array  # (N, 3) [m/s]
     acceleration: Array  # (N, 3) [m/s^2]

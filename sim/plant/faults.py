@@ -3,7 +3,7 @@
 - `FaultyPlant`: a thruster that fails, sticks or weakens.
 - `FaultySensor`: any sensor that falls silent, freezes, drifts, jumps, spikes, turns or gives NaN.
 - `MisplacedFinder`: a finder that reports the wrong place with full confidence.
-- `changing`: a current that changes, for `sim.water.current.Current`.
+- `changing`: a current that changes, for `uuv.sim.water.current.Current`.
 
 Each acts while its `Onset` is active. Perception and control learn of a fault through measurements only. A wrapped part
 draws the same random numbers as without the wrapper.
@@ -16,14 +16,14 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from models.water.thruster_curves import command_for, thrust_at
-from models.water.thrusters import curves
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.messages import Command, ImuMeasurement, Measurement, Target
-from sim.interfaces.protocols import Sensor, TargetFinder
-from sim.interfaces.spatial import Array, checked, exp_so3, readonly
-from sim.plant.onset import Onset
-from sim.plant.plant import Plant, PlantState, Truth
+from uuv.models.water.thruster_curves import command_for, thrust_at
+from uuv.models.water.thrusters import curves
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.messages import Command, ImuMeasurement, Measurement, Target
+from uuv.sim.interfaces.protocols import Sensor, TargetFinder
+from uuv.sim.interfaces.spatial import Array, checked, exp_so3, readonly
+from uuv.sim.plant.onset import Onset
+from uuv.sim.plant.plant import Plant, PlantState, Truth
 
 # -- sensors -----------------------------------------------------------------------------------------------------------
 
@@ -165,7 +165,7 @@ class FaultySensorState:
 
 
 class FaultySensor:
-    """Sensor (`sim.interfaces.protocols.Sensor`) with one fault; wrap again for more."""
+    """Sensor (`uuv.sim.interfaces.protocols.Sensor`) with one fault; wrap again for more."""
 
     def __init__(self, sensor: Sensor, fault: SensorFault, onset: Onset) -> None:
         self._sensor, self._fault, self._onset = sensor, fault, onset
@@ -230,7 +230,7 @@ class ThrusterFault:
 
 
 class FaultyPlant:
-    """Plant (`sim.loop.rollout.SteppedPlant`) with thruster faults."""
+    """Plant (`uuv.sim.loop.rollout.SteppedPlant`) with thruster faults."""
 
     def __init__(self, plant: Plant, faults: Sequence[ThrusterFault]) -> None:
         """Wrap `plant`.
@@ -337,7 +337,7 @@ def changing(onset: Onset, factor: float, ramp: float) -> Callable[[float], tupl
 
 
 class MisplacedFinder:
-    """Finder (`sim.interfaces.protocols.TargetFinder`) whose targets are shifted, at unchanged confidence."""
+    """Finder (`uuv.sim.interfaces.protocols.TargetFinder`) whose targets are shifted, at unchanged confidence."""
 
     def __init__(self, finder: TargetFinder, shift_W: ArrayLike, onset: Onset) -> None:
         """Shift all targets found in frames within the onset's time.

@@ -7,19 +7,11 @@ import mujoco
 import numpy as np
 from numpy.typing import ArrayLike
 
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.messages import Command
-from sim.interfaces.spatial import (
-    Array,
-    checked,
-    exp_so3,
-    finite_number,
-    log_so3,
-    quat_wxyz_from_rotation,
-    rotation_from_quat_wxyz,
-)
-from sim.plant.onset import Onset
-from sim.plant.plant import Plant, Truth
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.messages import Command
+from uuv.sim.interfaces.spatial import Array, checked, exp_so3, finite_number, log_so3, quat_wxyz_from_rotation, rotation_from_quat_wxyz
+from uuv.sim.plant.onset import Onset
+from uuv.sim.plant.plant import Plant, Truth
 
 # Displacement (3,) [m] and rotation vector (3,) [rad] in W, by time [s].
 Motion = Callable[[float], tuple[Array, Array]]
@@ -68,7 +60,7 @@ def swing(amplitude: ArrayLike, frequency: float) -> Motion:
 
 
 class MovedObjectPlant:
-    """Plant (`sim.loop.rollout.SteppedPlant`) in which a body on a free joint moves as prescribed.
+    """Plant (`uuv.sim.loop.rollout.SteppedPlant`) in which a body on a free joint moves as prescribed.
 
     Position and velocity of its joint are set before every step of the loop, so that contact and friction see how fast
     the surface moves.

@@ -4,10 +4,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.messages import WorkState
-from sim.interfaces.spatial import number
-from sim.loop.rollout import Moment
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.messages import WorkState
+from uuv.sim.interfaces.spatial import number
+from uuv.sim.loop.rollout import Moment
 
 
 @dataclass(slots=True, eq=False)
@@ -39,7 +39,7 @@ class Onset:
         self.began = time + self.after
 
     def observe(self, moment: Moment) -> None:
-        """Wait for the event; an observer of `sim.loop.rollout`."""
+        """Wait for the event; an observer of `uuv.sim.loop.rollout`."""
         self.notice(float(moment.truth.time), moment.reference.state, moment.reference.force)
 
     def notice(self, time: float, state: WorkState, force: float) -> None:

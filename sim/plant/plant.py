@@ -7,21 +7,21 @@ from typing import Any, Self
 import mujoco
 import numpy as np
 
-from models.hydrodynamics import LAYOUT, world_row
-from models.naming import HOME_KEY, USUAL_NAMES, PartNames
-from models.site.sliding_contact import TARGET_BODY
-from models.vehicle import Vehicle
-from sim import hydrodynamics
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.messages import Command
-from sim.interfaces.spatial import Array, checked_pose, cross, fitting, quat_wxyz_from_rotation
-from sim.plant.compiled_step import Drive, Flow, PlantRecord, Watch, drive, end_step, verdict
-from sim.plant.reaction_wrench import ReactionWrench
-from sim.plant.readout import CONTACTS, FORCE, NORMAL, Readout, gears_and_contacts, places_of
-from sim.plant.soil_contact import SoilForce
-from sim.plant.thrusters import Thrusters
-from sim.water.current import Current
-from sim.water.passive_callback import WET_MARK
+from uuv.models.hydrodynamics import LAYOUT, world_row
+from uuv.models.naming import HOME_KEY, USUAL_NAMES, PartNames
+from uuv.models.site.sliding_contact import TARGET_BODY
+from uuv.models.vehicle import Vehicle
+from uuv.sim import hydrodynamics
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.messages import Command
+from uuv.sim.interfaces.spatial import Array, checked_pose, cross, fitting, quat_wxyz_from_rotation
+from uuv.sim.plant.compiled_step import Drive, Flow, PlantRecord, Watch, drive, end_step, verdict
+from uuv.sim.plant.reaction_wrench import ReactionWrench
+from uuv.sim.plant.readout import CONTACTS, FORCE, NORMAL, Readout, gears_and_contacts, places_of
+from uuv.sim.plant.soil_contact import SoilForce
+from uuv.sim.plant.thrusters import Thrusters
+from uuv.sim.water.current import Current
+from uuv.sim.water.passive_callback import WET_MARK
 
 
 class Truth:
@@ -105,7 +105,7 @@ class Truth:
             data: state of the simulation.
             vehicle: the vehicle in it.
             thrusters: its thrusters.
-            contacts: (CONTACTS,) sums of `sim.plant.readout`.
+            contacts: (CONTACTS,) sums of `uuv.sim.plant.readout`.
             pad_site: site of the pad's face, -1 for none.
 
         Returns:
@@ -169,7 +169,7 @@ class Plant:
         """Set up the plant and install the process's passive callback.
 
         Args:
-            model: Model compiled by `sim.hydrodynamics.compile`.
+            model: Model compiled by `uuv.sim.hydrodynamics.compile`.
             current: Current of the water.
             X_WB: Initial hull pose (4, 4); default: the model's.
             reaction_ticks: Measure the wrench of the arm on the hull (`reaction_wrench`) every so many steps; 0:
@@ -182,8 +182,8 @@ class Plant:
             names: What the vehicle's parts are called in `model`.
 
         Raises:
-            ConfigurationError: An argument is invalid, or the model has no vehicle (`models.vehicle`).
-            HydrodynamicsError: `sim.hydrodynamics.check` refuses the model, its contact weights are those of the dry
+            ConfigurationError: An argument is invalid, or the model has no vehicle (`uuv.models.vehicle`).
+            HydrodynamicsError: `uuv.sim.hydrodynamics.check` refuses the model, its contact weights are those of the dry
                 mass, or the wrench cannot be measured.
         """
         _check(model, substeps)
@@ -342,7 +342,7 @@ class Plant:
     def observe(self) -> Truth:
         """Update the kinematics to the current time and return the truth.
 
-        Warns as `sim.hydrodynamics.check_motion` does.
+        Warns as `uuv.sim.hydrodynamics.check_motion` does.
 
         Raises:
             HydrodynamicsError: The simulation diverged, or the water no longer acts because the callback was replaced.
@@ -357,7 +357,7 @@ class Plant:
         return truth
 
     def check(self) -> None:
-        """Warn or raise an error as `observe` does, after `sim.plant.compiled_step.observe` asked for it."""
+        """Warn or raise an error as `observe` does, after `uuv.sim.plant.compiled_step.observe` asked for it."""
         hydrodynamics.check_motion(self.model, self.data)
         if self._watch.mark[0] != WET_MARK:
             hydrodynamics.check_wet(self.model, self.data)
@@ -416,7 +416,7 @@ class Plant:
         self._contact()
 
     def spans(self) -> str:
-        """Why the compiled stages of `sim.plant.compiled_step` cannot advance this plant; empty if they can."""
+        """Why the compiled stages of `uuv.sim.plant.compiled_step` cannot advance this plant; empty if they can."""
         if self._soil is not None:
             return "the plant has soil"
         if self._current.profile is not None:
@@ -434,7 +434,7 @@ class Plant:
         return steps if self._reaction is None else min(steps, -self._tick % self._reaction_ticks)
 
     def record(self) -> PlantRecord:
-        """Arrays of the compiled stages (`sim.plant.compiled_step`), valid until the next `reset`."""
+        """Arrays of the compiled stages (`uuv.sim.plant.compiled_step`), valid until the next `reset`."""
         return PlantRecord(
             drive=self._drive,
             readout=self._readout,
@@ -488,7 +488,7 @@ def _check(model: mujoco.MjModel, substeps: int) -> None:
 def _check_current(current: Current, timestep: float) -> None:
     """Refuse a current for another timestep [s]."""
     if not isinstance(current, Current):
-        raise ConfigurationError(f"current: expected a sim.water.current.Current, got {current!r}")
+        raise ConfigurationError(f"current: expected a uuv.sim.water.current.Current, got {current!r}")
     if current.timestep not in (None, timestep):
         raise ConfigurationError(
             f"current: its timestep is {current.timestep} s, but the plant's, at which it gusts, {timestep} s"

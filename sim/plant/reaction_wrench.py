@@ -7,7 +7,7 @@ whole subtree gives the wrench that its joint transmits, of any type of joint:
 
 `mj_rnePostConstraint` sums all but the water, thrusters on sites and gravity compensation, from the accelerations
 `data.qacc`. The water is summed here body by body in body axes, independently of the passive callback: the equation in
-`sim.hydrodynamics` with the total acceleration.
+`uuv.sim.hydrodynamics` with the total acceleration.
 
 Forces at joints (motors, springs, limits, `qfrc_applied`) act between the two bodies that the joint connects, and are
 part of what it transmits. An external force belongs in `xfrc_applied`.
@@ -18,13 +18,13 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
-from models import hydrodynamics as water
-from models.hydrodynamics import LAYOUT
-from sim import hydrodynamics
-from sim.interfaces.errors import ConfigurationError, HydrodynamicsError
-from sim.interfaces.kernels import kernel
-from sim.interfaces.spatial import Array
-from sim.water.form_kernel import form_wrench
+from uuv.models import hydrodynamics as water
+from uuv.models.hydrodynamics import LAYOUT
+from uuv.sim import hydrodynamics
+from uuv.sim.interfaces.errors import ConfigurationError, HydrodynamicsError
+from uuv.sim.interfaces.kernels import kernel
+from uuv.sim.interfaces.spatial import Array
+from uuv.sim.water.form_kernel import form_wrench
 
 _STALE = 1e-9  # relative mismatch of velocities above which `data` mixes two instants
 _GRAVITY_OFF = int(mujoco.mjtDisableBit.mjDSBL_GRAVITY)
@@ -91,7 +91,7 @@ class ReactionWrench:
         """
         model = self._model
         if self._wet and not hydrodynamics.is_installed():
-            raise HydrodynamicsError("reaction: the water did not act; call sim.hydrodynamics.install()")
+            raise HydrodynamicsError("reaction: the water did not act; call uuv.sim.hydrodynamics.install()")
         if qvel is None:
             mujoco.mj_rnePostConstraint(model, data)
             velocity = data.qvel

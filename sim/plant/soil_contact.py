@@ -1,4 +1,4 @@
-"""Soil reaction on a penetrating tool: elastic up to a quake, then plastic at the resistance of `models.site.soil`.
+"""Soil reaction on a penetrating tool: elastic up to a quake, then plastic at the resistance of `uuv.models.site.soil`.
 
 As in pile driving [Smith 1960], the soil yields elastically up to a quake and then flows. The force-free position of
 the tool, the anchor, is then dragged along. Along the tool the resistances are those of pushing and pulling, across it
@@ -10,10 +10,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from models.site.seabed import Seabed
-from models.site.soil import Soil, SoilTool, pull_resistance, push_resistance, side_resistance
-from sim.interfaces.kernels import kernel
-from sim.interfaces.spatial import Array
+from uuv.models.site.seabed import Seabed
+from uuv.models.site.soil import Soil, SoilTool, pull_resistance, push_resistance, side_resistance
+from uuv.sim.interfaces.kernels import kernel
+from uuv.sim.interfaces.spatial import Array
 
 _TABLE = 512  # number of depths at which the resistances are tabulated
 _DEEPEST = 0.5  # [m] largest tabulated depth
@@ -109,7 +109,7 @@ def _press(soil, p, axis, force):
 
 @kernel
 def _height(heights, corner, cell, x, y):
-    """Height at one point, as `models.site.seabed.Seabed.height` computes it."""
+    """Height at one point, as `uuv.models.site.seabed.Seabed.height` computes it."""
     last = heights.shape[0] - 1
     u, v = (x - corner[0]) / cell, (y - corner[1]) / cell
     if not (0.0 <= u <= last and 0.0 <= v <= last):

@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from models.water.thruster_curves import thrust_at, thrust_in_flow
-from models.water.thrusters import HEADER, INFLOW_LOSS, SLEW_RATE, TIME_CONSTANT, curves, inflow_levers
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.kernels import kernel
-from sim.interfaces.spatial import Array, fitting
+from uuv.models.water.thruster_curves import thrust_at, thrust_in_flow
+from uuv.models.water.thrusters import HEADER, INFLOW_LOSS, SLEW_RATE, TIME_CONSTANT, curves, inflow_levers
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.kernels import kernel
+from uuv.sim.interfaces.spatial import Array, fitting
 
 SATURATED = 0.979  # share of full thrust that counts as saturated; thrust allocation stops slightly below 1
 
@@ -44,13 +44,13 @@ def advance_thrusters(curve, table, command, R_WB, v_WB_W, w_WB_B, current_W, st
 
 
 class Thrusters:
-    """State and step of all thrusters of one vehicle; parameters from `models.water.thrusters`."""
+    """State and step of all thrusters of one vehicle; parameters from `uuv.models.water.thrusters`."""
 
     def __init__(self, table: Array, wrench: Array, timestep: float, *, kept_in: Array | None = None) -> None:
         """Build the tables of the kernel.
 
         Args:
-            table: Thruster rows (m, ...) of `models.water.thrusters`.
+            table: Thruster rows (m, ...) of `uuv.models.water.thrusters`.
             wrench: Wrench on the hull per newton of thrust, columns (6, m).
             timestep: [s]
             kept_in: Memory for the state, so that copies of a simulation carry it; where it is shorter than 3 m

@@ -5,9 +5,9 @@ import math
 import mujoco
 import numpy as np
 
-from models.meshes.ray_casting import RayScene
-from sim.interfaces.spatial import Array
-from sim.reporting.rerun_scene import body_mesh
+from uuv.models.meshes.ray_casting import RayScene
+from uuv.sim.interfaces.spatial import Array
+from uuv.sim.reporting.rerun_scene import body_mesh
 
 _LIGHT = np.array([0.25, -0.35, 0.9]) / np.linalg.norm([0.25, -0.35, 0.9])  # direction to the light, W
 _AMBIENT, _HEAD, _TOP = 0.35, 0.3, 0.45  # shares of the light: from all sides, from the camera, from above

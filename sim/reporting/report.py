@@ -7,13 +7,13 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from sim.evaluation.force_levels import SETTLING
-from sim.evaluation.metrics import Assessment, Bounds, Requirement
-from sim.interfaces.errors import ConfigurationError
-from sim.loop.recording import Recording
-from sim.reporting.report_page import page, provenance, section, table, text
-from sim.reporting.results_table import figures_of
-from sim.runs.saving import write_whole
+from uuv.sim.evaluation.force_levels import SETTLING
+from uuv.sim.evaluation.metrics import Assessment, Bounds, Requirement
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.loop.recording import Recording
+from uuv.sim.reporting.report_page import page, provenance, section, table, text
+from uuv.sim.reporting.results_table import figures_of
+from uuv.sim.runs.saving import write_whole
 
 _WAYS = {"normal": "along its normal", "along": "along the path", "across": "across the path"}
 
@@ -70,7 +70,7 @@ def write_report(
 
 
 def _series(recording: Recording, bounds: Bounds | None) -> str:
-    from sim.reporting.timelines import timelines
+    from uuv.sim.reporting.timelines import timelines
 
     drawn = timelines({"run": recording}, bounds)
     if not drawn:

@@ -7,11 +7,11 @@ from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 
-from sim.evaluation.metrics import TrueObject
-from sim.interfaces.messages import WorkState
-from sim.interfaces.spatial import Array, inverse, transform_points
-from sim.loop.recording import Recording
-from sim.reporting.palette import BLUE, GREEN, INK, ORANGE, PURPLE, SKY, WIDTH
+from uuv.sim.evaluation.metrics import TrueObject
+from uuv.sim.interfaces.messages import WorkState
+from uuv.sim.interfaces.spatial import Array, inverse, transform_points
+from uuv.sim.loop.recording import Recording
+from uuv.sim.reporting.palette import BLUE, GREEN, INK, ORANGE, PURPLE, SKY, WIDTH
 
 _POINTS = 900  # of a line
 

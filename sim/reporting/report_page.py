@@ -9,7 +9,7 @@ from typing import Any
 
 from matplotlib.figure import Figure
 
-from sim.runs.provenance import commit, versions
+from uuv.sim.runs.provenance import commit, versions
 
 
 def page(title: str, body: str) -> str:

@@ -15,34 +15,24 @@ import mujoco
 import numpy as np
 from numpy.typing import ArrayLike
 
-from models.vehicle import Vehicle
-from sim.evaluation.metrics import Bounds
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.extras import wanted
-from sim.interfaces.messages import DepthImage, ObjectMotion, Reference, Target, WorkState
-from sim.interfaces.pose_covariance import PoseCovariance
-from sim.interfaces.spatial import Array, inverse, pose, quat_wxyz_from_rotation, transform_points
-from sim.loop.rollout import Moment, ticks_per_period
-from sim.reporting.rerun_rows import PoseRows, SeriesRows
-from sim.reporting.rerun_scene import (
-    LIFT,
-    LINES,
-    SKY,
-    STATE_COLORS,
-    YELLOW,
-    blueprint,
-    describe_series,
-    draw,
-    middle_of,
-)
-from sim.reporting.rerun_stream import LogStream
+from uuv.models.vehicle import Vehicle
+from uuv.sim.evaluation.metrics import Bounds
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.extras import wanted
+from uuv.sim.interfaces.messages import DepthImage, ObjectMotion, Reference, Target, WorkState
+from uuv.sim.interfaces.pose_covariance import PoseCovariance
+from uuv.sim.interfaces.spatial import Array, inverse, pose, quat_wxyz_from_rotation, transform_points
+from uuv.sim.loop.rollout import Moment, ticks_per_period
+from uuv.sim.reporting.rerun_rows import PoseRows, SeriesRows
+from uuv.sim.reporting.rerun_scene import LIFT, LINES, SKY, STATE_COLORS, YELLOW, blueprint, describe_series, draw, middle_of
+from uuv.sim.reporting.rerun_stream import LogStream
 
 _ENLARGED = 20.0  # [-] scale at which a few millimetres show beside an object of half a metre
 FLUSH_WALL_S = 0.4  # [s] of wall time between flushes; a killed run loses this plus the time of writing
 
 
 class RerunLog:
-    """Observer of `sim.loop.rollout` that writes an .rrd file; use it as a context manager, or call `close`.
+    """Observer of `uuv.sim.loop.rollout` that writes an .rrd file; use it as a context manager, or call `close`.
 
     Poses are logged every `pose_period`, series every `period`.
     """

@@ -5,13 +5,13 @@ from typing import Any
 
 import numpy as np
 
-from models.vehicle import Vehicle
-from sim.evaluation.metrics import Bounds
-from sim.interfaces.messages import WorkState
-from sim.interfaces.spatial import Array
-from sim.loop.rollout import Moment
-from sim.reporting.rerun_scene import LIFT
-from sim.reporting.rerun_stream import LogStream
+from uuv.models.vehicle import Vehicle
+from uuv.sim.evaluation.metrics import Bounds
+from uuv.sim.interfaces.messages import WorkState
+from uuv.sim.interfaces.spatial import Array
+from uuv.sim.loop.rollout import Moment
+from uuv.sim.reporting.rerun_scene import LIFT
+from uuv.sim.reporting.rerun_stream import LogStream
 
 JET_SCALE = 1 / 250.0  # [m]/[N] of the thrusters' jets
 FORCE_SCALE = 1 / 150.0  # [m]/[N] of force arrows: those of the tool must be visible beyond the wrist

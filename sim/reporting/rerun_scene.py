@@ -6,13 +6,13 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from models.vehicle import Vehicle
-from sim.evaluation.mesh_surface import Surface
-from sim.interfaces.messages import WorkState
-from sim.interfaces.spatial import Array
-from sim.reporting import palette
-from sim.reporting.palette import rgb
-from sim.sensors.tessellation import tessellate
+from uuv.models.vehicle import Vehicle
+from uuv.sim.evaluation.mesh_surface import Surface
+from uuv.sim.interfaces.messages import WorkState
+from uuv.sim.interfaces.spatial import Array
+from uuv.sim.reporting import palette
+from uuv.sim.reporting.palette import rgb
+from uuv.sim.sensors.tessellation import tessellate
 
 StaticLog = Callable[[str, Any], None]  # takes an entity and what it is
 

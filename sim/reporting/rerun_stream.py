@@ -7,9 +7,9 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from sim.interfaces.spatial import Array
-from sim.reporting.rerun_program import compact, send_to
-from sim.reporting.rerun_scene import TIMELINE
+from uuv.sim.interfaces.spatial import Array
+from uuv.sim.reporting.rerun_program import compact, send_to
+from uuv.sim.reporting.rerun_scene import TIMELINE
 
 ROOM = 4 << 20  # [bytes] cut off a log that filled the disk, so that metrics and report can be written
 

@@ -3,7 +3,7 @@
 from rich.table import Table
 from rich.text import Text
 
-from sim.evaluation.metrics import Assessment, Requirement
+from uuv.sim.evaluation.metrics import Assessment, Requirement
 
 
 def results_table(assessment: Assessment, title: str = "") -> Table:

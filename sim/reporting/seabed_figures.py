@@ -5,11 +5,11 @@ from collections.abc import Iterator
 import numpy as np
 from matplotlib.figure import Figure
 
-from sim.evaluation.seabed_metrics import IN_THE_SOIL, TrueGround, tip_depth
-from sim.interfaces.messages import WorkState
-from sim.interfaces.spatial import Array, pose, rotation_from_quat_wxyz, transform_points
-from sim.loop.recording import Recording
-from sim.reporting.palette import BLUE, FAINT, GREEN, INK, ORANGE, VERMILION, WIDTH
+from uuv.sim.evaluation.seabed_metrics import IN_THE_SOIL, TrueGround, tip_depth
+from uuv.sim.interfaces.messages import WorkState
+from uuv.sim.interfaces.spatial import Array, pose, rotation_from_quat_wxyz, transform_points
+from uuv.sim.loop.recording import Recording
+from uuv.sim.reporting.palette import BLUE, FAINT, GREEN, INK, ORANGE, VERMILION, WIDTH
 
 _THIN = 5  # one of so many steps is drawn
 _BESIDE = 0.1  # [m] distance from the section plane within which points of the scan are drawn

@@ -15,12 +15,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sim.interfaces.errors import ConfigurationError, commands_a_terminal
-from sim.interfaces.extras import wanted
-from sim.interfaces.files import bytes_of
-from sim.interfaces.spatial import shown
-from sim.interfaces.tables import TableReader, checked
-from sim.runs.saving import write_whole
+from uuv.sim.interfaces.errors import ConfigurationError, commands_a_terminal
+from uuv.sim.interfaces.extras import wanted
+from uuv.sim.interfaces.files import bytes_of
+from uuv.sim.interfaces.spatial import shown
+from uuv.sim.interfaces.tables import TableReader, checked
+from uuv.sim.runs.saving import write_whole
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -13,19 +13,19 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sim.evaluation.run_metrics import EveryRun
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.extras import wanted
-from sim.interfaces.messages import AbortCode, WorkState
-from sim.interfaces.spatial import one_of, shown
-from sim.interfaces.tables import TableReader, json_of
-from sim.reporting.series_files import ENDINGS, MOST_NUMBERS, Column, arrow_table, read_table, write_table
+from uuv.sim.evaluation.run_metrics import EveryRun
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.extras import wanted
+from uuv.sim.interfaces.messages import AbortCode, WorkState
+from uuv.sim.interfaces.spatial import one_of, shown
+from uuv.sim.interfaces.tables import TableReader, json_of
+from uuv.sim.reporting.series_files import ENDINGS, MOST_NUMBERS, Column, arrow_table, read_table, write_table
 
 if TYPE_CHECKING:  # the figures of a run are read without the kernels of what recorded it
     import pyarrow as pa
 
-    from sim.evaluation.metrics import Assessment
-    from sim.loop.recording import Event, RecordedSeries, Recording, Series
+    from uuv.sim.evaluation.metrics import Assessment
+    from uuv.sim.loop.recording import Event, RecordedSeries, Recording, Series
 
 METRICS = "metrics.json"  # in the folder of a run
 STATES = (*WorkState, "interrupted", "crashed")  # in which a run may end
@@ -103,7 +103,7 @@ class PastRun:
         """Content of metrics.json.
 
         Raises:
-            ConfigurationError: It cannot be read, or lacks what every run has (`sim.evaluation.run_metrics.EveryRun`).
+            ConfigurationError: It cannot be read, or lacks what every run has (`uuv.sim.evaluation.run_metrics.EveryRun`).
         """
         file = self.folder / METRICS
         content = json_of(file, "metrics")
@@ -176,12 +176,12 @@ class PastRun:
 
     @cached_property
     def recorded(self) -> "RecordedSeries":
-        """All series and events, as functions of `sim.evaluation` take them.
+        """All series and events, as functions of `uuv.sim.evaluation` take them.
 
         Raises:
             ConfigurationError: The run was made with --no-record, or a series of every step has another shape.
         """
-        from sim.loop.recording import RecordedSeries, Series
+        from uuv.sim.loop.recording import RecordedSeries, Series
 
         series: dict[str, Series] = {}
         for rate in self.rates or (LOOP,):
@@ -207,7 +207,7 @@ class PastRun:
         Raises:
             ConfigurationError: There is no such table, or it has a state or cause that there is not.
         """
-        from sim.loop.recording import Event
+        from uuv.sim.loop.recording import Event
 
         columns = self._columns(EVENTS)
         times = self.numbers("time", EVENTS).tolist()
@@ -225,7 +225,7 @@ class PastRun:
 
     def _check_layout(self, series: "Mapping[str, Series]") -> None:
         """Refuses series of every step that have another number of columns, or of rows than the state of the work."""
-        from sim.loop.recording import WIDTHS
+        from uuv.sim.loop.recording import WIDTHS
 
         if "state" not in series:
             raise ConfigurationError(f"{self.folder}: its tables are of another version, without the series 'state'")
@@ -293,7 +293,7 @@ def card(title: str, accepted: bool, failed: Any, rows: Any) -> str:
 
 def card_of(title: str, assessment: "Assessment") -> str:
     """Card of a run that is in memory."""
-    from sim.reporting.results_table import figures_of
+    from uuv.sim.reporting.results_table import figures_of
 
     rows = [(check.name, figures_of(check)[0], check.unit) for check in assessment.checks if check.value is not None]
     return card(title, assessment.accepted, assessment.failed, rows)

@@ -10,12 +10,12 @@ import plotly.graph_objects as go
 from plotly.io import to_html
 from plotly.subplots import make_subplots
 
-from sim.evaluation.force_levels import tangential
-from sim.evaluation.metrics import Bounds, hull_motion, path_error
-from sim.interfaces.messages import WorkState
-from sim.interfaces.spatial import Array
-from sim.loop.recording import RecordedSeries
-from sim.reporting.palette import BLUE, CYCLE, FAINT, GREEN, ORANGE, PURPLE, SKY, VERMILION
+from uuv.sim.evaluation.force_levels import tangential
+from uuv.sim.evaluation.metrics import Bounds, hull_motion, path_error
+from uuv.sim.interfaces.messages import WorkState
+from uuv.sim.interfaces.spatial import Array
+from uuv.sim.loop.recording import RecordedSeries
+from uuv.sim.reporting.palette import BLUE, CYCLE, FAINT, GREEN, ORANGE, PURPLE, SKY, VERMILION
 
 ELEMENT = "timelines"  # id in the page
 CONTACT = (WorkState.APPROACH, WorkState.PRESS, WorkState.WORK, WorkState.RETREAT)

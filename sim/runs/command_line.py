@@ -20,10 +20,10 @@ from pathlib import Path
 from types import FrameType, TracebackType
 from typing import Any, ClassVar, NoReturn, TypeVar, cast
 
-from sim.interfaces.errors import UuvError, did_you_mean, one_line
-from sim.interfaces.extras import missing
-from sim.runs.process import BAD_INPUT, keep_children_from_the_working_folder, quiet_pipe, reader_is_gone
-from sim.runs.run_folder import give_back, new_folder
+from uuv.sim.interfaces.errors import UuvError, did_you_mean, one_line
+from uuv.sim.interfaces.extras import missing
+from uuv.sim.runs.process import BAD_INPUT, keep_children_from_the_working_folder, quiet_pipe, reader_is_gone
+from uuv.sim.runs.run_folder import give_back, new_folder
 
 ROOMS = ("models", "sim", "perception", "controllers", "calib")
 INTERNAL = 70  # exit code of an error of the program: EX_SOFTWARE of BSD's sysexits
@@ -130,7 +130,7 @@ def parse(kind: type[Options], args: Sequence[str] | None = None) -> Options:
 
     TRACEBACK is removed first: `run_scenario` evaluates it.
     """
-    from sim.runs.option_groups import cli  # here, so that `sim` runs without tyro
+    from uuv.sim.runs.option_groups import cli  # here, so that `sim` runs without tyro
 
     args = [arg for arg in (sys.argv[1:] if args is None else args) if arg != TRACEBACK]
     said = io.StringIO()

@@ -10,9 +10,9 @@ from datetime import UTC, datetime
 from itertools import count
 from pathlib import Path
 
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.files import folder_given, folder_name
-from sim.runs.saving import write_whole
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.files import folder_given, folder_name
+from uuv.sim.runs.saving import write_whole
 
 RUNS = Path("runs")  # in the working directory
 BEGUN = "run.json"  # in a run's folder from the start: command and time

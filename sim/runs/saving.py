@@ -5,7 +5,7 @@ import os
 from pathlib import Path
 from typing import Any
 
-from sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.errors import ConfigurationError
 
 
 def write_whole(file: str | Path, content: str | bytes, *, part_in: Path | None = None) -> None:

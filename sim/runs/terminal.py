@@ -6,7 +6,7 @@ from typing import Any
 from rich.console import Console
 from rich.text import Text
 
-from sim.interfaces.errors import harmless
+from uuv.sim.interfaces.errors import harmless
 
 _WIDTH = 140  # [characters] of a line where the output is no terminal
 

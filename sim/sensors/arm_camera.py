@@ -2,7 +2,7 @@
 
 It reports how it has moved over the object since a key picture. Every picture casts a coarse grid of rays on the world.
 What they hit predicts the normal equations that a direct alignment of intensity and depth would have
-(`perception.navigation.surface_alignment`): texture gives motion across the view, shape along the surface's normals.
+(`uuv.perception.navigation.surface_alignment`): texture gives motion across the view, shape along the surface's normals.
 Their inverse, with the factors of an error model fitted to rendered pairs (`ErrorModel`), is the covariance of the
 error that is drawn, and of the message. A direction that the view does not observe has no information: along the
 generator of a plain barrel.
@@ -17,12 +17,12 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.messages import SurfaceMotionMeasurement
-from sim.interfaces.spatial import Array, inverse, pose, rotation_from_z
-from sim.sensors.textured_view import ALBEDO, BACKSCATTER, BLUR, LAMP_RANGE, SmallStereo, Texture, Turbidity
-from sim.sensors.view_conditions import ViewConditions
-from sim.sensors.visible_world import Rays, VisibleWorld, body_id, site_on_body
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.messages import SurfaceMotionMeasurement
+from uuv.sim.interfaces.spatial import Array, inverse, pose, rotation_from_z
+from uuv.sim.sensors.textured_view import ALBEDO, BACKSCATTER, BLUR, LAMP_RANGE, SmallStereo, Texture, Turbidity
+from uuv.sim.sensors.view_conditions import ViewConditions
+from uuv.sim.sensors.visible_world import Rays, VisibleWorld, body_id, site_on_body
 
 TABLE = Path(__file__).with_suffix(".toml")
 GRID = 10  # [px] between the rays of the prediction

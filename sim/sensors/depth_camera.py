@@ -9,12 +9,12 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.messages import DepthImage
-from sim.interfaces.spatial import Array, checked_pose, pose, readonly, rotation_from_quat_wxyz
-from sim.sensors.refraction import FlatPort, PortCalibration, StereoReader, in_water
-from sim.sensors.stereo_noise import StereoNoise, add_noise
-from sim.sensors.visible_world import ALL, BodyPoses, Rays, Visible, body_id, names, site_on_body
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.messages import DepthImage
+from uuv.sim.interfaces.spatial import Array, checked_pose, pose, readonly, rotation_from_quat_wxyz
+from uuv.sim.sensors.refraction import FlatPort, PortCalibration, StereoReader, in_water
+from uuv.sim.sensors.stereo_noise import StereoNoise, add_noise
+from uuv.sim.sensors.visible_world import ALL, BodyPoses, Rays, Visible, body_id, names, site_on_body
 
 NEAR = 0.02  # [m] no surface closer than this to the camera's plane is seen
 NOISE = StereoNoise()
@@ -22,7 +22,7 @@ NOISE = StereoNoise()
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Optics:
-    """Image, lens, and the flat port before it (`sim.sensors.refraction`).
+    """Image, lens, and the flat port before it (`uuv.sim.sensors.refraction`).
 
     Without `port` the camera is an exactly known pinhole. Behind a port, frames are rectified by `calibration`. Their
     `K` and camera pose are then those of the calibration, right or wrong.

@@ -7,10 +7,10 @@ import mujoco
 import numpy as np
 from numpy.typing import ArrayLike
 
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.messages import DvlRangesMeasurement
-from sim.interfaces.spatial import Array, checked, pose, readonly
-from sim.sensors.visible_world import BodyPoses, Rays, VisibleWorld, body_id
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.messages import DvlRangesMeasurement
+from uuv.sim.interfaces.spatial import Array, checked, pose, readonly
+from uuv.sim.sensors.visible_world import BodyPoses, Rays, VisibleWorld, body_id
 
 NEAR = 0.02  # [m] closest distance at which a ray can hit
 
@@ -50,7 +50,7 @@ class DvlBeams:
 
 @dataclass(frozen=True, slots=True)
 class DvlRanges:
-    """Sensor of the slant ranges; that of the velocity is `sim.sensors.proprioception.Dvl`."""
+    """Sensor of the slant ranges; that of the velocity is `uuv.sim.sensors.proprioception.Dvl`."""
 
     world: VisibleWorld
     body: int

@@ -6,21 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.kernels import kernel
-from sim.interfaces.messages import (
-    DvlMeasurement,
-    DvlNoise,
-    EncoderMeasurement,
-    ImuMeasurement,
-    ImuNoise,
-    PressureMeasurement,
-    TorqueMeasurement,
-    VisionMeasurement,
-    VisionNoise,
-)
-from sim.interfaces.spatial import GRAVITY, Array, checked, number
-from sim.plant.plant import Truth
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.kernels import kernel
+from uuv.sim.interfaces.messages import DvlMeasurement, DvlNoise, EncoderMeasurement, ImuMeasurement, ImuNoise, PressureMeasurement, TorqueMeasurement, VisionMeasurement, VisionNoise
+from uuv.sim.interfaces.spatial import GRAVITY, Array, checked, number
+from uuv.sim.plant.plant import Truth
 
 SEA_LEVEL = 101325.0  # [Pa] standard atmosphere
 _MOST_JOINTS = 64  # largest number of joints of an arm

@@ -13,9 +13,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.kernels import kernel
-from sim.interfaces.spatial import Array
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.kernels import kernel
+from uuv.sim.interfaces.spatial import Array
 
 _STEPS = 20  # largest number of Newton steps; 3 to 5 are needed
 

@@ -6,7 +6,7 @@ It can be mounted on any body of any compiled model (primitives, meshes, height 
     points_S = sonar.ping(data, np.random.default_rng(0))    # (H, W, 3) [m], NaN without an echo
     points_S = sonar.ping(data, rng, X_WS=elsewhere)         # the same sonar at another pose
 
-It is also a `sim.interfaces.protocols.Sensor` for the step loop, with messages `SonarScan`.
+It is also a `uuv.sim.interfaces.protocols.Sensor` for the step loop, with messages `SonarScan`.
 """
 
 from dataclasses import dataclass
@@ -15,11 +15,11 @@ from typing import Any, Literal
 import mujoco
 import numpy as np
 
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.kernels import kernel
-from sim.interfaces.messages import SonarScan
-from sim.interfaces.spatial import Array, checked_pose, pose, readonly
-from sim.sensors.visible_world import ALL, BodyPoses, Rays, Visible, body_id, site_on_body
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.kernels import kernel
+from uuv.sim.interfaces.messages import SonarScan
+from uuv.sim.interfaces.spatial import Array, checked_pose, pose, readonly
+from uuv.sim.sensors.visible_world import ALL, BodyPoses, Rays, Visible, body_id, site_on_body
 
 NEAR = 0.02  # [m] no surface closer than this to the sonar is seen
 

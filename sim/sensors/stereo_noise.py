@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import ndimage
 
-from sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.errors import ConfigurationError
 
 EDGE = 0.025  # relative jump of disparity between neighbours that counts as a depth edge
 

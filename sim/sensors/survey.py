@@ -5,11 +5,11 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from models.site.sliding_contact import TARGET_BODY
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.messages import SurveyedPose
-from sim.interfaces.spatial import pose, readonly, rotation_from_quat_wxyz
-from sim.plant.plant import Truth
+from uuv.models.site.sliding_contact import TARGET_BODY
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.messages import SurveyedPose
+from uuv.sim.interfaces.spatial import pose, readonly, rotation_from_quat_wxyz
+from uuv.sim.plant.plant import Truth
 
 
 class Survey:

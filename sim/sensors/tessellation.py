@@ -3,8 +3,8 @@
 import mujoco
 import numpy as np
 
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.spatial import Array
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.spatial import Array
 
 SAGITTA = 2e-4  # [m] largest distance of a tessellated curved primitive from the true surface
 

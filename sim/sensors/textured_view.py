@@ -12,10 +12,10 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.kernels import kernel
-from sim.interfaces.spatial import Array, finite_number, transform_points
-from sim.sensors.stereo_noise import StereoNoise, add_noise
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.kernels import kernel
+from uuv.sim.interfaces.spatial import Array, finite_number, transform_points
+from uuv.sim.sensors.stereo_noise import StereoNoise, add_noise
 
 LAMP_RANGE = 0.2  # [m] range at which a white wall facing the lamp gives full scale in clear water
 ALBEDO = 0.35  # mean reflectance of a surface

@@ -4,10 +4,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sim.interfaces.messages import TorqueMeasurement
-from sim.interfaces.spatial import Array, finite_number
-from sim.plant.plant import Truth
-from sim.sensors.proprioception import FastState, JointTorqueSensors
+from uuv.sim.interfaces.messages import TorqueMeasurement
+from uuv.sim.interfaces.spatial import Array, finite_number
+from uuv.sim.plant.plant import Truth
+from uuv.sim.sensors.proprioception import FastState, JointTorqueSensors
 
 
 @dataclass(slots=True, eq=False)
@@ -21,7 +21,7 @@ class DriftState:
 
 
 class DriftingTorqueSensors:
-    """Torque sensors (`sim.interfaces.protocols.Sensor`) whose reading also wanders and drifts."""
+    """Torque sensors (`uuv.sim.interfaces.protocols.Sensor`) whose reading also wanders and drifts."""
 
     def __init__(self, sensors: JointTorqueSensors, *, sigma: float, time: float, drift: float) -> None:
         """Wrap `sensors`.

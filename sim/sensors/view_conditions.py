@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from sim.interfaces.spatial import finite_number
+from uuv.sim.interfaces.spatial import finite_number
 
 
 @dataclass(frozen=True, kw_only=True)

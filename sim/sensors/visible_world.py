@@ -12,12 +12,12 @@ from typing import Protocol
 import mujoco
 import numpy as np
 
-from models.meshes.closed_shells import joined
-from models.meshes.ray_casting import RayScene
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.kernels import kernel
-from sim.interfaces.spatial import Array, inverse, pose, rotation_from_quat_wxyz
-from sim.sensors.tessellation import tessellate
+from uuv.models.meshes.closed_shells import joined
+from uuv.models.meshes.ray_casting import RayScene
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.kernels import kernel
+from uuv.sim.interfaces.spatial import Array, inverse, pose, rotation_from_quat_wxyz
+from uuv.sim.sensors.tessellation import tessellate
 
 VISIBLE_GROUPS = (0, 1, 2)  # geom groups that MuJoCo's renderer shows; models keep collision shapes in 3 and above
 
@@ -27,7 +27,7 @@ _CLUSTER = 16  # smallest number of triangles in a cluster
 
 
 class BodyPoses(Protocol):
-    """World poses of all bodies: `sim.plant.plant.Truth`, or an MjData after `mj_kinematics`."""
+    """World poses of all bodies: `uuv.sim.plant.plant.Truth`, or an MjData after `mj_kinematics`."""
 
     @property
     def time(self) -> float:

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from models.hydrodynamics import BodyHydrodynamics
-from models.water.forms import CrossTerms
-from sim.interfaces.spatial import Array, skew
+from uuv.models.hydrodynamics import BodyHydrodynamics
+from uuv.models.water.forms import CrossTerms
+from uuv.sim.interfaces.spatial import Array, skew
 
 _SPEEDS = (0.3, 1.0, 3.0)  # [m/s, rad/s] of the sampled motions
 _SAMPLES = 2000  # motions at each speed

@@ -1,13 +1,13 @@
-"""Compiled wrench of a body's forms (`models.water.forms`), from the records behind its row of user data."""
+"""Compiled wrench of a body's forms (`uuv.models.water.forms`), from the records behind its row of user data."""
 
 import math
 from typing import Any
 
 from numba import njit
 
-from models.water.forms import CrossTerms, FadingDamping, LiftDrag, MunkFactor, PlanarStrip
-from sim.water.native_memory import f64 as _f64
-from sim.water.vectors import Vector, cross, dot, load3, plus
+from uuv.models.water.forms import CrossTerms, FadingDamping, LiftDrag, MunkFactor, PlanarStrip
+from uuv.sim.water.native_memory import f64 as _f64
+from uuv.sim.water.vectors import Vector, cross, dot, load3, plus
 
 _MUNK, _FADING, _LIFT = MunkFactor.kind, FadingDamping.kind, LiftDrag.kind
 _CROSS, _PLANAR = CrossTerms.kind, PlanarStrip.kind

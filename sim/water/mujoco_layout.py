@@ -14,7 +14,7 @@ import mujoco
 import numpy as np
 from mujoco.introspect import ast_nodes, structs
 
-from sim.interfaces.errors import HydrodynamicsError
+from uuv.sim.interfaces.errors import HydrodynamicsError
 
 _SCALARS = {
     "int": ctypes.c_int,

@@ -51,4 +51,4 @@ def _stepper() -> Callable[[int, int, int], Any]:
     return cast(Any, intrinsic(call))
 
 
-call_physics = _stepper()  # `mj_step1` or `mj_step2`, whose addresses are in `sim.plant.readout.places_of`
+call_physics = _stepper()  # `mj_step1` or `mj_step2`, whose addresses are in `uuv.sim.plant.readout.places_of`

@@ -22,23 +22,23 @@ from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic
 
-from models.hydrodynamics import INDEFINITE, LAYOUT, MAX_STATIONS, MAX_STRIPS, TOO_FAST, TOO_HIGH
-from sim.interfaces.kernels import c_function
-from sim.interfaces.spatial import Array
-from sim.water.form_kernel import form_wrench
-from sim.water.mujoco_layout import offset
-from sim.water.native_memory import f64 as _f64
-from sim.water.native_memory import i32 as _i32
-from sim.water.native_memory import pointer as _pointer
-from sim.water.simd4 import all_four, at_least, four_of, load_four, put_four, transposed_four
-from sim.water.vectors import Number, Vector
-from sim.water.vectors import cross as _cross
-from sim.water.vectors import dot as _dot
-from sim.water.vectors import inline as _inline
-from sim.water.vectors import load3 as _load3
-from sim.water.vectors import minus as _minus
-from sim.water.vectors import plus as _plus
-from sim.water.vectors import scaled as _scaled
+from uuv.models.hydrodynamics import INDEFINITE, LAYOUT, MAX_STATIONS, MAX_STRIPS, TOO_FAST, TOO_HIGH
+from uuv.sim.interfaces.kernels import c_function
+from uuv.sim.interfaces.spatial import Array
+from uuv.sim.water.form_kernel import form_wrench
+from uuv.sim.water.mujoco_layout import offset
+from uuv.sim.water.native_memory import f64 as _f64
+from uuv.sim.water.native_memory import i32 as _i32
+from uuv.sim.water.native_memory import pointer as _pointer
+from uuv.sim.water.simd4 import all_four, at_least, four_of, load_four, put_four, transposed_four
+from uuv.sim.water.vectors import Number, Vector
+from uuv.sim.water.vectors import cross as _cross
+from uuv.sim.water.vectors import dot as _dot
+from uuv.sim.water.vectors import inline as _inline
+from uuv.sim.water.vectors import load3 as _load3
+from uuv.sim.water.vectors import minus as _minus
+from uuv.sim.water.vectors import plus as _plus
+from uuv.sim.water.vectors import scaled as _scaled
 
 # Fields that the callback reads or writes; their layout must be verified on live objects.
 # fmt: off
@@ -56,7 +56,7 @@ DATA_FIELDS = (
 # mj_forwardSkip and finite differences call mj_passive again without rebuilding, and would add it twice.
 WET_MARK = 6.20261121e8  # in d.crb[0, 0], which is zero otherwise; arbitrary
 
-# Symbols of libmujoco, which `sim.hydrodynamics.install` registers with LLVM under these names.
+# Symbols of libmujoco, which `uuv.sim.hydrodynamics.install` registers with LLVM under these names.
 SYMBOLS = ("mj_markStack", "mj_freeStack", "mj_stackAllocNum", "mj_warning", "mju_warning")
 _mark_stack = types.ExternalFunction("mj_markStack", types.void(types.intp))
 _free_stack = types.ExternalFunction("mj_freeStack", types.void(types.intp))
@@ -67,8 +67,8 @@ _print_warning = types.ExternalFunction("mju_warning", types.void(types.intp))
 SINGULAR = 1e-15  # pivot below which mj_factorM warns (mjMINVAL)
 NEVER = 1e300  # stands for no limit of speed [(m/s)^2] or height [m]
 
-FAST_TEXT = "sim.hydrodynamics: a body moves through the water faster than its drag was judged for at this timestep"
-HIGH_TEXT = "sim.hydrodynamics: a body has risen above z = 0 and is still buoyant: there is no free surface"
+FAST_TEXT = "uuv.sim.hydrodynamics: a body moves through the water faster than its drag was judged for at this timestep"
+HIGH_TEXT = "uuv.sim.hydrodynamics: a body has risen above z = 0 and is still buoyant: there is no free surface"
 
 Matrix = tuple[Vector, Vector, Vector]
 Indices = tuple[int, int, int, int]

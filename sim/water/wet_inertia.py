@@ -19,9 +19,9 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from models.hydrodynamics import BodyHydrodynamics
-from sim.interfaces.errors import HydrodynamicsError
-from sim.interfaces.spatial import Array
+from uuv.models.hydrodynamics import BodyHydrodynamics
+from uuv.sim.interfaces.errors import HydrodynamicsError
+from uuv.sim.interfaces.spatial import Array
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array

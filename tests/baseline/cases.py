@@ -1,7 +1,7 @@
 """The short scenarios whose figures the baseline holds: each a function from a seed to figures by name.
 
 They come in by the doors that users take (the scenarios' own options, `perception.identify`, `calib.identify`,
-`controllers.mkps.solve`) and give back every number that a run's metrics hold, but its wall times.
+`uuv.controllers.mkps.solve`) and give back every number that a run's metrics hold, but its wall times.
 """
 
 from collections.abc import Callable, Mapping
@@ -12,28 +12,28 @@ from pathlib import Path
 import numpy as np
 
 from bands import Figures, numbers_of
-from calib import identify as calibrate
-from calib.simulation import HAND_NOISE
-from calib.verdicts.verification import kabsch
-from controllers.mkps import Chain, solve
-from models.arms import published_arms
-from perception import identify
-from scenarios.arm_identification.calibration_input import nominal, simulated
-from scenarios.assembly import assemble
-from scenarios.control_studies.force_steps import figures as figures_of_step
-from scenarios.control_studies.force_steps import steps_up
-from scenarios.control_studies.hover import POSTURES, flow
-from scenarios.object_scenes import object_scene
-from scenarios.options import InsertionOptions, InspectionOptions, ObjectOptions, PileOptions, SeabedOptions, barrel
-from scenarios.pushing import PushCase as Push
-from scenarios.pushing import run as push
-from scenarios.runner import Run, run
-from scenarios.scenario import Scenario
-from scenarios.study.local_processes import run_all
-from scenarios.tasks.surface_work import SurfaceWorkTask
-from sim.evaluation.metrics import Assessment
-from sim.interfaces.messages import WorkState
-from sim.interfaces.spatial import spread_directions, transform_points
+from uuv.calib import identify as calibrate
+from uuv.calib.simulation import HAND_NOISE
+from uuv.calib.verdicts.verification import kabsch
+from uuv.controllers.mkps import Chain, solve
+from uuv.models.arms import published_arms
+from uuv.perception import identify
+from uuv.arm_identification.calibration_input import nominal, simulated
+from uuv.assembly import assemble
+from experiments.contact.force_steps import figures as figures_of_step
+from experiments.contact.force_steps import steps_up
+from experiments.vehicles.pushed_hover import POSTURES, flow
+from uuv.clouds.object_scenes import object_scene
+from uuv.jobs import InsertionOptions, InspectionOptions, ObjectOptions, PileOptions, SeabedOptions, barrel
+from experiments.vehicles.pushing import PushCase as Push
+from experiments.vehicles.pushing import run as push
+from uuv.runner import Run, run
+from uuv.scenario import Scenario
+from uuv.experiment.local_processes import run_all
+from uuv.tasks.surface_work import SurfaceWorkTask
+from uuv.sim.evaluation.metrics import Assessment
+from uuv.sim.interfaces.messages import WorkState
+from uuv.sim.interfaces.spatial import spread_directions, transform_points
 
 __all__ = ["CASES", "run_all"]
 

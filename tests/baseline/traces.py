@@ -20,10 +20,10 @@ import numba
 import numpy as np
 import pytest
 
-import models
+from uuv import models
 from cases import barrel_longitudinal_run
-from sim import hydrodynamics
-from sim.interfaces.spatial import Array
+from uuv.sim import hydrodynamics
+from uuv.sim.interfaces.spatial import Array
 
 FILE = Path(__file__).with_name("traces.json")
 OFF = "UUV_NO_DIGEST"  # environment variable that leaves trajectories out, e.g. to see what else tells a change

@@ -29,29 +29,29 @@ from typing import Any, NamedTuple
 import mujoco
 import numpy as np
 
-import models
-from calib import Arm, MapFit
-from calib import identify as calibrate
-from calib.arm_files import read_arm
-from calib.touch_files import read_touches
-from controllers.mkps import Chain, IkOptions, Tracker, solve, solve_many
-from models.arms import published_arms
-from models.objects import deformed, targets
-from models.objects.target_model import ModelPath, Symmetry, TargetModel
-from models.site import scenes
-from models.vehicle import Vehicle
-from models.water import thrusters
-from perception import identify
-from perception.clouds.cloud_files import load_cloud
-from perception.clouds.point_files import read_targets
-from perception.clouds.scan import Scan, SensorModel
-from perception.seabed.terrain_path import plan_seabed_work
-from perception.toolpath.path_shapes import circle, laid_on, line, raster
-from scenarios import scenario_file
-from sim.interfaces.errors import LONGEST as LONGEST_MESSAGE
-from sim.interfaces.errors import UuvError
-from sim.runs import command_line as startup
-from sim.water.current import Current
+from uuv import models
+from uuv.calib import Arm, MapFit
+from uuv.calib import identify as calibrate
+from uuv.calib.arm_files import read_arm
+from uuv.calib.touch_files import read_touches
+from uuv.controllers.mkps import Chain, IkOptions, Tracker, solve, solve_many
+from uuv.models.arms import published_arms
+from uuv.models.objects import deformed, targets
+from uuv.models.objects.target_model import ModelPath, Symmetry, TargetModel
+from uuv.models.site import scenes
+from uuv.models.vehicle import Vehicle
+from uuv.models.water import thrusters
+from uuv.perception import identify
+from uuv.perception.clouds.cloud_files import load_cloud
+from uuv.perception.clouds.point_files import read_targets
+from uuv.perception.clouds.scan import Scan, SensorModel
+from uuv.perception.seabed.terrain_path import plan_seabed_work
+from uuv.perception.toolpath.path_shapes import circle, laid_on, line, raster
+from uuv import scenario_file
+from uuv.sim.interfaces.errors import LONGEST as LONGEST_MESSAGE
+from uuv.sim.interfaces.errors import UuvError
+from uuv.sim.runs import command_line as startup
+from uuv.sim.water.current import Current
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -757,7 +757,7 @@ def _python_doors() -> Iterator[Door]:
         {"mean_W": [0.1, 0.0, 0.0], "gust": 0.03, "timestep": 0.002, "rng": np.random.default_rng(0)},
     )
     yield door("vehicle_spec", scenes.vehicle_spec, {"vehicle": "uuv_puma"}, 0.5)
-    yield door("models.load", models.load, {"name": "uuv_puma"}, 0.5)
+    yield door("uuv.models.load", models.load, {"name": "uuv_puma"}, 0.5)
     yield door("arms.load", published_arms.load, {"name": "panda"})
     yield door("Arm.joint_frames", published_arms.load("panda").joint_frames, {"q": np.zeros(7)})
 
@@ -787,11 +787,11 @@ SCRIPTS = (
     "calibrate_arm",
     "plan_seabed",
     "identify_object",
-    "studies.step_response",
-    "studies.contact",
-    "benchmarks.ik",
-    "studies.seabed",
-    "studies.tip_force",
+    "experiments.contact.step_response",
+    "experiments.contact.contact",
+    "experiments.kinematics.ik",
+    "experiments.seabed.seabed",
+    "experiments.contact.tip_force",
 )
 OPTIONS = {
     "identify_object": "IdentificationOptions",

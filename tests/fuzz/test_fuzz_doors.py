@@ -19,14 +19,14 @@ import numpy as np
 import pytest
 from fuzz_doors import DOORS, VALID, Door, FindingError, Hostile, attempt
 
-from calib import Arm, MapFit
-from calib import identify as calibrate
-from controllers.mkps import Chain, IkOptions, solve
-from models.arms import published_arms
-from models.objects import targets
-from models.objects.targets import TargetModel
-from perception.toolpath.path_shapes import line, raster
-from sim.interfaces.errors import LONGEST, ConfigurationError, UuvError
+from uuv.calib import Arm, MapFit
+from uuv.calib import identify as calibrate
+from uuv.controllers.mkps import Chain, IkOptions, solve
+from uuv.models.arms import published_arms
+from uuv.models.objects import targets
+from uuv.models.objects.targets import TargetModel
+from uuv.perception.toolpath.path_shapes import line, raster
+from uuv.sim.interfaces.errors import LONGEST, ConfigurationError, UuvError
 from untyped import untyped
 
 INPUTS = int(os.environ.get("UUV_FUZZ", "12"))

@@ -15,7 +15,7 @@ def test_one_scene(root: Path, tmp_path: Path):
     run = subprocess.run(
         [
             sys.executable,
-            "scripts/benchmarks/identification.py",
+            "scripts/experiments/identification/peers.py",
             "--objects",
             "manifold",
             "--runs",

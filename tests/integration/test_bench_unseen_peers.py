@@ -7,15 +7,15 @@ from statistics import median
 import numpy as np
 import pytest
 
-from benchmarks.peers.registration import PEERS, Model, RegistrationTask
-from scenarios.study import read_rows
-from sim.interfaces.spatial import exp_so3, inverse, pose, rotation_from_z, transform_points
+from experiments.identification.registration_peers import PEERS, Model, RegistrationTask
+from uuv.experiment import read_rows
+from uuv.sim.interfaces.spatial import exp_so3, inverse, pose, rotation_from_z, transform_points
 
 
 @pytest.mark.long
 def test_two_scenes_with_the_peers_that_are_installed(script, tmp_path: Path):
     quick = ("icp", "small_gicp", "fpfh")
-    run = script("benchmarks.unseen_peers", "--runs", 2, "--seed", 7, "--out", tmp_path, "--peers", *quick)
+    run = script("experiments.identification.unseen.unseen_peers", "--runs", 2, "--seed", 7, "--out", tmp_path, "--peers", *quick)
     assert run.returncode == 0, run.stderr
     there = [name for name in quick if not PEERS[name].missing]
     for name in set(quick) - set(there):

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from jsonschema import validate
 
-from calib import Arm, simulation
-from calib.arm_files import read_arm
-from calib.touch_files import read_touches, write_touches
-from models.arms import published_arms
+from uuv.calib import Arm, simulation
+from uuv.calib.arm_files import read_arm
+from uuv.calib.touch_files import read_touches, write_touches
+from uuv.models.arms import published_arms
 
 # A clone of github.com/platonics-delft/kinematics_calibration: touches of real arms.
 REAL = os.environ.get("UUV_REAL_TOUCHES", "")

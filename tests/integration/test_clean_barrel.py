@@ -9,9 +9,9 @@ from typing import Any
 import jsonschema
 import pytest
 
-import models
-from sim import hydrodynamics
-from sim.evaluation.metrics import Bounds, schema
+from uuv import models
+from uuv.sim import hydrodynamics
+from uuv.sim.evaluation.metrics import Bounds, schema
 
 BOUNDS = Bounds()
 

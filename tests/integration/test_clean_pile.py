@@ -11,7 +11,7 @@ from typing import Any
 import jsonschema
 import pytest
 
-from sim.evaluation.metrics import Bounds, schema
+from uuv.sim.evaluation.metrics import Bounds, schema
 
 BOUNDS = Bounds()
 RUNS = {"ring": ("--path", "ring"), "contactless": ("--contactless", "0.03", "--target-pose", "known")}

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from models.objects.block import over_edge
-from scenarios.options import BarrelOptions
-from scenarios.runner import run
-from scenarios.scenario_file import with_values
-from sim.interfaces.messages import WorkState
+from uuv.models.objects.block import over_edge
+from uuv.jobs import BarrelOptions
+from uuv.runner import run
+from uuv.scenario_file import with_values
+from uuv.sim.interfaces.messages import WorkState
 
 pytestmark = pytest.mark.long
 

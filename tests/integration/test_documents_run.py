@@ -31,7 +31,7 @@ def test_what_a_page_says_works(page: str, root: Path, tmp_path: Path):
             if not words:
                 continue
             if words[0] == "uuv":
-                words = [sys.executable, "-m", "scenarios.cli.main", *words[1:]]
+                words = [sys.executable, "-m", "uuv.cli.main", *words[1:]]
             elif words[0] == "python":
                 words[0] = sys.executable
             ran = subprocess.run(words, cwd=tmp_path, capture_output=True, text=True, check=False)

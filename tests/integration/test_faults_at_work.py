@@ -4,20 +4,20 @@ import sys
 
 import pytest
 
-from controllers.tuning import SAFETY
-from sim.interfaces.messages import WorkState
+from uuv.controllers.tuning import SAFETY
+from uuv.sim.interfaces.messages import WorkState
 
 
 @pytest.fixture
 def scripts(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sys, "argv", ["scripts/studies/faults.py"])
+    monkeypatch.setattr(sys, "argv", ["scripts/experiments/faults/faults.py"])
 
 
 @pytest.mark.usefixtures("scripts")
 def test_a_frozen_torque_sensor_is_ridden_through_and_a_lost_thruster_ends_in_a_retreat():
 
-    from scenarios import barrel
-    from scenarios.campaigns.fault_cases import Trace, run_branched
+    from uuv import barrel
+    from experiments.faults.fault_cases import Trace, run_branched
 
     scenario = barrel(seed=0, forces=(90.0,), quick=True, sensor="survey")
     traces: dict[str, Trace] = {}
@@ -48,8 +48,8 @@ def test_a_frozen_torque_sensor_is_ridden_through_and_a_lost_thruster_ends_in_a_
 @pytest.mark.usefixtures("scripts")
 def test_without_an_estimate_the_hull_leaves_and_does_not_come_back():
     """With the thrusters merely stopped the current holds the tool on the object, here for 2.4 s."""
-    from scenarios import barrel
-    from scenarios.campaigns.fault_cases import Trace, run_branched
+    from uuv import barrel
+    from experiments.faults.fault_cases import Trace, run_branched
 
     traces: list[Trace] = []
     scenario = barrel(path="transverse", seed=0, forces=(90.0,), quick=True)

@@ -4,11 +4,11 @@ from dataclasses import replace
 
 import pytest
 
-from scenarios import assemble, barrel, run, saved
-from scenarios.perturbations.loop import SensorFailure
-from scenarios.runner import run_through
-from sim.evaluation.metrics import path_error
-from sim.interfaces.messages import AbortCode, FaultKind, WorkState
+from uuv import assemble, barrel, run, saved
+from uuv.perturbations.loop import SensorFailure
+from uuv.runner import run_through
+from uuv.sim.evaluation.metrics import path_error
+from uuv.sim.interfaces.messages import AbortCode, FaultKind, WorkState
 
 SHORT = "tests/integration/test_gyro_faults.py::test_before_the_contact_a_gyro_is_done_without"
 

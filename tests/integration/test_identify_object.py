@@ -5,8 +5,8 @@ import json
 import numpy as np
 import pytest
 
-from models.objects import targets
-from scenarios.object_scenes import object_scene
+from uuv.models.objects import targets
+from uuv.clouds.object_scenes import object_scene
 
 
 @pytest.fixture(scope="module")

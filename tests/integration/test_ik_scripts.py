@@ -7,7 +7,7 @@ import pytest
 
 
 def test_the_gimbal_lock_is_passed_within_the_speed_limit(script, tmp_path: Path) -> None:
-    done = script("papers.track_singularity", "--quick", "--speed-limit", "0.12", "--out", tmp_path)
+    done = script("experiments.papers.track_singularity", "--quick", "--speed-limit", "0.12", "--out", tmp_path)
     assert done.returncode == 0, done.stdout + done.stderr
     assert done.stderr == ""
     runs = json.loads((tmp_path / "metrics.json").read_text())["runs"]
@@ -23,7 +23,7 @@ def test_the_gimbal_lock_is_passed_within_the_speed_limit(script, tmp_path: Path
 
 @pytest.mark.long
 def test_the_servo_arm_does_all_three_experiments(script, tmp_path: Path) -> None:
-    done = script("papers.servo_arm", "--quick", "--out", tmp_path)
+    done = script("experiments.papers.servo_arm", "--quick", "--out", tmp_path)
     assert done.returncode == 0, done.stdout + done.stderr
     assert done.stderr == ""
     metrics = json.loads((tmp_path / "metrics.json").read_text())
@@ -38,7 +38,7 @@ def test_the_servo_arm_does_all_three_experiments(script, tmp_path: Path) -> Non
 
 def test_the_benchmark_writes_its_tables(script, tmp_path: Path) -> None:
     options = ("--arms", "puma560", "--targets", "10", "--rates", "50", "--limits", "180", "--links", "6", "24", "48")
-    done = script("benchmarks.ik", *options, "--repeats", "1", "--no-peers", "--out", tmp_path)
+    done = script("experiments.kinematics.ik", *options, "--repeats", "1", "--no-peers", "--out", tmp_path)
     assert done.returncode in (0, 1), done.stdout + done.stderr  # 1: too few targets for the rate of jacobian_free
     assert done.stderr == ""
     results = json.loads((tmp_path / "bench_ik.json").read_text())
@@ -50,7 +50,7 @@ def test_the_benchmark_writes_its_tables(script, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("name", "options", "culprit"),
-    [("benchmarks.ik", ("--arms", "puma"), "'puma'"), ("papers.track_singularity", ("--speed", "0"), "--speed")],
+    [("experiments.kinematics.ik", ("--arms", "puma"), "'puma'"), ("experiments.papers.track_singularity", ("--speed", "0"), "--speed")],
 )
 def test_bad_input_ends_in_one_line(script, name: str, options: tuple[str, ...], culprit: str) -> None:
     done = script(name, *options)

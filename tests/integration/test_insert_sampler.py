@@ -5,8 +5,8 @@ import json
 import jsonschema
 import pytest
 
-from sim import hydrodynamics
-from sim.evaluation.insertion_metrics import InsertionBounds, crashed, schema
+from uuv.sim import hydrodynamics
+from uuv.sim.evaluation.insertion_metrics import InsertionBounds, crashed, schema
 
 BOUNDS = InsertionBounds()
 

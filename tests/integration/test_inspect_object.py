@@ -5,8 +5,8 @@ import json
 import jsonschema
 import pytest
 
-from sim import hydrodynamics
-from sim.evaluation.inspection_metrics import InspectionBounds, schema
+from uuv.sim import hydrodynamics
+from uuv.sim.evaluation.inspection_metrics import InspectionBounds, schema
 
 BOUNDS = InspectionBounds()
 

@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from scenarios.assembly import assemble
-from scenarios.options import barrel
-from scenarios.perturbations.target import MountedObject, MovingObject
-from scenarios.runner import Run, run
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.messages import AbortCode, WorkState
+from uuv.assembly import assemble
+from uuv.jobs import barrel
+from uuv.perturbations.target import MountedObject, MovingObject
+from uuv.runner import Run, run
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.messages import AbortCode, WorkState
 
 
 def work_on(*perturbations, **options) -> Run:

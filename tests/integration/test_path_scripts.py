@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 
 import clean_object
-from models.meshes.closed_shells import sphere
-from models.meshes.ply_files import write_ply
-from models.objects.targets import TargetModel, barrel, rock
-from scenarios.options import barrel as barrel_scenario
-from scenarios.own_vehicle import OwnVehicle, vehicle_spec
-from scenarios.perception_studies import paths
-from scenarios.scenario import Scenario
-from scenarios.tasks.surface_work import PlacedSurfaceWork, SurfaceWorkTask
-from sim.interfaces.errors import ConfigurationError
+from uuv.models.meshes.closed_shells import sphere
+from uuv.models.meshes.ply_files import write_ply
+from uuv.models.objects.targets import TargetModel, barrel, rock
+from uuv.jobs import barrel as barrel_scenario
+from uuv.own_vehicle import OwnVehicle, vehicle_spec
+from experiments.toolpath import path_deviation as paths
+from uuv.scenario import Scenario
+from uuv.tasks.surface_work import PlacedSurfaceWork, SurfaceWorkTask
+from uuv.sim.interfaces.errors import ConfigurationError
 from surface_distance import signed_distance
 
 

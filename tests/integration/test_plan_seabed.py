@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from models.site.seabed import seabed
-from scenarios.study import read_rows
+from uuv.models.site.seabed import seabed
+from uuv.experiment import read_rows
 
 
 @pytest.fixture
@@ -40,7 +40,7 @@ def test_bad_files_end_in_one_line(script, files):
 
 
 def test_study_of_terrains(script, tmp_path):
-    done = script("studies.seabed", "--runs", 2, "--workers", 1, "--beam", 2, "--out", tmp_path)
+    done = script("experiments.seabed.seabed", "--runs", 2, "--workers", 1, "--beam", 2, "--out", tmp_path)
     assert done.returncode == 0, done.stderr
     runs = read_rows(tmp_path)
     assert [run["kind"] for run in runs] == ["flat", "ripples"]

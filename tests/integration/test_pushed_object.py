@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from scenarios.assembly import assemble
-from scenarios.options import barrel
-from scenarios.perturbations.target import PushedObject
-from scenarios.runner import assessed, run, run_through
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.messages import AbortCode, WorkState
+from uuv.assembly import assemble
+from uuv.jobs import barrel
+from uuv.perturbations.target import PushedObject
+from uuv.runner import assessed, run, run_through
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.messages import AbortCode, WorkState
 
 SCANS = 5.0  # [s] at which the hull of seed 1 is at rest and scans
 AT, RAMP, UNTIL = 6.6, 0.5, 8.2  # [s] of the push, and of the end

@@ -14,26 +14,16 @@ import mujoco
 import numpy as np
 import pytest
 
-import models
-from models.objects.targets import barrel
-from sim.evaluation.metrics import Bounds
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.messages import (
-    Command,
-    ContactEstimate,
-    DepthImage,
-    HullLoad,
-    Reference,
-    StateEstimate,
-    Target,
-    ToolPath,
-    WorkState,
-)
-from sim.interfaces.pose_covariance import PoseCovariance
-from sim.interfaces.spatial import pose, transform_points
-from sim.loop.rollout import Moment
-from sim.reporting import rerun_stream
-from sim.reporting.rerun_log import RerunLog
+from uuv import models
+from uuv.models.objects.targets import barrel
+from uuv.sim.evaluation.metrics import Bounds
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.messages import Command, ContactEstimate, DepthImage, HullLoad, Reference, StateEstimate, Target, ToolPath, WorkState
+from uuv.sim.interfaces.pose_covariance import PoseCovariance
+from uuv.sim.interfaces.spatial import pose, transform_points
+from uuv.sim.loop.rollout import Moment
+from uuv.sim.reporting import rerun_stream
+from uuv.sim.reporting.rerun_log import RerunLog
 
 X_WT = pose(p=[1.0, 0.1, -1.5])
 PERIOD = 0.002  # [s]

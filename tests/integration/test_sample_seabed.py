@@ -7,10 +7,10 @@ import jsonschema
 import numpy as np
 import pytest
 
-from perception.seabed.seabed_finder import SeabedFinder
-from sim import hydrodynamics
-from sim.evaluation.seabed_metrics import SeabedBounds, schema
-from sim.interfaces.messages import GroundPlane, SonarScan, StateEstimate
+from uuv.perception.seabed.seabed_finder import SeabedFinder
+from uuv.sim import hydrodynamics
+from uuv.sim.evaluation.seabed_metrics import SeabedBounds, schema
+from uuv.sim.interfaces.messages import GroundPlane, SonarScan, StateEstimate
 from untyped import untyped
 
 BOUNDS = SeabedBounds()
@@ -127,7 +127,7 @@ def test_a_file_that_is_no_cloud_is_refused_before_anything_moves(script, tmp_pa
 
 def test_the_story_of_a_drag_has_its_profile_with_both_axes():
     """The finder's state and an estimate with a plane, as in a run, to a log that notes what it is shown."""
-    from scenarios.tasks.seabed_sampling import SeabedRecorder
+    from uuv.tasks.seabed_sampling import SeabedRecorder
 
     rng = np.random.default_rng(2)
     finder = SeabedFinder([[-0.2, 0.0, -1.5], [0.2, 0.1, -1.5]], cloud_W=flat(rng))

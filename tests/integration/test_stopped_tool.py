@@ -6,14 +6,14 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import pytest
 
-from controllers.planning.promise import StopLimits
-from perception.navigation.strapdown_filter import Navigation, NavigationState
-from scenarios.assembly import assemble
-from scenarios.options import barrel
-from scenarios.runner import run
-from scenarios.scenario import Sensing
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.messages import FaultKind, Measurement, StateEstimate, ToolAtRest, WorkState
+from uuv.controllers.planning.promise import StopLimits
+from uuv.perception.navigation.strapdown_filter import Navigation, NavigationState
+from uuv.assembly import assemble
+from uuv.jobs import barrel
+from uuv.runner import run
+from uuv.scenario import Sensing
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.messages import FaultKind, Measurement, StateEstimate, ToolAtRest, WorkState
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -8,13 +8,13 @@ from pathlib import Path
 import jsonschema
 import pytest
 
-from scenarios.study import read_rows
+from uuv.experiment import read_rows
 
 SOFT = ("--ranges.stiffness", "1e4", "2e4")  # keeps the physics at its longest step
 
 
 def study(root: Path, out: Path, *options: str) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "scripts/studies/contact.py", "--quick", "--out", str(out), *SOFT, *options]
+    command = [sys.executable, "scripts/experiments/contact/contact.py", "--quick", "--out", str(out), *SOFT, *options]
     return subprocess.run(command, cwd=root, capture_output=True, text=True, timeout=600, check=False)
 
 
@@ -58,7 +58,7 @@ def test_two_runs_are_the_same_whoever_does_them(root, tmp_path):
     ],
 )
 def test_bad_input_is_one_line_and_code_2(script, tmp_path, options, said):
-    done = script("studies.contact", "--out", tmp_path, *options)
+    done = script("experiments.contact.contact", "--out", tmp_path, *options)
     assert done.returncode == 2, done.stdout + done.stderr
     assert done.stderr.startswith("error: ")
     assert done.stderr.count("\n") == 1

@@ -7,16 +7,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-import models
-from controllers.arm.inverse_dynamics import ArmDynamics
-from models.vehicle import Vehicle
+from uuv import models
+from uuv.controllers.arm.inverse_dynamics import ArmDynamics
+from uuv.models.vehicle import Vehicle
 
 AHEAD = np.array([0.0, 0.2, 0.0, 0.0, 0.0, 0.0])  # [rad] laid out straight
 
 
 @pytest.fixture
 def pushing() -> Any:
-    return import_module("scenarios.pushing")
+    return import_module("experiments.vehicles.pushing")
 
 
 @pytest.fixture

@@ -3,11 +3,11 @@
 import json
 from pathlib import Path
 
-from scenarios.study import read_rows
+from uuv.experiment import read_rows
 
 
 def test_one_scene_of_each_sensor(script, tmp_path: Path):
-    run = script("studies.identification", "--objects", "manifold", "--runs", 1, "--out", tmp_path)
+    run = script("experiments.identification.identification", "--objects", "manifold", "--runs", 1, "--out", tmp_path)
     assert run.returncode == 0, run.stderr
     rows = read_rows(tmp_path)
     assert [row["sensor"] for row in rows] == ["stereo", "white", "sonar"]
@@ -19,6 +19,6 @@ def test_one_scene_of_each_sensor(script, tmp_path: Path):
 
 
 def test_unknown_object_is_refused(script):
-    run = script("studies.identification", "--objects", "teapot")
+    run = script("experiments.identification.identification", "--objects", "teapot")
     assert run.returncode == 2
     assert "manifold" in run.stderr

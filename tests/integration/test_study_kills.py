@@ -14,8 +14,8 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from scenarios.study import read_rows
-from scenarios.study.cluster_keeper import kept_cluster
+from uuv.experiment import read_rows
+from uuv.experiment.cluster_keeper import kept_cluster
 
 KILLS, CASES = 20, 400
 RAY_CASES = 3000  # twice what comes until the last kill: a new node takes seconds, in which the other one goes on
@@ -26,7 +26,7 @@ import sys
 sys.path.insert(0, "scripts")
 from pathlib import Path
 from pool_tasks import slow_and_logged
-from scenarios.study import Study, StudyOptions, Summary
+from uuv.experiment import Study, StudyOptions, Summary
 if __name__ == "__main__":
     out = Path(sys.argv[1])
     study = Study(

@@ -4,12 +4,12 @@ from pathlib import Path
 
 import pytest
 
-from scenarios.study import read_rows
+from uuv.experiment import read_rows
 
 
 @pytest.mark.long
 def test_one_scene(script, tmp_path: Path):
-    run = script("studies.sensors", "--runs", 1, "--workers", 1, "--out", tmp_path)
+    run = script("experiments.identification.sensors", "--runs", 1, "--workers", 1, "--out", tmp_path)
     assert run.returncode == 0, run.stderr
     (row,) = read_rows(tmp_path)
     rows = row["sensors"]
@@ -21,6 +21,6 @@ def test_one_scene(script, tmp_path: Path):
 
 
 def test_no_scenes_are_refused(script):
-    run = script("studies.sensors", "--runs", 0)
+    run = script("experiments.identification.sensors", "--runs", 0)
     assert run.returncode == 2
     assert "--runs" in run.stderr

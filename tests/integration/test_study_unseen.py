@@ -6,11 +6,11 @@ from statistics import median
 
 import pytest
 
-from scenarios.study import read_rows
+from uuv.experiment import read_rows
 
 
 def run_study(script, folder: Path, *options: object) -> tuple[list[dict], dict]:
-    run = script("studies.unseen", "--out", folder, *options)
+    run = script("experiments.identification.unseen.unseen", "--out", folder, *options)
     assert run.returncode == 0, run.stderr
     assert "Verdicts" in (folder / "report.html").read_text()
     return read_rows(folder), json.loads((folder / "metrics.json").read_text())
@@ -44,6 +44,6 @@ def test_all_kinds_of_scenes(script, tmp_path: Path):
 
 
 def test_no_scenes_at_all_are_refused(script):
-    run = script("studies.unseen", "--runs", 0, "--wrong", 0)
+    run = script("experiments.identification.unseen.unseen", "--runs", 0, "--wrong", 0)
     assert run.returncode == 2
     assert "no scenes" in run.stderr

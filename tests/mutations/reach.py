@@ -2,7 +2,7 @@
 
 A node is (module, top-level name); a class is one node. What a statement mentions are its edges: names of its own file,
 names that it imports, attributes of modules, fixtures by their parameters, and modules named by a string
-(`models.load("uuv_puma")`, `script("clean_barrel")`, `uncompiled("calib.kernels")`). It is a guide to what is worth
+(`uuv.models.load("uuv_puma")`, `script("clean_barrel")`, `uncompiled("uuv.calib.kernels")`). It is a guide to what is worth
 running, not a proof.
 """
 
@@ -108,7 +108,7 @@ class Reach:
                 elif isinstance(node, ast.arg) and module.name.startswith("tests."):
                     found.update((m, name) for m in self._by_stem["conftest"] if name in self._modules[m].names)
             elif isinstance(node, ast.Constant) and isinstance(node.value, str) and node.value in self._modules:
-                dotted = node.value  # `uncompiled("controllers.ik.sweeps")`
+                dotted = node.value  # `uncompiled("uuv.controllers.ik.sweeps")`
             elif isinstance(node, ast.Constant) and isinstance(node.value, str) and node.value.isidentifier():
                 for named in self._by_stem.get(node.value, ()):
                     if self._modules[named].path.startswith(("models/", "scripts/")):

@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sim import hydrodynamics
-from sim.interfaces.errors import PhysicsWarning
+from uuv.sim import hydrodynamics
+from uuv.sim.interfaces.errors import PhysicsWarning
 
 
 def pytest_configure(config: pytest.Config) -> None:

@@ -3,9 +3,9 @@
 import mujoco
 import numpy as np
 
-from models import hydrodynamics as water
-from models.hydrodynamics import BodyHydrodynamics, StripDrag
-from sim.interfaces.spatial import Array
+from uuv.models import hydrodynamics as water
+from uuv.models.hydrodynamics import BodyHydrodynamics, StripDrag
+from uuv.sim.interfaces.spatial import Array
 
 DENSITY = 1000.0  # [kg/m^3]
 

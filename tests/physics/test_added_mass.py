@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from models import hydrodynamics as water
-from models.hydrodynamics import BodyHydrodynamics
-from sim import hydrodynamics
-from sim.interfaces.spatial import Array, exp_so3, quat_wxyz_from_rotation
+from uuv.models import hydrodynamics as water
+from uuv.models.hydrodynamics import BodyHydrodynamics
+from uuv.sim import hydrodynamics
+from uuv.sim.interfaces.spatial import Array, exp_so3, quat_wxyz_from_rotation
 from tests.physics.random_trees import semidefinite
 
 NEWER = tuple(int(x) for x in mujoco.__version__.split(".")[:2]) >= (4, 0)

@@ -9,11 +9,11 @@ import mujoco.batch
 import numpy as np
 import pytest
 
-from models import hydrodynamics as water
-from models.hydrodynamics import BodyHydrodynamics
-from sim import hydrodynamics
-from sim.interfaces.spatial import Array
-from sim.water.current import Current
+from uuv.models import hydrodynamics as water
+from uuv.models.hydrodynamics import BodyHydrodynamics
+from uuv.sim import hydrodynamics
+from uuv.sim.interfaces.spatial import Array
+from uuv.sim.water.current import Current
 
 NEWER = tuple(int(x) for x in mujoco.__version__.split(".")[:2]) >= (4, 0)
 INTEGRATORS = ["EULER", "RK4", "IMPLICIT", "IMPLICITFAST"]

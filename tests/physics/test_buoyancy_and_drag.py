@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 from scipy.special import ellipk
 
-from models import hydrodynamics as water
-from models.hydrodynamics import BodyHydrodynamics, StripDrag
-from sim import hydrodynamics
-from sim.interfaces.spatial import exp_so3, quat_wxyz_from_rotation
+from uuv.models import hydrodynamics as water
+from uuv.models.hydrodynamics import BodyHydrodynamics, StripDrag
+from uuv.sim import hydrodynamics
+from uuv.sim.interfaces.spatial import exp_so3, quat_wxyz_from_rotation
 
 RHO = 1000.0
 FREE = """

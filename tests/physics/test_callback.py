@@ -5,11 +5,11 @@ import mujoco.rollout
 import numpy as np
 import pytest
 
-from models import hydrodynamics as water
-from models.hydrodynamics import BodyHydrodynamics
-from sim import hydrodynamics
-from sim.interfaces.errors import HydrodynamicsError
-from sim.interfaces.spatial import Array
+from uuv.models import hydrodynamics as water
+from uuv.models.hydrodynamics import BodyHydrodynamics
+from uuv.sim import hydrodynamics
+from uuv.sim.interfaces.errors import HydrodynamicsError
+from uuv.sim.interfaces.spatial import Array
 
 ARM = """
 <mujoco>

@@ -6,10 +6,10 @@ import mujoco
 import numpy as np
 import pytest
 
-from models import hydrodynamics as water
-from models.hydrodynamics import BodyHydrodynamics
-from sim import hydrodynamics
-from sim.interfaces.spatial import Array
+from uuv.models import hydrodynamics as water
+from uuv.models.hydrodynamics import BodyHydrodynamics
+from uuv.sim import hydrodynamics
+from uuv.sim.interfaces.spatial import Array
 from tests.physics.random_trees import semidefinite
 
 NEWER = tuple(int(x) for x in mujoco.__version__.split(".")[:2]) >= (4, 0)

@@ -11,7 +11,7 @@ from importlib.util import find_spec
 import mujoco
 import pytest
 
-from sim.interfaces.extras import DM_CONTROL_RUNS
+from uuv.sim.interfaces.extras import DM_CONTROL_RUNS
 
 if find_spec("dm_control") is None:
     pytest.skip("dm_control is not installed here", allow_module_level=True)
@@ -20,7 +20,7 @@ NEWER = int(mujoco.__version__.partition(".")[0]) > DM_CONTROL_RUNS
 _PARTS = """
 import dm_control.rl.control, dm_control.utils.rewards, dm_control.mjcf, dm_control.composer
 import numpy as np
-from sim.environment import hover
+from uuv.sim.environment import hover
 environment = hover(seed=0, time_limit=0.1)
 moment = environment.reset()
 while not moment.last():
@@ -34,7 +34,7 @@ root.worldbody.add("geom", type="sphere", size=[0.1])
 mjcf.Physics.from_mjcf_model(root).step()
 """
 _DOOR = """
-from scenarios import composer
+from uuv import environments as composer
 composer.load("water", "hover", seed=0).reset()
 """
 

@@ -7,10 +7,10 @@ import mujoco
 import numpy as np
 import pytest
 
-from models import hydrodynamics as water
-from models.hydrodynamics import BodyHydrodynamics, StripDrag
-from sim import hydrodynamics
-from sim.interfaces.errors import ConfigurationError, HydrodynamicsError
+from uuv.models import hydrodynamics as water
+from uuv.models.hydrodynamics import BodyHydrodynamics, StripDrag
+from uuv.sim import hydrodynamics
+from uuv.sim.interfaces.errors import ConfigurationError, HydrodynamicsError
 from untyped import untyped
 
 NAN = float("nan")

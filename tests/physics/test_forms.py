@@ -1,4 +1,4 @@
-"""Forms of the water (`models.water.forms`): plain formulas at random states, power, symmetry, closed forms, doors."""
+"""Forms of the water (`uuv.models.water.forms`): plain formulas at random states, power, symmetry, closed forms, doors."""
 
 import re
 from dataclasses import replace
@@ -8,18 +8,19 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from controllers.hull.thrust_margin import ThrustMargin
-from models import gz_sim, load
-from models import hydrodynamics as water
-from models.hydrodynamics import LAYOUT, BodyHydrodynamics
-from models.vehicles import reach_alpha_5
-from models.water.forms import CrossTerms, FadingDamping, Form, LiftDrag, MunkFactor, PlanarStrip
-from scenarios.perturbations.vehicle import Water
-from sim import hydrodynamics
-from sim.interfaces.errors import ConfigurationError, HydrodynamicsError, PhysicsWarning
-from sim.interfaces.spatial import Array, unit_vector
-from sim.plant import reaction_wrench
-from sim.water import energy
+from uuv.controllers.hull.thrust_margin import ThrustMargin
+from uuv.models.files import gz_sim
+from uuv.models import load
+from uuv.models import hydrodynamics as water
+from uuv.models.hydrodynamics import LAYOUT, BodyHydrodynamics
+from uuv.models.vehicles import reach_alpha_5
+from uuv.models.water.forms import CrossTerms, FadingDamping, Form, LiftDrag, MunkFactor, PlanarStrip
+from uuv.perturbations.vehicle import Water
+from uuv.sim import hydrodynamics
+from uuv.sim.interfaces.errors import ConfigurationError, HydrodynamicsError, PhysicsWarning
+from uuv.sim.interfaces.spatial import Array, unit_vector
+from uuv.sim.plant import reaction_wrench
+from uuv.sim.water import energy
 from tests.physics.random_trees import random_coefficients, random_spec, semidefinite, set_in_motion
 from untyped import untyped
 

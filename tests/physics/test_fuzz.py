@@ -12,10 +12,10 @@ import mujoco
 import numpy as np
 import pytest
 
-from models import hydrodynamics as water
-from models.hydrodynamics import BodyHydrodynamics, StripDrag
-from sim import hydrodynamics
-from sim.interfaces.errors import UuvError
+from uuv.models import hydrodynamics as water
+from uuv.models.hydrodynamics import BodyHydrodynamics, StripDrag
+from uuv.sim import hydrodynamics
+from uuv.sim.interfaces.errors import UuvError
 
 CASES = int(os.environ.get("UUV_FUZZ", "60"))
 BAD_NUMBERS: list[Any] = [float("nan"), float("inf"), -float("inf"), -1.0, -1e-12, 1e300, 1e18, 1e-300, 10**400]

@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from models import hydrodynamics as water
-from models.hydrodynamics import BodyHydrodynamics
-from sim import hydrodynamics
-from sim.interfaces.spatial import Array
+from uuv.models import hydrodynamics as water
+from uuv.models.hydrodynamics import BodyHydrodynamics
+from uuv.sim import hydrodynamics
+from uuv.sim.interfaces.spatial import Array
 from tests.physics.random_trees import semidefinite
 
 DENSITY, GRAVITY, LENGTH = 1000.0, 9.81, 0.8

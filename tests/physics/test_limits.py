@@ -12,16 +12,16 @@ import mujoco
 import numpy as np
 import pytest
 
-import models
-from models import hydrodynamics as water
-from models.hydrodynamics import LAYOUT, BodyHydrodynamics
-from sim import hydrodynamics
-from sim.interfaces.errors import ConfigurationError, HydrodynamicsError, PhysicsWarning
-from sim.interfaces.messages import Command
-from sim.plant.plant import Plant
-from sim.water.current import Current
+from uuv import models
+from uuv.models import hydrodynamics as water
+from uuv.models.hydrodynamics import LAYOUT, BodyHydrodynamics
+from uuv.sim import hydrodynamics
+from uuv.sim.interfaces.errors import ConfigurationError, HydrodynamicsError, PhysicsWarning
+from uuv.sim.interfaces.messages import Command
+from uuv.sim.plant.plant import Plant
+from uuv.sim.water.current import Current
 
-pytestmark = pytest.mark.filterwarnings("error::sim.interfaces.errors.PhysicsWarning")
+pytestmark = pytest.mark.filterwarnings("error::uuv.sim.interfaces.errors.PhysicsWarning")
 
 BALL = """
 <mujoco>
@@ -111,7 +111,7 @@ def test_an_mjb_brings_its_water_into_a_new_process(root: Path, tmp_path: Path):
     mujoco.mj_saveModel(mujoco.MjModel.from_xml_string(BALL), str(tmp_path / "dry.mjb"))
     code = f"""
 import mujoco
-from sim import hydrodynamics
+from uuv.sim import hydrodynamics
 mujoco.MjModel.from_binary_path({str(tmp_path / "dry.mjb")!r})
 print(mujoco.get_mjcb_passive())
 model = mujoco.MjModel.from_binary_path({str(tmp_path / "wet.mjb")!r})

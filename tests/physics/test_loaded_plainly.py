@@ -6,17 +6,17 @@ import mujoco
 import numpy as np
 import pytest
 
-import models
-from controllers.arm.inverse_dynamics import ArmDynamics
-from controllers.hull.station_keeping import StationKeeping
-from models import hydrodynamics as water
-from models.vehicle import Vehicle
-from sim import hydrodynamics
-from sim.interfaces.errors import ConfigurationError, HydrodynamicsError
-from sim.interfaces.spatial import exp_so3, quat_wxyz_from_rotation
-from sim.plant.plant import Plant
-from sim.plant.reaction_wrench import wrench
-from sim.water.current import Current
+from uuv import models
+from uuv.controllers.arm.inverse_dynamics import ArmDynamics
+from uuv.controllers.hull.station_keeping import StationKeeping
+from uuv.models import hydrodynamics as water
+from uuv.models.vehicle import Vehicle
+from uuv.sim import hydrodynamics
+from uuv.sim.interfaces.errors import ConfigurationError, HydrodynamicsError
+from uuv.sim.interfaces.spatial import exp_so3, quat_wxyz_from_rotation
+from uuv.sim.plant.plant import Plant
+from uuv.sim.plant.reaction_wrench import wrench
+from uuv.sim.water.current import Current
 
 TILTED = exp_so3([0.3, -0.2, 0.5])
 REST = np.zeros(6)

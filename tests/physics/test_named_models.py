@@ -13,22 +13,22 @@ import mujoco
 import numpy as np
 import pytest
 
-import models
-from controllers.arm.inverse_dynamics import ArmDynamics
-from controllers.hull.allocation import Allocation
-from controllers.hull.station_keeping import StationKeeping
-from models import hydrodynamics as water
-from models.hydrodynamics import BodyHydrodynamics, unpack
-from models.naming import ARM_BASE_BODY, HOME_KEY, HULL_BODY, TIP_SITE
-from models.vehicle import Vehicle
-from models.vehicles import published_hulls
-from sim import hydrodynamics
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.messages import Command, StateEstimate
-from sim.interfaces.spatial import Array, exp_so3, pose, quat_wxyz_from_rotation, rotation_angle, skew
-from sim.plant.plant import Plant, Truth
-from sim.sensors.depth_camera import DepthCamera
-from sim.water.current import Current
+from uuv import models
+from uuv.controllers.arm.inverse_dynamics import ArmDynamics
+from uuv.controllers.hull.allocation import Allocation
+from uuv.controllers.hull.station_keeping import StationKeeping
+from uuv.models import hydrodynamics as water
+from uuv.models.hydrodynamics import BodyHydrodynamics, unpack
+from uuv.models.naming import ARM_BASE_BODY, HOME_KEY, HULL_BODY, TIP_SITE
+from uuv.models.vehicle import Vehicle
+from uuv.models.vehicles import published_hulls
+from uuv.sim import hydrodynamics
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.messages import Command, StateEstimate
+from uuv.sim.interfaces.spatial import Array, exp_so3, pose, quat_wxyz_from_rotation, rotation_angle, skew
+from uuv.sim.plant.plant import Plant, Truth
+from uuv.sim.sensors.depth_camera import DepthCamera
+from uuv.sim.water.current import Current
 
 NAMES = sorted({models.VEHICLES.resolve(name) for name in models.available()})  # without the aliases
 FIXED = ["reach_alpha_5"]  # test_description_says_what_the_model_has holds these two lists against the models

@@ -5,16 +5,16 @@ from functools import cache
 import numpy as np
 import pytest
 
-from models import hydrodynamics as water
-from models.meshes import closed_shells
-from models.wet import panels
-from models.wet.drag import silhouettes, spin_integral
-from models.wet.geoms import primitive
-from models.wet.scan import scanned
-from models.wet.surface import union_surface
-from models.wet.wetting import water_of_shells
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.spatial import Array, exp_so3
+from uuv.models import hydrodynamics as water
+from uuv.models.meshes import closed_shells
+from uuv.models.water_from_geometry import panels
+from uuv.models.water_from_geometry.drag import silhouettes, spin_integral
+from uuv.models.water_from_geometry.geoms import primitive
+from uuv.models.water_from_geometry.scan import scanned
+from uuv.models.water_from_geometry.surface import union_surface
+from uuv.models.water_from_geometry.wetting import water_of_shells
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.spatial import Array, exp_so3
 
 RHO = 1000.0
 SPHERE = 4.0 / 3.0 * np.pi
@@ -155,7 +155,7 @@ def test_surface_of_a_union_is_closed_and_holds_its_volume(turn, within):
     assert closed_shells.open_edges(surface.triangles) == 0
 
 
-@pytest.mark.check("drag: silhouettes and spin of a box", "models.hydrodynamics.box")
+@pytest.mark.check("drag: silhouettes and spin of a box", "uuv.models.hydrodynamics.box")
 def test_box_has_the_areas_of_the_closed_form(within):
     size = (0.5, 0.3, 0.2)
     corners = box(size)

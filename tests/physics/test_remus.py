@@ -1,4 +1,4 @@
-"""REMUS 100 against the equations of its source (`benchmarks.peers.remus100`), integrated by SciPy."""
+"""REMUS 100 against the equations of its source (`experiments.water.remus100`), integrated by SciPy."""
 
 import math
 
@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-import models
-from benchmarks.peers import remus100 as source
-from benchmarks.water import remus
-from models.vehicles import remus100
-from sim import hydrodynamics
+from uuv import models
+from experiments.water import remus100 as source
+from experiments.water import remus
+from uuv.models.vehicles import remus100
+from uuv.sim import hydrodynamics
 
 FLIP = np.array([1.0, -1.0, -1.0, 1.0, -1.0, -1.0])
 

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from models import hydrodynamics as water
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.spatial import Array, exp_so3
+from uuv.models import hydrodynamics as water
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.spatial import Array, exp_so3
 
 RHO = 1000.0
 

@@ -7,17 +7,17 @@ import numpy as np
 import pytest
 from scipy.interpolate import PchipInterpolator
 
-import models
-from models.hydrodynamics import LAYOUT, unpack
-from models.naming import HOME_KEY
-from models.vehicle import Vehicle
-from models.water import thrusters
-from models.water.thruster_curves import command_for, thrust_at
-from models.water.thrusters import Thruster
-from sim import hydrodynamics
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.spatial import Array, exp_so3, rotation_angle
-from sim.plant.thrusters import Thrusters
+from uuv import models
+from uuv.models.hydrodynamics import LAYOUT, unpack
+from uuv.models.naming import HOME_KEY
+from uuv.models.vehicle import Vehicle
+from uuv.models.water import thrusters
+from uuv.models.water.thruster_curves import command_for, thrust_at
+from uuv.models.water.thrusters import Thruster
+from uuv.sim import hydrodynamics
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.spatial import Array, exp_so3, rotation_angle
+from uuv.sim.plant.thrusters import Thrusters
 
 STEP = 0.002  # [s]
 STILL = (np.eye(3), np.zeros(3), np.zeros(3), np.zeros(3))  # attitude, velocities, current

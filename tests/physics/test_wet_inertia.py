@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 from random_trees import random_coefficients, random_spec
 
-import models
-from models import hydrodynamics as water
-from models.hydrodynamics import LAYOUT, BodyHydrodynamics
-from sim import hydrodynamics
-from sim.interfaces.errors import HydrodynamicsError
-from sim.interfaces.spatial import Array
-from sim.water import wet_inertia
+from uuv import models
+from uuv.models import hydrodynamics as water
+from uuv.models.hydrodynamics import LAYOUT, BodyHydrodynamics
+from uuv.sim import hydrodynamics
+from uuv.sim.interfaces.errors import HydrodynamicsError
+from uuv.sim.interfaces.spatial import Array
+from uuv.sim.water import wet_inertia
 
 # Four trees: a moving base with two branches, a chain on a fixed base, a free body, and one without water. Bodies that
 # are welded to a moving one and to the world, a tendon and a servo across trees, and a tendon that is slack.

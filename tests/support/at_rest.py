@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from sim.interfaces.messages import StateEstimate
+from uuv.sim.interfaces.messages import StateEstimate
 
 
 def at_rest(**changed: Any) -> StateEstimate:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from controllers.work_controller import WorkController
+from uuv.controllers.whole_body.work_controller import WorkController
 from good_estimators import RawEstimator
 from untyped import untyped
 

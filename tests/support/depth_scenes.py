@@ -5,17 +5,17 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from models.objects.targets import BARREL_LENGTH, TargetModel, revolve
-from sim.interfaces.messages import DepthImage, StateEstimate
-from sim.interfaces.spatial import Array, exp_so3, inverse, pose, quat_wxyz_from_rotation, rotation_from_z
-from sim.sensors.depth_camera import DepthCamera, StereoNoise
+from uuv.models.objects.targets import BARREL_LENGTH, TargetModel, revolve
+from uuv.sim.interfaces.messages import DepthImage, StateEstimate
+from uuv.sim.interfaces.spatial import Array, exp_so3, inverse, pose, quat_wxyz_from_rotation, rotation_from_z
+from uuv.sim.sensors.depth_camera import DepthCamera, StereoNoise
 
 DEFAULT_NOISE = StereoNoise()
 
 
 @dataclass(frozen=True)
 class Poses:
-    """Bodies' poses of one instant, as `sim.plant.plant.Truth` holds them."""
+    """Bodies' poses of one instant, as `uuv.sim.plant.plant.Truth` holds them."""
 
     time: float
     xpos: Array

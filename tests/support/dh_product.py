@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from sim.interfaces.spatial import Array, exp_so3, pose
+from uuv.sim.interfaces.spatial import Array, exp_so3, pose
 
 
 def tips_here(dh: Array, q: Array, tcp: Array) -> Array:

@@ -1,7 +1,7 @@
 """Estimators that an entry of the benchmark may bring."""
 
-from perception.navigation.raw_navigation import RawNavigation
-from perception.navigation.strapdown_filter import Navigation
+from uuv.perception.navigation.raw_navigation import RawNavigation
+from uuv.perception.navigation.strapdown_filter import Navigation
 
 
 class RawEstimator:

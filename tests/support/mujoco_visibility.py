@@ -1,11 +1,11 @@
-"""Which surface a camera sees by MuJoCo's ray caster: a judge that shares no code with models.meshes.visibility."""
+"""Which surface a camera sees by MuJoCo's ray caster: a judge that shares no code with uuv.models.meshes.visibility."""
 
 from copy import copy
 
 import mujoco
 import numpy as np
 
-from sim.interfaces.spatial import Array
+from uuv.sim.interfaces.spatial import Array
 
 _INCIDENCE = np.radians(75.0)  # largest at which a surface counts as seen
 _SKIN = 2e-3  # [m] a hit this close to the sample is the sample

@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from perception.navigation.strapdown_filter import Navigation, NavigationState
-from sim.interfaces.messages import EncoderMeasurement, Measurement, StateEstimate, TorqueMeasurement
-from sim.interfaces.spatial import GRAVITY, Array, exp_so3
-from sim.sensors import proprioception
+from uuv.perception.navigation.strapdown_filter import Navigation, NavigationState
+from uuv.sim.interfaces.messages import EncoderMeasurement, Measurement, StateEstimate, TorqueMeasurement
+from uuv.sim.interfaces.spatial import GRAVITY, Array, exp_so3
+from uuv.sim.sensors import proprioception
 
 UP = np.array([0.0, 0.0, GRAVITY])
 

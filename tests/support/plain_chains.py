@@ -1,20 +1,20 @@
-"""Chains with their kernel memory, for tests of single kernels of `controllers.ik` in plain Python."""
+"""Chains with their kernel memory, for tests of single kernels of `uuv.controllers.ik` in plain Python."""
 
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from controllers.ik.chain import Chain, memory_of
-from sim.interfaces.spatial import Array, exp_so3, pose
+from uuv.controllers.ik.chain import Chain, memory_of
+from uuv.sim.interfaces.spatial import Array, exp_so3, pose
 from uncompiled import uncompiled
 
 kernels, sweeps, parts, descent, stages = uncompiled(
-    "controllers.ik.chain_kernels",
-    "controllers.ik.sweeps",
-    "controllers.ik.pose_parts",
-    "controllers.ik.damped_descent",
-    "controllers.ik.paper_stages",
+    "uuv.controllers.ik.chain_kernels",
+    "uuv.controllers.ik.sweeps",
+    "uuv.controllers.ik.pose_parts",
+    "uuv.controllers.ik.damped_descent",
+    "uuv.controllers.ik.paper_stages",
 )
 SCALE = 0.5  # of the memories here: a power of two that is not 1
 

@@ -1,4 +1,4 @@
-"""Tasks for the tests of `scripts/scenarios/study`, in a module that a fresh process loads quickly."""
+"""Tasks for the tests of `uuv/study`, in a module that a fresh process loads quickly."""
 
 import os
 import signal
@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.errors import ConfigurationError
 
 DEADLY = 2
 

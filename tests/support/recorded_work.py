@@ -4,13 +4,13 @@ from types import MappingProxyType
 
 import numpy as np
 
-import models
-from models.objects.targets import barrel
-from models.vehicle import Vehicle
-from sim.evaluation.metrics import TrueObject
-from sim.interfaces.messages import Target, WorkState
-from sim.interfaces.spatial import exp_so3, pose, transform_points
-from sim.loop.recording import STATES, Event, Recording, Series
+from uuv import models
+from uuv.models.objects.targets import barrel
+from uuv.models.vehicle import Vehicle
+from uuv.sim.evaluation.metrics import TrueObject
+from uuv.sim.interfaces.messages import Target, WorkState
+from uuv.sim.interfaces.spatial import exp_so3, pose, transform_points
+from uuv.sim.loop.recording import STATES, Event, Recording, Series
 
 DT = 0.002  # [s]
 SPEED = 0.05  # [m/s]

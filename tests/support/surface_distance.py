@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from models.meshes.nearest_surface import NearestSurface
-from models.meshes.ray_casting import RayScene
-from sim.interfaces.spatial import Array
+from uuv.models.meshes.nearest_surface import NearestSurface
+from uuv.models.meshes.ray_casting import RayScene
+from uuv.sim.interfaces.spatial import Array
 
 
 def signed_distance(vertices: Array, triangles: np.ndarray, points: Array) -> Array:

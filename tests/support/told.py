@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field
 from itertools import groupby
 
-from sim.interfaces.messages import Reference, WorkState
+from uuv.sim.interfaces.messages import Reference, WorkState
 
 
 @dataclass

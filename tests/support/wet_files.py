@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from sim.interfaces.spatial import Array
+from uuv.sim.interfaces.spatial import Array
 
 INERTIAL = '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
 

@@ -1,4 +1,4 @@
-"""Published criterion of a fitted pose [Konoplin 2022, eq. 2], beside `perception.registration.pose_check`.
+"""Published criterion of a fitted pose [Konoplin 2022, eq. 2], beside `uuv.perception.registration.pose_check`.
 
 Points c_i in a plane perpendicular to o = -(S - H_D)/|S - H_D| are projected along o on the triangulated surfaces of
 model and scan of the object, which they meet in C_i and C'_i.
@@ -8,12 +8,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from perception.clouds.scan import distances_along
-from perception.registration.evidence import Evidence
-from perception.registration.model_surface import ModelSurface
-from perception.registration.pose_check import circle, direction, in_plane, lateral_reach
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.spatial import Array, inverse, transform_points
+from uuv.perception.clouds.scan import distances_along
+from uuv.perception.registration.evidence import Evidence
+from uuv.perception.registration.model_surface import ModelSurface
+from uuv.perception.registration.pose_check import circle, direction, in_plane, lateral_reach
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.spatial import Array, inverse, transform_points
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -28,7 +28,7 @@ class PublishedCriterion:
 def published_criterion(
     evidence: Evidence, surface: ModelSurface, X_ST: Array, curve: str = "line", n: int = 50
 ) -> PublishedCriterion:
-    """Published criterion Q at the pose `X_ST`, for comparison with `perception.registration.pose_check`.
+    """Published criterion Q at the pose `X_ST`, for comparison with `uuv.perception.registration.pose_check`.
 
     Args:
         evidence: Scan of the object.

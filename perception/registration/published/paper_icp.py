@@ -2,7 +2,7 @@
 
 The model's centroid is put on the scan's, then ICP runs a few iterations with all model points. Points that the sensor
 cannot see are removed and ICP runs until its error no longer decreases. If the error is then above the required one, a
-new scan is requested. Point-to-plane ICP from the scan to the visible model (`perception.registration.fine_fit`) is
+new scan is requested. Point-to-plane ICP from the scan to the visible model (`uuv.perception.registration.fine_fit`) is
 several times as accurate.
 """
 
@@ -11,9 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
-from perception.registration.evidence import Evidence
-from perception.registration.model_surface import ModelSurface
-from sim.interfaces.spatial import Array, pose, transform_points
+from uuv.perception.registration.evidence import Evidence
+from uuv.perception.registration.model_surface import ModelSurface
+from uuv.sim.interfaces.spatial import Array, pose, transform_points
 
 _MODEL_POINTS = 4000  # model points used, at most
 _FALLS = 1e-5  # [-] relative decrease of the error below which ICP stops

@@ -1,6 +1,6 @@
 """Compiled kernels: the decorators that compile them, and the store on disk that keeps the machine code.
 
-    from sim.interfaces.kernels import kernel
+    from uuv.sim.interfaces.kernels import kernel
 
     @kernel
     def norm2(x): ...
@@ -12,6 +12,6 @@
 numba. Every clone, worktree, environment and process of a user shares the one store.
 """
 
-from sim.interfaces.kernels.stored import c_function, is_stored, kernel
+from uuv.sim.interfaces.kernels.stored import c_function, is_stored, kernel
 
 __all__ = ["c_function", "is_stored", "kernel"]

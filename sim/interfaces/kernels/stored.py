@@ -20,8 +20,8 @@ from numba.core.ccallback import CFunc
 from numba.core.serialize import dumps
 from numba.core.sigutils import normalize_signature
 
-from sim.interfaces.kernels import store
-from sim.interfaces.kernels.stamps import UnkeyableError, stamp
+from uuv.sim.interfaces.kernels import store
+from uuv.sim.interfaces.kernels.stamps import UnkeyableError, stamp
 
 # Settings of numba that change machine code. A name that this version of numba does not have counts as None.
 _SETTINGS = (

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from test_calib_fit import OFF_AXIS, PAPER, UR10E
 
-from calib import Arm, MapFit, identify
-from calib.simulation import touch
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.spatial import Array
+from uuv.calib import Arm, MapFit, identify
+from uuv.calib.simulation import touch
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.spatial import Array
 from untyped import untyped
 
 

@@ -6,17 +6,17 @@ from functools import partial
 import numpy as np
 import pytest
 
-from calib import identify
-from calib.arm_files import read_arm
-from calib.moving_base import BASE_JOINTS, on_moving_base, own_parameters, with_base
-from calib.parameters import widest_prior
-from calib.simulation import touch, wrong_arm
-from calib.verdicts.doubts import Examination, coincide, examine
-from calib.verdicts.evidence import Told
-from models.arms import published_arms
-from models.arms.serial_arm import SerialArm
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.spatial import Array, exp_so3, inverse, pose, transform_points
+from uuv.calib import identify
+from uuv.calib.arm_files import read_arm
+from uuv.calib.moving_base import BASE_JOINTS, on_moving_base, own_parameters, with_base
+from uuv.calib.parameters import widest_prior
+from uuv.calib.simulation import touch, wrong_arm
+from uuv.calib.verdicts.doubts import Examination, coincide, examine
+from uuv.calib.verdicts.evidence import Told
+from uuv.models.arms import published_arms
+from uuv.models.arms.serial_arm import SerialArm
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.spatial import Array, exp_so3, inverse, pose, transform_points
 
 TIP = np.array([0.06, -0.02, 0.15])
 STRAIGHT = np.array([0.0, 0.0, 0.15])  # on the last axis of the nominal arm

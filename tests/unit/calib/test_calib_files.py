@@ -7,13 +7,13 @@ import mujoco
 import numpy as np
 import pytest
 
-import models
-from calib import Arm, moving_base, results, touches
-from calib.arm_files import read_arm
-from calib.touch_files import read_touches, write_touches
-from models.arms import dh_geometry
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.spatial import exp_so3, inverse, pose, readonly
+from uuv import models
+from uuv.calib import Arm, moving_base, results, touches
+from uuv.calib.arm_files import read_arm
+from uuv.calib.touch_files import read_touches, write_touches
+from uuv.models.arms import dh_geometry
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.spatial import exp_so3, inverse, pose, readonly
 
 
 def random_arm(rng: np.random.Generator, types: str = "rrprrr") -> Arm:

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from dh_product import drawn_arm, link_frames
-from sim.interfaces.spatial import Array
+from uuv.sim.interfaces.spatial import Array
 from uncompiled import uncompiled
 
-*_, kernels = uncompiled("models.arms.kinematics", "models.arms.tip_places", "calib.kernels")
+*_, kernels = uncompiled("uuv.models.arms.kinematics", "uuv.models.arms.tip_places", "uuv.calib.kernels")
 
 
 def test_the_size_is_the_root_of_summed_squares(rng: np.random.Generator) -> None:

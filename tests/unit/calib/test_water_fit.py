@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from calib.water.findings import findings, together
-from calib.water.logs import log_of, read_log, write_log
-from calib.water.named_fit import NamedParameter, Slopes, fit_blocks, values_of
-from calib.water.planning import information, planned
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.spatial import Array
+from uuv.calib.water.findings import findings, together
+from uuv.calib.water.logs import log_of, read_log, write_log
+from uuv.calib.water.named_fit import NamedParameter, Slopes, fit_blocks, values_of
+from uuv.calib.water.planning import information, planned
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.spatial import Array
 
 THRUSTERS, JOINTS = ("bow", "stern"), {"elbow": (-1.5, 1.5)}
 

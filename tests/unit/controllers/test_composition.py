@@ -7,15 +7,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-import models
-from controllers.arm.inverse_dynamics import ArmDynamics
-from controllers.arm.position_force import ForceDisplacement
-from controllers.estimation.load_observer import MomentumObserver
-from controllers.work_controller import WorkController, WorkControllerState
-from models.vehicle import Vehicle
-from scenarios.contact_parts import ablated, as_published
-from sim.interfaces.messages import Command, Reference, StateEstimate, WorkState
-from sim.interfaces.spatial import exp_so3, pose
+from uuv import models
+from uuv.controllers.arm.inverse_dynamics import ArmDynamics
+from uuv.controllers.arm.position_force import ForceDisplacement
+from uuv.controllers.estimation.load_observer import MomentumObserver
+from uuv.controllers.whole_body.work_controller import WorkController, WorkControllerState
+from uuv.models.vehicle import Vehicle
+from uuv.components.contact_parts import ablated, as_published
+from uuv.sim.interfaces.messages import Command, Reference, StateEstimate, WorkState
+from uuv.sim.interfaces.spatial import exp_so3, pose
 
 OWN = models.load("uuv_puma").compile()
 VEHICLE, ARM = Vehicle.of(OWN), ArmDynamics(OWN)

@@ -5,14 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-import models
-from controllers.arm.inverse_dynamics import ArmDynamics
-from controllers.mkps import Chain
-from controllers.work_controller import WorkController
-from models.naming import ARM_BASE_BODY, TIP_SITE
-from models.vehicle import Vehicle
-from sim.interfaces.messages import Reference, StateEstimate, WorkState
-from sim.interfaces.spatial import Array, exp_so3, log_so3, pose
+from uuv import models
+from uuv.controllers.arm.inverse_dynamics import ArmDynamics
+from uuv.controllers.mkps import Chain
+from uuv.controllers.whole_body.work_controller import WorkController
+from uuv.models.naming import ARM_BASE_BODY, TIP_SITE
+from uuv.models.vehicle import Vehicle
+from uuv.sim.interfaces.messages import Reference, StateEstimate, WorkState
+from uuv.sim.interfaces.spatial import Array, exp_so3, log_so3, pose
 
 OWN = models.load("uuv_puma").compile()
 VEHICLE = Vehicle.of(OWN)

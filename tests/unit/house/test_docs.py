@@ -11,13 +11,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-import models
-from controllers.arm.inverse_dynamics import ArmDynamics
-from models.vehicle import Vehicle
-from scenarios import assemble, barrel
-from scenarios.cli.skeletons import SENSOR
-from sim.interfaces.messages import Command, Reference, StateEstimate
-from sim.interfaces.protocols import Controller
+from uuv import models
+from uuv.controllers.arm.inverse_dynamics import ArmDynamics
+from uuv.models.vehicle import Vehicle
+from uuv import assemble, barrel
+from uuv.cli.skeletons import SENSOR
+from uuv.sim.interfaces.messages import Command, Reference, StateEstimate
+from uuv.sim.interfaces.protocols import Controller
 from untyped import untyped
 
 

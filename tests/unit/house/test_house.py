@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from sim.runs.command_line import ROOMS
+from uuv.sim.runs.command_line import ROOMS
 
 ROOT = Path(__file__).resolve().parents[3]
 SCRIPTS = sorted(
@@ -25,7 +25,7 @@ SCRIPTS = sorted(
 )
 README = ROOT / "README.md"
 DOCUMENTS = [README, *sorted((ROOT / "docs").glob("*.md"))]
-LEAF = "sim.interfaces"
+LEAF = "uuv.sim.interfaces"
 
 
 def commands_in(document: Path) -> list[str]:

@@ -4,9 +4,9 @@ import mujoco
 import numpy as np
 import pytest
 
-from models.tools import touch_rig
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.spatial import rotation_from_z
+from uuv.models.tools import touch_rig
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.spatial import rotation_from_z
 
 WORLD = """<mujoco><option timestep="0.001" gravity="{gravity}"/><worldbody>
 <body name="link" pos="{place}"><freejoint/><geom name="old" size=".05" mass="1"/><site name="tip"/>

@@ -6,14 +6,14 @@ import mujoco
 import numpy as np
 import pytest
 
-from models.meshes.closed_shells import box, open_edges, volume, welded
-from models.meshes.nearest_surface import NearestSurface
-from models.meshes.ray_casting import RayScene
-from models.objects import targets
-from models.objects.deformed import Patch, deformed, dented, fouled
-from models.objects.target_model import TargetModel
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.spatial import pose
+from uuv.models.meshes.closed_shells import box, open_edges, volume, welded
+from uuv.models.meshes.nearest_surface import NearestSurface
+from uuv.models.meshes.ray_casting import RayScene
+from uuv.models.objects import targets
+from uuv.models.objects.deformed import Patch, deformed, dented, fouled
+from uuv.models.objects.target_model import TargetModel
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.spatial import pose
 
 
 def block() -> TargetModel:

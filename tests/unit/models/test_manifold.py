@@ -4,15 +4,15 @@ import mujoco
 import numpy as np
 import pytest
 
-import models
-from models import hydrodynamics
-from models.objects.manifold import SIDES, SIZE, manifold
-from models.tools import sampler
-from models.tools.sampler import SAMPLER, STIFFNESS
-from models.vehicle import Vehicle
-from models.vehicles import uuv_puma
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.spatial import Array, exp_so3, pose
+from uuv import models
+from uuv.models import hydrodynamics
+from uuv.models.objects.manifold import SIDES, SIZE, manifold
+from uuv.models.tools import sampler
+from uuv.models.tools.sampler import SAMPLER, STIFFNESS
+from uuv.models.vehicle import Vehicle
+from uuv.models.vehicles import uuv_puma
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.spatial import Array, exp_so3, pose
 
 HOLES = [(0.02, 0.08, 0.002), (0.0185, 0.05, 0.0), (0.03, 0.1, 0.005)]  # radius, depth, chamfer [m]
 

@@ -5,9 +5,9 @@ import pytest
 import trimesh
 from scipy.spatial import cKDTree
 
-from models.objects import targets
-from models.objects.mesh_symmetry import mesh_symmetry
-from sim.interfaces.spatial import exp_so3, transform_points
+from uuv.models.objects import targets
+from uuv.models.objects.mesh_symmetry import mesh_symmetry
+from uuv.sim.interfaces.spatial import exp_so3, transform_points
 
 AT = np.array([0.3, -0.2, 0.5])  # [m]
 TURN = exp_so3([0.4, -1.1, 0.7])

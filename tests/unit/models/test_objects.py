@@ -4,15 +4,15 @@ import mujoco
 import numpy as np
 import pytest
 
-from models.meshes import convex_parts
-from models.meshes.closed_shells import box, open_edges, revolve, sphere, split, volume, welded
-from models.meshes.nearest_surface import NearestSurface
-from models.meshes.ray_casting import RayScene
-from models.objects import targets
-from models.objects.rock import rock
-from models.objects.target_model import TargetModel
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.spatial import exp_so3, pose, transform_points
+from uuv.models.meshes import convex_parts
+from uuv.models.meshes.closed_shells import box, open_edges, revolve, sphere, split, volume, welded
+from uuv.models.meshes.nearest_surface import NearestSurface
+from uuv.models.meshes.ray_casting import RayScene
+from uuv.models.objects import targets
+from uuv.models.objects.rock import rock
+from uuv.models.objects.target_model import TargetModel
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.spatial import exp_so3, pose, transform_points
 from surface_distance import signed_distance
 
 OBJECTS = {name: targets.named(name) for name in targets.available()} | {"another rock": rock(5)}

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from models.registry import Registry
-from sim.interfaces.errors import ConfigurationError
+from uuv.models.registry import Registry
+from uuv.sim.interfaces.errors import ConfigurationError
 
 BOXES = Registry("box", {"small": lambda size=1: size, "large": lambda: 10}, {"big": "large"})
 

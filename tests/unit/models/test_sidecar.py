@@ -10,14 +10,15 @@ import numpy as np
 import pytest
 import yaml
 
-import models
-from models import hydrodynamics, sidecar
-from models.hydrodynamics import BodyHydrodynamics, StripDrag
-from models.site.scenes import vehicle_spec
-from models.water import thrusters
-from models.water.forms import CrossTerms, FadingDamping, LiftDrag, MunkFactor, PlanarStrip
-from models.water.thrusters import Thruster
-from sim.interfaces.errors import ConfigurationError
+from uuv import models
+from uuv.models import hydrodynamics
+from uuv.models.files import sidecar
+from uuv.models.hydrodynamics import BodyHydrodynamics, StripDrag
+from uuv.models.site.scenes import vehicle_spec
+from uuv.models.water import thrusters
+from uuv.models.water.forms import CrossTerms, FadingDamping, LiftDrag, MunkFactor, PlanarStrip
+from uuv.models.water.thrusters import Thruster
+from uuv.sim.interfaces.errors import ConfigurationError
 
 BARE = """<mujoco><worldbody>
   <body name="hull"><freejoint/><geom type="box" size=".3 .2 .15" mass="30"/><site name="bow"/><site name="stern"/>

@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 import trimesh
 
-from models.meshes.ray_casting import RayScene
-from models.objects.targets import ModelPath, Symmetry, TargetModel, barrel, longitudinal, revolve, starfish, transverse
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.spatial import exp_so3, pose, rotation_angle, transform_points
+from uuv.models.meshes.ray_casting import RayScene
+from uuv.models.objects.targets import ModelPath, Symmetry, TargetModel, barrel, longitudinal, revolve, starfish, transverse
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.spatial import exp_so3, pose, rotation_angle, transform_points
 
 BARREL = barrel()
 

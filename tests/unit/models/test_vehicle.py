@@ -5,10 +5,10 @@ from collections.abc import Callable
 import mujoco
 import pytest
 
-import models
-from models.naming import find
-from models.vehicle import Vehicle, body_in_body, pose_in_body
-from sim.interfaces.errors import ConfigurationError
+from uuv import models
+from uuv.models.naming import find
+from uuv.models.vehicle import Vehicle, body_in_body, pose_in_body
+from uuv.sim.interfaces.errors import ConfigurationError
 
 
 def rename(kind: str, name: str) -> Callable[[mujoco.MjSpec], None]:

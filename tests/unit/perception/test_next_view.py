@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from depth_scenes import look, seen_from
-from models.objects.targets import barrel
-from perception.clouds.scan import Scan
-from perception.next_view import predicted_information, predicted_sigma, ranked_views, telling_nats, views_around
-from perception.registration.identification import Identification, identify
-from perception.registration.model_surface import ModelSurface
-from perception.registration.pose_search import Hypothesis
-from sim.interfaces.spatial import Array, inverse, pose, transform_points
+from uuv.models.objects.targets import barrel
+from uuv.perception.clouds.scan import Scan
+from uuv.perception.finding.next_view import predicted_information, predicted_sigma, ranked_views, telling_nats, views_around
+from uuv.perception.registration.identification import Identification, identify
+from uuv.perception.registration.model_surface import ModelSurface
+from uuv.perception.registration.pose_search import Hypothesis
+from uuv.sim.interfaces.spatial import Array, inverse, pose, transform_points
 
 VIEW = seen_from(np.array([0.2, -1.0, 0.7]))
 BARREL = ModelSurface.of(barrel())

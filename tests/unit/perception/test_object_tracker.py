@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from depth_scenes import look, seen_from
-from models.objects.targets import barrel
-from perception.object_tracker import ObjectTracker, TrackerState
-from perception.registration.model_surface import ModelSurface
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.messages import DepthImage, StateEstimate
-from sim.interfaces.spatial import Array, pose
+from uuv.models.objects.targets import barrel
+from uuv.perception.finding.object_tracker import ObjectTracker, TrackerState
+from uuv.perception.registration.model_surface import ModelSurface
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.messages import DepthImage, StateEstimate
+from uuv.sim.interfaces.spatial import Array, pose
 
 VIEW = seen_from(np.array([0.2, -1.0, 0.7]))
 STILL, MOVED = 6, 2  # frames

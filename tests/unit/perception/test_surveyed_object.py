@@ -7,18 +7,18 @@ import numpy as np
 import pytest
 import trimesh
 
-from models.objects.targets import barrel, block
-from models.site.scenes import work_site
-from perception.surveyed_object import SURVEY_SIGMA, SurveyedObjectFinder
-from scenarios.own_vehicle import vehicle_spec
-from scenarios.site import KnownObject
-from sim import hydrodynamics
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.messages import DepthImage, StateEstimate, SurveyedPose
-from sim.interfaces.spatial import exp_so3, inverse, pose, transform_points
-from sim.plant.plant import Plant
-from sim.sensors.survey import Survey
-from sim.water.current import Current
+from uuv.models.objects.targets import barrel, block
+from uuv.models.site.scenes import work_site
+from uuv.perception.finding.surveyed_object import SURVEY_SIGMA, SurveyedObjectFinder
+from uuv.own_vehicle import vehicle_spec
+from uuv.site import KnownObject
+from uuv.sim import hydrodynamics
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.messages import DepthImage, StateEstimate, SurveyedPose
+from uuv.sim.interfaces.spatial import exp_so3, inverse, pose, transform_points
+from uuv.sim.plant.plant import Plant
+from uuv.sim.sensors.survey import Survey
+from uuv.sim.water.current import Current
 
 ZERO = np.zeros(3)
 AT_REST = StateEstimate(

@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 from depth_scenes import look, seen_from
-from models.objects.targets import barrel
-from perception.clouds.scan import Scan
-from perception.registration.identification import identify
-from perception.registration.model_surface import ModelSurface
-from perception.target_finder import Frame, KnownObjectFinder, fused, with_fused_frames
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.messages import StateEstimate
-from sim.interfaces.spatial import exp_so3, inverse, pose, readonly, transform_points
+from uuv.models.objects.targets import barrel
+from uuv.perception.clouds.scan import Scan
+from uuv.perception.registration.identification import identify
+from uuv.perception.registration.model_surface import ModelSurface
+from uuv.perception.finding.target_finder import Frame, KnownObjectFinder, fused, with_fused_frames
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.messages import StateEstimate
+from uuv.sim.interfaces.spatial import exp_so3, inverse, pose, readonly, transform_points
 
 BARREL = barrel()
 ZERO = np.zeros(3)

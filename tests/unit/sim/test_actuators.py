@@ -7,10 +7,10 @@ import mujoco
 import numpy as np
 import pytest
 
-from models.water import thrusters
-from models.water.thrusters import Thruster
-from sim.interfaces.errors import ConfigurationError
-from sim.sensors import proprioception
+from uuv.models.water import thrusters
+from uuv.models.water.thrusters import Thruster
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.sensors import proprioception
 
 
 def spec(actuator: str) -> mujoco.MjSpec:

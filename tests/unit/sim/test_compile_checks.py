@@ -8,10 +8,10 @@ import mujoco
 import numpy as np
 import pytest
 
-from models import hydrodynamics as water
-from sim import hydrodynamics
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.spatial import checked, checked_pose, exp_so3, fitting, pose
+from uuv.models import hydrodynamics as water
+from uuv.sim import hydrodynamics
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.spatial import checked, checked_pose, exp_so3, fitting, pose
 from untyped import untyped
 
 SPOILT: list[Any] = [

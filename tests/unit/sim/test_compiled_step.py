@@ -7,16 +7,16 @@ import numba
 import numpy as np
 import pytest
 
-import models
-from sim import hydrodynamics
-from sim.interfaces.errors import ConfigurationError, HydrodynamicsError
-from sim.interfaces.messages import Command
-from sim.interfaces.spatial import Array
-from sim.plant import compiled_step
-from sim.plant.plant import Plant, Truth
-from sim.plant.readout import DATA, MODEL, STEP1, STEP2
-from sim.water.current import _BLOCK, Current
-from sim.water.native_memory import call_physics
+from uuv import models
+from uuv.sim import hydrodynamics
+from uuv.sim.interfaces.errors import ConfigurationError, HydrodynamicsError
+from uuv.sim.interfaces.messages import Command
+from uuv.sim.interfaces.spatial import Array
+from uuv.sim.plant import compiled_step
+from uuv.sim.plant.plant import Plant, Truth
+from uuv.sim.plant.readout import DATA, MODEL, STEP1, STEP2
+from uuv.sim.water.current import _BLOCK, Current
+from uuv.sim.water.native_memory import call_physics
 
 STEPS = 200
 REST = Command(time=0.0, joint_torque=np.zeros(6), thrusters=np.zeros(6), scan=False)

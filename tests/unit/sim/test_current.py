@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-import models
-from sim import hydrodynamics
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.spatial import Array
-from sim.plant.plant import Plant
-from sim.water.current import Current, Wave
+from uuv import models
+from uuv.sim import hydrodynamics
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.spatial import Array
+from uuv.sim.plant.plant import Plant
+from uuv.sim.water.current import Current, Wave
 
 MEAN = (0.15, -0.05, 0.02)  # [m/s]
 

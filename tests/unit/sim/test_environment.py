@@ -14,21 +14,21 @@ import pytest
 if sys.version_info >= (3, 13):
     pytest.skip("dm_control has no packages for this Python", allow_module_level=True)
 
-from sim import environment  # isort: skip  # before dm_control, whose absence it names
+from uuv.sim import environment  # isort: skip  # before dm_control, whose absence it names
 
 from dm_control.rl import control
 from dm_env.test_utils import EnvironmentTestMixin
 
-import models
-from models.vehicle import Vehicle
-from sim import hydrodynamics
-from sim.environment import HoverTask, PlantPhysics, hover
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.messages import Command
-from sim.interfaces.spatial import Array, exp_so3, pose
-from sim.plant.arm_hold import HOLD_ANGLE, HOLD_TIME
-from sim.plant.plant import Plant
-from sim.water.current import Current
+from uuv import models
+from uuv.models.vehicle import Vehicle
+from uuv.sim import hydrodynamics
+from uuv.sim.environment import HoverTask, PlantPhysics, hover
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.messages import Command
+from uuv.sim.interfaces.spatial import Array, exp_so3, pose
+from uuv.sim.plant.arm_hold import HOLD_ANGLE, HOLD_TIME
+from uuv.sim.plant.plant import Plant
+from uuv.sim.water.current import Current
 
 STILL = Current(np.zeros(3))
 THRUSTERS = 6
@@ -279,7 +279,7 @@ def test_divergence_is_an_error(monkeypatch: pytest.MonkeyPatch, tmp_path: Path)
 
 
 def test_needs_no_rendering(root: Path):
-    code = "import sys, sim.environment; print(*sys.modules)"  # `import mujoco` loads glfw
+    code = "import sys, uuv.sim.environment; print(*sys.modules)"  # `import mujoco` loads glfw
     env = {name: value for name, value in os.environ.items() if name != "MUJOCO_GL"}  # tests of pictures may set it
     run = subprocess.run([sys.executable, "-c", code], cwd=root, env=env, capture_output=True, text=True, check=True)
     loaded = set(run.stdout.split())

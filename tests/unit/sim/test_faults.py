@@ -7,16 +7,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-import models
-from sim import hydrodynamics
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.messages import Command, ImuMeasurement, Target, ToolPath, TorqueMeasurement, WorkState
-from sim.interfaces.protocols import Sensor
-from sim.interfaces.spatial import exp_so3
-from sim.plant import faults
-from sim.plant.plant import Plant
-from sim.sensors.proprioception import JointTorqueSensors
-from sim.water.current import Current
+from uuv import models
+from uuv.sim import hydrodynamics
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.messages import Command, ImuMeasurement, Target, ToolPath, TorqueMeasurement, WorkState
+from uuv.sim.interfaces.protocols import Sensor
+from uuv.sim.interfaces.spatial import exp_so3
+from uuv.sim.plant import faults
+from uuv.sim.plant.plant import Plant
+from uuv.sim.sensors.proprioception import JointTorqueSensors
+from uuv.sim.water.current import Current
 
 MEAN = (0.2, -0.1, 0.0)
 

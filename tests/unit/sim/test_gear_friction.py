@@ -4,17 +4,17 @@ import mujoco
 import numpy as np
 import pytest
 
-import models
-from controllers.arm.joint_servo import track_gear_friction
-from models.arms import gear_friction
-from models.arms.gear_friction import GearFriction
-from models.vehicle import Vehicle
-from sim import hydrodynamics
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.messages import Command
-from sim.plant.plant import Plant
-from sim.sensors import proprioception
-from sim.water.current import Current
+from uuv import models
+from uuv.controllers.arm.joint_servo import track_gear_friction
+from uuv.models.arms import gear_friction
+from uuv.models.arms.gear_friction import GearFriction
+from uuv.models.vehicle import Vehicle
+from uuv.sim import hydrodynamics
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.messages import Command
+from uuv.sim.plant.plant import Plant
+from uuv.sim.sensors import proprioception
+from uuv.sim.water.current import Current
 
 JOINT = "joint1"  # about the vertical: no weight
 

@@ -6,11 +6,11 @@ import mujoco
 import numpy as np
 import pytest
 
-from models import hydrodynamics as water
-from models.hydrodynamics import LAYOUT, BodyHydrodynamics
-from sim import hydrodynamics
-from sim.interfaces.errors import HydrodynamicsError
-from sim.interfaces.spatial import exp_so3, quat_wxyz_from_rotation
+from uuv.models import hydrodynamics as water
+from uuv.models.hydrodynamics import LAYOUT, BodyHydrodynamics
+from uuv.sim import hydrodynamics
+from uuv.sim.interfaces.errors import HydrodynamicsError
+from uuv.sim.interfaces.spatial import exp_so3, quat_wxyz_from_rotation
 
 BOX = (0.1, 0.2, 0.4)  # [m] half sizes
 

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from sim.interfaces.messages import Target, ToolPath
-from sim.interfaces.pose_covariance import PoseCovariance, mean_pose
-from sim.interfaces.spatial import Array, exp_so3, pose, readonly, transform_points
+from uuv.sim.interfaces.messages import Target, ToolPath
+from uuv.sim.interfaces.pose_covariance import PoseCovariance, mean_pose
+from uuv.sim.interfaces.spatial import Array, exp_so3, pose, readonly, transform_points
 
 RADIUS = 0.5  # [m]
 NONE = np.zeros((0, 6))

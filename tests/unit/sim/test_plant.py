@@ -7,13 +7,13 @@ import mujoco
 import numpy as np
 import pytest
 
-import models
-from sim import hydrodynamics
-from sim.interfaces.errors import ConfigurationError, HydrodynamicsError
-from sim.interfaces.messages import Command
-from sim.interfaces.spatial import pose
-from sim.plant.plant import Plant
-from sim.water.current import Current
+from uuv import models
+from uuv.sim import hydrodynamics
+from uuv.sim.interfaces.errors import ConfigurationError, HydrodynamicsError
+from uuv.sim.interfaces.messages import Command
+from uuv.sim.interfaces.spatial import pose
+from uuv.sim.plant.plant import Plant
+from uuv.sim.water.current import Current
 from untyped import untyped
 
 STILL = Current((0.0, 0.0, 0.0))
@@ -80,7 +80,7 @@ def test_a_vehicle_without_coefficients_may_have_the_fluid_of_mujoco():
     ("given", "says"),
     [
         ({"model": mujoco.MjSpec()}, "expected a compiled mujoco.MjModel, got <mujoco"),
-        ({"current": [0.0, 0.0, 0.0]}, r"current: expected a sim.water.current.Current, got \[0.0, 0.0, 0.0\]"),
+        ({"current": [0.0, 0.0, 0.0]}, r"current: expected a uuv.sim.water.current.Current, got \[0.0, 0.0, 0.0\]"),
         ({"substeps": 0}, "substeps must be a whole number >= 1, got 0"),
         ({"substeps": -4}, "substeps must be a whole number >= 1, got -4"),
         ({"substeps": 2.0}, "substeps must be a whole number >= 1, got 2.0"),

@@ -4,7 +4,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from sim.plant.readout import COLLISION, CONTACTS, FORCE, LEAST, MOST, NORMAL, gears_and_contacts, places_of
+from uuv.sim.plant.readout import COLLISION, CONTACTS, FORCE, LEAST, MOST, NORMAL, gears_and_contacts, places_of
 
 # A "vehicle" of two balls, one of them the pad; a floor, a wall, and a stone that lies loose. With friction in a joint.
 WORLD = """

@@ -5,24 +5,10 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from models.site.seabed import KINDS, Seabed, seabed
-from models.site.soil import (
-    SOILS,
-    Soil,
-    SoilTool,
-    box,
-    core_tube,
-    cutting_factor,
-    depth_for,
-    mud,
-    pull_resistance,
-    push_resistance,
-    rankine,
-    sand,
-    side_resistance,
-)
-from sim.interfaces.errors import ConfigurationError
-from sim.plant.soil_contact import SoilForce
+from uuv.models.site.seabed import KINDS, Seabed, seabed
+from uuv.models.site.soil import SOILS, Soil, SoilTool, box, core_tube, cutting_factor, depth_for, mud, pull_resistance, push_resistance, rankine, sand, side_resistance
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.plant.soil_contact import SoilForce
 
 TUBE = core_tube(0.018, 0.002)
 DOWN = np.array([0.0, 0.0, -1.0])

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from controllers.arm.compliance import ComplianceState, LateralCompliance
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.spatial import exp_so3
+from uuv.controllers.arm.compliance import ComplianceState, LateralCompliance
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.spatial import exp_so3
 
 DT = 0.004  # [s]
 LAW = LateralCompliance()

@@ -7,13 +7,13 @@ import mujoco
 import numpy as np
 import pytest
 
-import models
-from models import hydrodynamics
-from models.vehicle import Vehicle
-from sim.interfaces.spatial import Array, exp_so3, pose
+from uuv import models
+from uuv.models import hydrodynamics
+from uuv.models.vehicle import Vehicle
+from uuv.sim.interfaces.spatial import Array, exp_so3, pose
 from uncompiled import uncompiled
 
-(dynamics,) = uncompiled("controllers.arm.inverse_dynamics")
+(dynamics,) = uncompiled("uuv.controllers.arm.inverse_dynamics")
 _WORK: dict[int, Array] = {}  # by the number of bodies
 
 

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from controllers.arm.kernel_force_law import KernelForceLaw
-from controllers.arm.position_force import ForceDisplacement
-from sim.interfaces.errors import ConfigurationError
+from uuv.controllers.arm.kernel_force_law import KernelForceLaw
+from uuv.controllers.arm.position_force import ForceDisplacement
+from uuv.sim.interfaces.errors import ConfigurationError
 
 DT = 0.004  # [s]
 

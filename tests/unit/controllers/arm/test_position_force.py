@@ -6,14 +6,14 @@ import mujoco
 import numpy as np
 import pytest
 
-import models
-from controllers.arm.position_force import ForceDisplacement, ForceDisplacementState
-from controllers.tuning import ArmTuning, ForceLoopTuning
-from controllers.work_controller import WorkController
-from models.vehicle import Vehicle
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.messages import Reference, StateEstimate, WorkState
-from sim.interfaces.spatial import pose
+from uuv import models
+from uuv.controllers.arm.position_force import ForceDisplacement, ForceDisplacementState
+from uuv.controllers.tuning import ArmTuning, ForceLoopTuning
+from uuv.controllers.whole_body.work_controller import WorkController
+from uuv.models.vehicle import Vehicle
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.messages import Reference, StateEstimate, WorkState
+from uuv.sim.interfaces.spatial import pose
 
 SERVO = 4e-5  # [m]/[N]
 DT = 0.002  # [s]

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from controllers.arm.published_force_law import PublishedForceLaw, TangentialForceLoop
-from sim.interfaces.errors import ConfigurationError
+from uuv.controllers.arm.published_force_law import PublishedForceLaw, TangentialForceLoop
+from uuv.sim.interfaces.errors import ConfigurationError
 
 DT = 0.004  # [s]
 GAINS = {"proportional": 2e-5, "integral": 3e-4, "derivative": 1e-7}

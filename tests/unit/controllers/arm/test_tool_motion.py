@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from controllers.arm.tool_motion import bumpless, extrapolated
-from sim.interfaces.spatial import exp_so3, pose
+from uuv.controllers.arm.tool_motion import bumpless, extrapolated
+from uuv.sim.interfaces.spatial import exp_so3, pose
 
 
 @pytest.mark.parametrize("turn", [0.0, 1e-5, 0.3, 40.0])

@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-import models
-from controllers.arm.inverse_dynamics import ArmDynamics
-from controllers.arm.wrench_terms import WrenchTerms
-from models import hydrodynamics
-from models.hydrodynamics import BodyHydrodynamics
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.spatial import exp_so3
+from uuv import models
+from uuv.controllers.arm.inverse_dynamics import ArmDynamics
+from uuv.controllers.arm.wrench_terms import WrenchTerms
+from uuv.models import hydrodynamics
+from uuv.models.hydrodynamics import BodyHydrodynamics
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.spatial import exp_so3
 
 
 def motion(rng: np.random.Generator, n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:

@@ -5,13 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-import models
-from controllers.arm.inverse_dynamics import ArmDynamics
-from controllers.estimation.closed_form_force import JOINTS, ClosedFormForce
-from controllers.estimation.force_from_torques import tip_force_closed_form
-from controllers.estimation.tip_force_estimator import ContactState, DriveState, TorqueSensors
-from models.vehicle import Vehicle
-from sim.interfaces.messages import StateEstimate
+from uuv import models
+from uuv.controllers.arm.inverse_dynamics import ArmDynamics
+from uuv.controllers.estimation.closed_form_force import JOINTS, ClosedFormForce
+from uuv.controllers.estimation.force_from_torques import tip_force_closed_form
+from uuv.controllers.estimation.tip_force_estimator import ContactState, DriveState, TorqueSensors
+from uuv.models.vehicle import Vehicle
+from uuv.sim.interfaces.messages import StateEstimate
 
 OWN = models.load("uuv_puma").compile()
 VEHICLE, ARM = Vehicle.of(OWN), ArmDynamics(OWN)

@@ -6,14 +6,14 @@ import mujoco
 import numpy as np
 import pytest
 
-import models
-from controllers.estimation.disturbance_observer import DisturbanceObserver
-from controllers.hull.station_keeping import StationKeeping
-from models import hydrodynamics as coefficients
-from sim import hydrodynamics
-from sim.interfaces.messages import StateEstimate
-from sim.interfaces.spatial import Array, pose
-from sim.water.current import Current
+from uuv import models
+from uuv.controllers.estimation.disturbance_observer import DisturbanceObserver
+from uuv.controllers.hull.station_keeping import StationKeeping
+from uuv.models import hydrodynamics as coefficients
+from uuv.sim import hydrodynamics
+from uuv.sim.interfaces.messages import StateEstimate
+from uuv.sim.interfaces.spatial import Array, pose
+from uuv.sim.water.current import Current
 
 DT = 0.02  # [s]
 NONE = np.zeros(3)

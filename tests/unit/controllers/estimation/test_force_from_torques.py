@@ -4,12 +4,12 @@ import mujoco
 import numpy as np
 import pytest
 
-import models
-from controllers.estimation.force_from_torques import force_covariance, tip_force, tip_force_closed_form, tip_wrench
-from controllers.estimation.tip_force_estimator import Tare, add_to_tare, force_sigma
-from models.naming import TIP_SITE
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.spatial import Array
+from uuv import models
+from uuv.controllers.estimation.force_from_torques import force_covariance, tip_force, tip_force_closed_form, tip_wrench
+from uuv.controllers.estimation.tip_force_estimator import Tare, add_to_tare, force_sigma
+from uuv.models.naming import TIP_SITE
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.spatial import Array
 
 LENGTHS = (0.6, 0.5, 0.22)  # [m] l2, l3, wrist to tip of the default arm
 

@@ -3,18 +3,18 @@
 import numpy as np
 import pytest
 
-import models
-from controllers.estimation.friction_identification import FrictionMotion, identify_friction, over_steps
-from controllers.work_controller import WorkController
-from models.vehicle import Vehicle
-from perception.navigation.strapdown_filter import Navigation
-from sim import hydrodynamics
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.spatial import Array
-from sim.loop.rollout import Moment, Parts, rollout
-from sim.plant.plant import Plant
-from sim.sensors import proprioception
-from sim.water.current import Current
+from uuv import models
+from uuv.controllers.estimation.friction_identification import FrictionMotion, identify_friction, over_steps
+from uuv.controllers.whole_body.work_controller import WorkController
+from uuv.models.vehicle import Vehicle
+from uuv.perception.navigation.strapdown_filter import Navigation
+from uuv.sim import hydrodynamics
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.spatial import Array
+from uuv.sim.loop.rollout import Moment, Parts, rollout
+from uuv.sim.plant.plant import Plant
+from uuv.sim.sensors import proprioception
+from uuv.sim.water.current import Current
 
 TRUE = np.array([0.2, 8.0, 5.0, 6.5, 0.04])  # bias, viscous, coulomb, stiction, Stribeck's speed
 ARMATURE = np.array([0.5])

@@ -6,20 +6,20 @@ import mujoco
 import numpy as np
 import pytest
 
-import models
-from controllers.arm.inverse_dynamics import ArmDynamics, JointMotion, newton_euler, workspace
-from controllers.estimation.force_from_torques import tip_force
-from controllers.estimation.load_observer import LoadObserver, momentum
-from controllers.estimation.tip_force_estimator import SensedArm, force_from_external_torques
-from models import hydrodynamics as water
-from models.hydrodynamics import BodyHydrodynamics
-from models.vehicle import Vehicle
-from sim import hydrodynamics
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.spatial import Array, exp_so3, pose
+from uuv import models
+from uuv.controllers.arm.inverse_dynamics import ArmDynamics, JointMotion, newton_euler, workspace
+from uuv.controllers.estimation.force_from_torques import tip_force
+from uuv.controllers.estimation.load_observer import LoadObserver, momentum
+from uuv.controllers.estimation.tip_force_estimator import SensedArm, force_from_external_torques
+from uuv.models import hydrodynamics as water
+from uuv.models.hydrodynamics import BodyHydrodynamics
+from uuv.models.vehicle import Vehicle
+from uuv.sim import hydrodynamics
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.spatial import Array, exp_so3, pose
 
 # An odd arm is no real one.
-pytestmark = pytest.mark.filterwarnings("ignore::sim.interfaces.errors.PhysicsWarning")
+pytestmark = pytest.mark.filterwarnings("ignore::uuv.sim.interfaces.errors.PhysicsWarning")
 
 LAG = 0.012  # [s]
 CURRENT = np.array([0.3, -0.2, 0.1])  # [m/s]

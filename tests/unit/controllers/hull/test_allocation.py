@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 from scipy.optimize import linprog, lsq_linear, nnls
 
-import models
-from controllers.hull.allocation import AXES, Allocation, bounded, nearest_thrusts, normal_equations, preloads
-from controllers.tuning import HULL
-from models.vehicle import Vehicle
-from models.water import thrusters
-from models.water.thrusters import TIME_CONSTANT, Thruster
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.spatial import Array
-from sim.plant.thrusters import Thrusters
+from uuv import models
+from uuv.controllers.hull.allocation import AXES, Allocation, bounded, nearest_thrusts, normal_equations, preloads
+from uuv.controllers.tuning import HULL
+from uuv.models.vehicle import Vehicle
+from uuv.models.water import thrusters
+from uuv.models.water.thrusters import TIME_CONSTANT, Thruster
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.spatial import Array
+from uuv.sim.plant.thrusters import Thrusters
 
 W = np.array(HULL.gap_weights)
 

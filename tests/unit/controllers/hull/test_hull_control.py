@@ -6,17 +6,17 @@ from typing import Any
 import numpy as np
 import pytest
 
-import models
+from uuv import models
 from at_rest import at_rest
-from controllers.hull.allocation import Allocation
-from controllers.hull.hull_control import HullControl, ThrusterLead
-from models.vehicle import Vehicle
-from models.water.thruster_curves import thrust_in_flow
-from models.water.thrusters import INFLOW_LOSS, LEAST, SLEW_RATE, TIME_CONSTANT, curves
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.messages import Reference, WorkState
-from sim.interfaces.spatial import Array
-from sim.plant.thrusters import Thrusters
+from uuv.controllers.hull.allocation import Allocation
+from uuv.controllers.hull.hull_control import HullControl, ThrusterLead
+from uuv.models.vehicle import Vehicle
+from uuv.models.water.thruster_curves import thrust_in_flow
+from uuv.models.water.thrusters import INFLOW_LOSS, LEAST, SLEW_RATE, TIME_CONSTANT, curves
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.messages import Reference, WorkState
+from uuv.sim.interfaces.spatial import Array
+from uuv.sim.plant.thrusters import Thrusters
 
 DT, STEP = 0.02, 0.002  # [s] of the hover, of the physics
 STILL = np.zeros(6)

@@ -5,8 +5,8 @@ import itertools
 import numpy as np
 from scipy.optimize import linprog, lsq_linear, nnls
 
-from controllers.hull.priorities import solve_levels
-from sim.interfaces.spatial import Array
+from uuv.controllers.hull.priorities import solve_levels
+from uuv.sim.interfaces.spatial import Array
 
 
 def random_layout(rng: np.random.Generator) -> tuple[Array, Array, np.ndarray, Array, Array, Array]:

@@ -4,16 +4,16 @@ import mujoco
 import numpy as np
 import pytest
 
-import models
-from controllers.arm.inverse_dynamics import ArmDynamics
-from controllers.hull.allocation import Allocation
-from controllers.hull.station_keeping import StationKeeping
-from models import hydrodynamics as coefficients
-from models.vehicle import Vehicle
-from sim import hydrodynamics
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.messages import StateEstimate
-from sim.interfaces.spatial import Array, exp_so3, log_so3, pose, quat_wxyz_from_rotation
+from uuv import models
+from uuv.controllers.arm.inverse_dynamics import ArmDynamics
+from uuv.controllers.hull.allocation import Allocation
+from uuv.controllers.hull.station_keeping import StationKeeping
+from uuv.models import hydrodynamics as coefficients
+from uuv.models.vehicle import Vehicle
+from uuv.sim import hydrodynamics
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.messages import StateEstimate
+from uuv.sim.interfaces.spatial import Array, exp_so3, log_so3, pose, quat_wxyz_from_rotation
 
 DT = 0.02  # [s]
 NONE = np.zeros(6)

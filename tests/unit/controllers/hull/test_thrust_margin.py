@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 from numpy.typing import ArrayLike
 
-import models
-from controllers.hull.thrust_margin import ThrustMargin
-from models import hydrodynamics
-from models.vehicle import Vehicle
-from models.water.thrusters import FORWARD, INFLOW_LOSS, REVERSE
-from sim.hydrodynamics import install
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.spatial import Array
+from uuv import models
+from uuv.controllers.hull.thrust_margin import ThrustMargin
+from uuv.models import hydrodynamics
+from uuv.models.vehicle import Vehicle
+from uuv.models.water.thrusters import FORWARD, INFLOW_LOSS, REVERSE
+from uuv.sim.hydrodynamics import install
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.spatial import Array
 
 
 def needed(model: mujoco.MjModel, q: Array, f_tip_G: Array, current_W: ArrayLike = (0.0, 0.0, 0.0)) -> Array:

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from numba import types
 
-from controllers.ik.chain import Chain
+from uuv.controllers.ik.chain import Chain
 from plain_chains import SCALE, by_exponentials, drawn_chain, drawn_q, kernels, plain
-from sim.interfaces.spatial import Array, exp_so3, log_so3, pose
+from uuv.sim.interfaces.spatial import Array, exp_so3, log_so3, pose
 
 H = np.pi / 2
 PUMA = [(0, 0, 0, H), (0, 0, 0.4318, 0), (0, 0.15005, 0.0203, -H), (0, 0.4318, 0, H), (0, 0, 0, -H), (0, 0, 0, 0)]

@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from controllers.ik import chain_kernels, damped_descent, paper_stages, pose_parts, sweeps
-from controllers.mkps import Chain, IkOptions, Method, solve, solve_many
-from models.arms import published_arms
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.spatial import Array, exp_so3, log_so3, pose
+from uuv.controllers.ik import chain_kernels, damped_descent, paper_stages, pose_parts, sweeps
+from uuv.controllers.mkps import Chain, IkOptions, Method, solve, solve_many
+from uuv.models.arms import published_arms
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.spatial import Array, exp_so3, log_so3, pose
 from untyped import untyped
 
 H = np.pi / 2

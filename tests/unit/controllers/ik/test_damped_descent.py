@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from plain_chains import SCALE, Plain, by_exponentials, descent, drawn_chain, drawn_q, kernels, plain, settings
-from sim.interfaces.spatial import Array, exp_so3, pose
+from uuv.sim.interfaces.spatial import Array, exp_so3, pose
 
 
 def jacobian(it: Plain, q: Array) -> Array:

@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from plain_chains import SCALE, Plain, by_exponentials, descent, drawn_chain, drawn_q, kernels, parts, plain
-from sim.interfaces.spatial import Array, exp_so3, pose
+from uuv.sim.interfaces.spatial import Array, exp_so3, pose
 
 ONE = parts.Weights(1.0, 1.0, 1.0)
 

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from benchmarks.ik_parts import REACHER
-from controllers.mkps import Chain, IkOptions, solve, solve_many
-from models.arms import published_arms
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.spatial import Array, exp_so3, pose
+from experiments.kinematics.ik_parts import REACHER
+from uuv.controllers.mkps import Chain, IkOptions, solve, solve_many
+from uuv.models.arms import published_arms
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.spatial import Array, exp_so3, pose
 from untyped import untyped
 
 INF = math.inf

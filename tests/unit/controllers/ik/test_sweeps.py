@@ -5,9 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from controllers.ik.chain import Chain
+from uuv.controllers.ik.chain import Chain
 from plain_chains import SCALE, Plain, by_exponentials, drawn_chain, drawn_q, kernels, plain, settings, sweeps
-from sim.interfaces.spatial import Array, exp_so3, pose
+from uuv.sim.interfaces.spatial import Array, exp_so3, pose
 
 KINDS = ("rrrrrr", "rporrr", "orpor")
 

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
-import models
-from controllers.ik.priorities import DAMPING, FULL, ZONE, prioritised
-from controllers.mkps import Chain, IkOptions, solve
-from models.arms import published_arms
-from models.naming import ARM_BASE_BODY, TIP_SITE
-from sim.interfaces.spatial import Array, exp_so3, inverse, log_so3, pose
+from uuv import models
+from uuv.controllers.ik.priorities import DAMPING, FULL, ZONE, prioritised
+from uuv.controllers.mkps import Chain, IkOptions, solve
+from uuv.models.arms import published_arms
+from uuv.models.naming import ARM_BASE_BODY, TIP_SITE
+from uuv.sim.interfaces.spatial import Array, exp_so3, inverse, log_so3, pose
 
 ARMS = ("panda", "iiwa7", "puma560")
 

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from controllers.ik.method import Method
-from controllers.ik.tracking import Passing
-from controllers.ik.tracking_solvers import solve_at, solver_address
-from controllers.mkps import Chain, IkOptions, Track, Tracker, solve, track
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.spatial import Array, exp_so3, log_so3, pose
+from uuv.controllers.ik.method import Method
+from uuv.controllers.ik.tracking import Passing
+from uuv.controllers.ik.tracking_solvers import solve_at, solver_address
+from uuv.controllers.mkps import Chain, IkOptions, Track, Tracker, solve, track
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.spatial import Array, exp_so3, log_so3, pose
 from untyped import untyped
 
 H = np.pi / 2

@@ -5,20 +5,20 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-import models
-from controllers.mkps import Chain, solve
-from controllers.planning.arm_margins import TILT, posture_for
-from controllers.planning.arm_size import size
-from controllers.planning.carried_arm import HULL_JOINTS, CarriedArm, hull_pose, with_hull
-from controllers.planning.hull_path import hull_gap
-from controllers.planning.path_poses import middle_part, tool_pose
-from controllers.planning.placement import Placement, PlacementSearch, Surroundings
-from models.naming import ARM_BASE_BODY, TIP_SITE
-from models.objects.targets import barrel
-from models.vehicle import Vehicle
-from sim.interfaces.errors import ReachError
-from sim.interfaces.messages import ToolPath
-from sim.interfaces.spatial import Array, exp_so3, inverse, log_so3, pose, transform_points
+from uuv import models
+from uuv.controllers.mkps import Chain, solve
+from uuv.controllers.planning.arm_margins import TILT, posture_for
+from uuv.controllers.planning.arm_size import size
+from uuv.controllers.planning.carried_arm import HULL_JOINTS, CarriedArm, hull_pose, with_hull
+from uuv.controllers.planning.hull_path import hull_gap
+from uuv.controllers.planning.path_poses import middle_part, tool_pose
+from uuv.controllers.planning.placement import Placement, PlacementSearch, Surroundings
+from uuv.models.naming import ARM_BASE_BODY, TIP_SITE
+from uuv.models.objects.targets import barrel
+from uuv.models.vehicle import Vehicle
+from uuv.sim.interfaces.errors import ReachError
+from uuv.sim.interfaces.messages import ToolPath
+from uuv.sim.interfaces.spatial import Array, exp_so3, inverse, log_so3, pose, transform_points
 
 MODEL = models.load("bluerov2_heavy_alpha5").compile()
 VEHICLE = Vehicle.of(MODEL)

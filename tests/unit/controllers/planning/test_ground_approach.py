@@ -6,13 +6,13 @@ import mujoco
 import numpy as np
 import pytest
 
-from controllers.planning.ground_approach import GroundApproach
-from models.site.seabed import Seabed, seabed
-from perception.navigation.ground_plane import GroundPlaneEstimator, plane_through
-from sim.interfaces.errors import ConfigurationError, ReachError
-from sim.interfaces.messages import DvlRangesMeasurement, Measurement, StateEstimate
-from sim.interfaces.spatial import Array, exp_so3, pose, transform_points
-from sim.sensors.dvl_ranges import DvlBeams, DvlRanges
+from uuv.controllers.planning.ground_approach import GroundApproach
+from uuv.models.site.seabed import Seabed, seabed
+from uuv.perception.navigation.ground_plane import GroundPlaneEstimator, plane_through
+from uuv.sim.interfaces.errors import ConfigurationError, ReachError
+from uuv.sim.interfaces.messages import DvlRangesMeasurement, Measurement, StateEstimate
+from uuv.sim.interfaces.spatial import Array, exp_so3, pose, transform_points
+from uuv.sim.sensors.dvl_ranges import DvlBeams, DvlRanges
 from untyped import untyped
 
 P_BD = np.array([-0.7, 0.1, -0.4])

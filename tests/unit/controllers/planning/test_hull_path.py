@@ -6,14 +6,14 @@ import mujoco
 import numpy as np
 import pytest
 
-import models
-from controllers.mkps import Chain
-from controllers.planning.hull_path import CLEARANCE, HullPath
-from models.naming import ARM_BASE_BODY, HULL_BODY, TIP_SITE
-from models.objects.targets import pile
-from models.site import scenes
-from models.vehicle import Vehicle
-from sim.interfaces.spatial import Array, exp_so3, pose, quat_wxyz_from_rotation, transform_points
+from uuv import models
+from uuv.controllers.mkps import Chain
+from uuv.controllers.planning.hull_path import CLEARANCE, HullPath
+from uuv.models.naming import ARM_BASE_BODY, HULL_BODY, TIP_SITE
+from uuv.models.objects.targets import pile
+from uuv.models.site import scenes
+from uuv.models.vehicle import Vehicle
+from uuv.sim.interfaces.spatial import Array, exp_so3, pose, quat_wxyz_from_rotation, transform_points
 
 X_WT = pose(p=[0.2, -0.1, 0.1])
 HULL_BOX = np.array([[-0.8, -0.45, -0.4], [0.8, 0.45, 0.28]])  # [m] of the geom "hull_box"

@@ -4,21 +4,21 @@ import mujoco
 import numpy as np
 import pytest
 
-import models
-from controllers.hull.thrust_margin import ThrustMargin
-from controllers.mkps import Chain, solve
-from controllers.planning import hull_path
-from controllers.planning.arm_margins import ArmMargins, Dropped, ToolTrack, Worked
-from controllers.planning.hull_placement import PathStanding, StandingLimits, place_hull
-from controllers.planning.path_poses import middle_part, tool_pose
-from controllers.planning.placement import Placement, PlacementSearch, Surroundings
-from models.naming import ARM_BASE_BODY, TIP_SITE
-from models.objects.targets import TargetModel, barrel, pile, ring, vertical
-from models.site import scenes
-from models.vehicle import Vehicle
-from sim.interfaces.errors import ReachError, StrongCurrentError
-from sim.interfaces.messages import Target, ToolPath
-from sim.interfaces.spatial import Array, exp_so3, inverse, pose, quat_wxyz_from_rotation, transform_points
+from uuv import models
+from uuv.controllers.hull.thrust_margin import ThrustMargin
+from uuv.controllers.mkps import Chain, solve
+from uuv.controllers.planning import hull_path
+from uuv.controllers.planning.arm_margins import ArmMargins, Dropped, ToolTrack, Worked
+from uuv.controllers.planning.hull_placement import PathStanding, StandingLimits, place_hull
+from uuv.controllers.planning.path_poses import middle_part, tool_pose
+from uuv.controllers.planning.placement import Placement, PlacementSearch, Surroundings
+from uuv.models.naming import ARM_BASE_BODY, TIP_SITE
+from uuv.models.objects.targets import TargetModel, barrel, pile, ring, vertical
+from uuv.models.site import scenes
+from uuv.models.vehicle import Vehicle
+from uuv.sim.interfaces.errors import ReachError, StrongCurrentError
+from uuv.sim.interfaces.messages import Target, ToolPath
+from uuv.sim.interfaces.spatial import Array, exp_so3, inverse, pose, quat_wxyz_from_rotation, transform_points
 
 HULL_BOX = np.array([[-0.8, -0.45, -0.4], [0.8, 0.45, 0.28]])  # [m] of the geom "hull_box"
 X_WT = pose(exp_so3([0.0, 0.0, 0.4]), [0.3, -0.2, -1.5])

@@ -8,11 +8,11 @@ import pytest
 from scipy.special import ndtr
 
 from at_rest import at_rest
-from controllers.planning.promise import NAVIGATION_TIME, PromiseLimits, promise
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.messages import Promise, StateEstimate, Target, ToolPath
-from sim.interfaces.pose_covariance import PoseCovariance
-from sim.interfaces.spatial import Array
+from uuv.controllers.planning.promise import NAVIGATION_TIME, PromiseLimits, promise
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.messages import Promise, StateEstimate, Target, ToolPath
+from uuv.sim.interfaces.pose_covariance import PoseCovariance
+from uuv.sim.interfaces.spatial import Array
 
 N = 21
 ONCE = 0.5 * NAVIGATION_TIME  # [s] of work in which the hull's place errs once

@@ -3,18 +3,18 @@
 import numpy as np
 import pytest
 
-import models
-from controllers.mkps import Chain, solve
-from controllers.planning.path_poses import tool_pose
-from controllers.planning.seabed_height import HeightSearch, choose_height, jet_shear, silt_height
-from controllers.planning.work_vehicle import WorkVehicle
-from models.naming import ARM_BASE_BODY, TIP_SITE
-from models.site.seabed import seabed
-from models.vehicle import Vehicle
-from perception.seabed.terrain_path import core_path
-from sim.interfaces.errors import ReachError
-from sim.interfaces.messages import ToolPath
-from sim.interfaces.spatial import exp_so3, inverse, pose, readonly
+from uuv import models
+from uuv.controllers.mkps import Chain, solve
+from uuv.controllers.planning.path_poses import tool_pose
+from uuv.controllers.planning.seabed_height import HeightSearch, choose_height, jet_shear, silt_height
+from uuv.controllers.planning.work_vehicle import WorkVehicle
+from uuv.models.naming import ARM_BASE_BODY, TIP_SITE
+from uuv.models.site.seabed import seabed
+from uuv.models.vehicle import Vehicle
+from uuv.perception.seabed.terrain_path import core_path
+from uuv.sim.interfaces.errors import ReachError
+from uuv.sim.interfaces.messages import ToolPath
+from uuv.sim.interfaces.spatial import exp_so3, inverse, pose, readonly
 
 SEARCH = HeightSearch(jets_above=0.4)
 HULL_BOX = np.array([[-0.8, -0.45, -0.4], [0.8, 0.45, 0.4]])

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from controllers.planning.path_poses import samples_along
-from controllers.planning.trajectories import TURN, JointMove, PoseMove, Progress, SpeedLaw, progress_along
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.messages import ToolPath
-from sim.interfaces.spatial import Array, exp_so3, pose, rotation_angle
+from uuv.controllers.planning.path_poses import samples_along
+from uuv.controllers.planning.trajectories import TURN, JointMove, PoseMove, Progress, SpeedLaw, progress_along
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.messages import ToolPath
+from uuv.sim.interfaces.spatial import Array, exp_so3, pose, rotation_angle
 
 H = 1e-5  # [s] of the differences
 

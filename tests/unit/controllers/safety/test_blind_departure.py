@@ -7,16 +7,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-import models
-from controllers.arm.inverse_dynamics import ArmDynamics
-from controllers.safety.blind_departure import BlindDeparture, DepartureStage, HullBalance, ascent_direction
-from controllers.safety.safety_wrapper import SafetyWrapper
-from controllers.tuning import HULL, SAFETY
-from models.vehicle import Vehicle
-from models.water.thruster_curves import thrust_at
-from models.water.thrusters import FORWARD, curves
-from sim.interfaces.messages import Command, ContactEstimate, Reference, StateEstimate, WorkState
-from sim.interfaces.spatial import Array, exp_so3, pose
+from uuv import models
+from uuv.controllers.arm.inverse_dynamics import ArmDynamics
+from uuv.controllers.safety.blind_departure import BlindDeparture, DepartureStage, HullBalance, ascent_direction
+from uuv.controllers.safety.safety_wrapper import SafetyWrapper
+from uuv.controllers.tuning import HULL, SAFETY
+from uuv.models.vehicle import Vehicle
+from uuv.models.water.thruster_curves import thrust_at
+from uuv.models.water.thrusters import FORWARD, curves
+from uuv.sim.interfaces.messages import Command, ContactEstimate, Reference, StateEstimate, WorkState
+from uuv.sim.interfaces.spatial import Array, exp_so3, pose
 
 MODEL = models.load("uuv_puma").compile()
 VEHICLE = Vehicle.of(MODEL)

@@ -8,19 +8,19 @@ from typing import Any
 import numpy as np
 import pytest
 
-import models
+from uuv import models
 from at_rest import at_rest
-from controllers.hull.hull_control import ThrusterLead
-from controllers.hull.station_keeping import hull_inertia
-from controllers.safety.fault_detection import FaultDetection
-from controllers.tuning import FaultLimits
-from models import hydrodynamics
-from models.vehicle import Vehicle
-from models.water.thruster_curves import thrust_at, thrust_in_flow
-from models.water.thrusters import INFLOW_LOSS, curves, inflow_levers
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.messages import Command, Fault, FaultKind, HullLoad, StateEstimate
-from sim.interfaces.spatial import Array, exp_so3, pose
+from uuv.controllers.hull.hull_control import ThrusterLead
+from uuv.controllers.hull.station_keeping import hull_inertia
+from uuv.controllers.safety.fault_detection import FaultDetection
+from uuv.controllers.tuning import FaultLimits
+from uuv.models import hydrodynamics
+from uuv.models.vehicle import Vehicle
+from uuv.models.water.thruster_curves import thrust_at, thrust_in_flow
+from uuv.models.water.thrusters import INFLOW_LOSS, curves, inflow_levers
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.messages import Command, Fault, FaultKind, HullLoad, StateEstimate
+from uuv.sim.interfaces.spatial import Array, exp_so3, pose
 
 DT = 0.002
 MODEL = models.load("uuv_puma").compile()

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from controllers.safety.joint_residuals import JointResidualModel, JointResiduals, update_residuals
-from sim.interfaces.spatial import Array
+from uuv.controllers.safety.joint_residuals import JointResidualModel, JointResiduals, update_residuals
+from uuv.sim.interfaces.spatial import Array
 
 DT = 0.002  # [s]
 MODEL = JointResidualModel(

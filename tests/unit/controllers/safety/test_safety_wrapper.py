@@ -6,23 +6,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-import models
-from controllers.arm.inverse_dynamics import ArmDynamics
-from controllers.safety.blind_departure import BlindDeparture, HullBalance
-from controllers.safety.safety_wrapper import SafetyWrapper
-from controllers.tuning import SAFETY, FaultLimits
-from models.vehicle import Vehicle
-from sim.interfaces.messages import (
-    AbortCode,
-    Command,
-    ContactEstimate,
-    Fault,
-    FaultKind,
-    Reference,
-    StateEstimate,
-    WorkState,
-)
-from sim.interfaces.spatial import Array
+from uuv import models
+from uuv.controllers.arm.inverse_dynamics import ArmDynamics
+from uuv.controllers.safety.blind_departure import BlindDeparture, HullBalance
+from uuv.controllers.safety.safety_wrapper import SafetyWrapper
+from uuv.controllers.tuning import SAFETY, FaultLimits
+from uuv.models.vehicle import Vehicle
+from uuv.sim.interfaces.messages import AbortCode, Command, ContactEstimate, Fault, FaultKind, Reference, StateEstimate, WorkState
+from uuv.sim.interfaces.spatial import Array
 
 DT = 0.002
 MODEL = models.load("uuv_puma").compile()

@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from controllers.safety.sensor_checks import SENSOR_CHECKS, sensor_faults
-from sim.interfaces.messages import Fault, FaultKind, StateEstimate
-from sim.interfaces.spatial import exp_so3
+from uuv.controllers.safety.sensor_checks import SENSOR_CHECKS, sensor_faults
+from uuv.sim.interfaces.messages import Fault, FaultKind, StateEstimate
+from uuv.sim.interfaces.spatial import exp_so3
 
 
 def sound() -> StateEstimate:

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-import models
-from controllers.safety.thruster_probe import ThrusterProbe, is_lost
-from controllers.tuning import FaultLimits
-from models.vehicle import Vehicle
-from models.water.thruster_curves import thrust_in_flow
-from models.water.thrusters import INFLOW_LOSS, SLEW_RATE, TIME_CONSTANT, curves
+from uuv import models
+from uuv.controllers.safety.thruster_probe import ThrusterProbe, is_lost
+from uuv.controllers.tuning import FaultLimits
+from uuv.models.vehicle import Vehicle
+from uuv.models.water.thruster_curves import thrust_in_flow
+from uuv.models.water.thrusters import INFLOW_LOSS, SLEW_RATE, TIME_CONSTANT, curves
 
 LIMITS = FaultLimits()
 TABLE = Vehicle.of(models.load("uuv_puma").compile()).thruster_table

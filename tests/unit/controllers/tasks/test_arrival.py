@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 from at_rest import at_rest
-from controllers.planning.placement import Placement
-from controllers.planning.promise import NAVIGATION_TIME, PromiseLimits
-from controllers.tasks import arrival
-from controllers.tasks.arrival import CertainPlace, ScanLimits, ScanTarget, TareSensors, fuse_poses
-from controllers.tasks.phase import Abort, Context, Held, PhaseEvent, ToolLine
-from sim.interfaces.messages import AbortCode, Promise, Target, ToolPath
-from sim.interfaces.pose_covariance import PoseCovariance
-from sim.interfaces.spatial import Array, exp_so3, log_so3, pose, transform_points
+from uuv.controllers.planning.placement import Placement
+from uuv.controllers.planning.promise import NAVIGATION_TIME, PromiseLimits
+from uuv.controllers.tasks import arrival
+from uuv.controllers.tasks.arrival import CertainPlace, ScanLimits, ScanTarget, TareSensors, fuse_poses
+from uuv.controllers.tasks.phase import Abort, Context, Held, PhaseEvent, ToolLine
+from uuv.sim.interfaces.messages import AbortCode, Promise, Target, ToolPath
+from uuv.sim.interfaces.pose_covariance import PoseCovariance
+from uuv.sim.interfaces.spatial import Array, exp_so3, log_so3, pose, transform_points
 
 TRUE = pose(exp_so3([0.3, -0.5, 2.0]), [40.0, -25.0, -12.0])  # far from the origin: turns have a long lever there
 PATH_T = np.linspace([-0.3, 0.0, 0.3], [0.3, 0.1, 0.3], 40)

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from at_rest import at_rest
-from controllers.planning.placement import Placement
-from controllers.tasks.contact_phases import FollowLimits, FollowPath
-from controllers.tasks.phase import Context, Held, PhaseEvent, ToolLine
-from sim.interfaces.messages import ToolPath
-from sim.interfaces.spatial import exp_so3, pose
+from uuv.controllers.planning.placement import Placement
+from uuv.controllers.tasks.contact_phases import FollowLimits, FollowPath
+from uuv.controllers.tasks.phase import Context, Held, PhaseEvent, ToolLine
+from uuv.sim.interfaces.messages import ToolPath
+from uuv.sim.interfaces.spatial import exp_so3, pose
 
 PERIOD = 0.01  # [s]
 LENGTH, SPEED, FORCE = 0.12, 0.02, 60.0  # [m], [m/s], [N]

@@ -8,29 +8,20 @@ from typing import Any
 import numpy as np
 import pytest
 
-from controllers.mkps import Chain
-from controllers.planning import hull_placement
-from controllers.planning.placement import Placement
-from controllers.planning.work_vehicle import WorkVehicle
-from controllers.tasks.insertion import EntryLimits, HoleInsertion, InsertionJob, axis_path
-from controllers.tasks.phase import Context
-from models.naming import ARM_BASE_BODY, TIP_SITE
-from models.objects.manifold import manifold
-from models.vehicle import Vehicle
-from models.vehicles import uuv_puma
-from sim.evaluation.insertion_metrics import crashed, hole_error, summary
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.messages import (
-    AbortCode,
-    Command,
-    ContactEstimate,
-    Fault,
-    FaultKind,
-    StateEstimate,
-    Target,
-    WorkState,
-)
-from sim.interfaces.spatial import Array, exp_so3, inverse, pose
+from uuv.controllers.mkps import Chain
+from uuv.controllers.planning import hull_placement
+from uuv.controllers.planning.placement import Placement
+from uuv.controllers.planning.work_vehicle import WorkVehicle
+from uuv.controllers.tasks.insertion import EntryLimits, HoleInsertion, InsertionJob, axis_path
+from uuv.controllers.tasks.phase import Context
+from uuv.models.naming import ARM_BASE_BODY, TIP_SITE
+from uuv.models.objects.manifold import manifold
+from uuv.models.vehicle import Vehicle
+from uuv.models.vehicles import uuv_puma
+from uuv.sim.evaluation.insertion_metrics import crashed, hole_error, summary
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.messages import AbortCode, Command, ContactEstimate, Fault, FaultKind, StateEstimate, Target, WorkState
+from uuv.sim.interfaces.spatial import Array, exp_so3, inverse, pose
 from told import Told
 
 PERIOD = 0.01  # [s]

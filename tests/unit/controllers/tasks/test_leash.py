@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from at_rest import at_rest
-from controllers.tasks.hull_phases import Leash, heading
-from sim.interfaces.spatial import exp_so3, pose
+from uuv.controllers.tasks.hull_phases import Leash, heading
+from uuv.sim.interfaces.spatial import exp_so3, pose
 
 LEASH = Leash()
 STILL = np.zeros(3)

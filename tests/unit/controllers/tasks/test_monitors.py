@@ -7,24 +7,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from controllers.planning.placement import Placement
-from controllers.tasks.hull_phases import RestLimits, Settle
-from controllers.tasks.monitors import Monitor, Reaction, adrift, fault_monitors, watch
-from controllers.tasks.phase import Abort, Context, Held, PhaseEvent, ToolLine
-from controllers.tasks.surface_work import SurfaceTaskConfig, surface_monitors
-from controllers.tasks.task import TaskPlanner, TaskRow
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.messages import (
-    AbortCode,
-    Command,
-    ContactEstimate,
-    Fault,
-    FaultKind,
-    StateEstimate,
-    ToolPath,
-    WorkState,
-)
-from sim.interfaces.spatial import Array, exp_so3, pose
+from uuv.controllers.planning.placement import Placement
+from uuv.controllers.tasks.hull_phases import RestLimits, Settle
+from uuv.controllers.tasks.monitors import Monitor, Reaction, adrift, fault_monitors, watch
+from uuv.controllers.tasks.phase import Abort, Context, Held, PhaseEvent, ToolLine
+from uuv.controllers.tasks.surface_work import SurfaceTaskConfig, surface_monitors
+from uuv.controllers.tasks.task import TaskPlanner, TaskRow
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.messages import AbortCode, Command, ContactEstimate, Fault, FaultKind, StateEstimate, ToolPath, WorkState
+from uuv.sim.interfaces.spatial import Array, exp_so3, pose
 
 STEP = 0.02  # [s]
 JOB = SurfaceTaskConfig(forces=(60.0,))

@@ -5,22 +5,22 @@ from dataclasses import dataclass, field
 import numpy as np
 import pytest
 
-from controllers.mkps import Chain
-from controllers.planning.placement import Placement
-from controllers.planning.seabed_height import WorkHeight
-from controllers.planning.work_vehicle import WorkVehicle
-from controllers.tasks import seabed_work
-from controllers.tasks.seabed_work import SeabedJob, SeabedWork
-from models.naming import ARM_BASE_BODY, TIP_SITE
-from models.site.seabed import Seabed
-from models.site.soil import core_tube, depth_for, mud, sand
-from models.vehicle import Vehicle
-from models.vehicles import uuv_puma
-from perception.seabed.terrain_path import core_path
-from sim.interfaces.errors import ConfigurationError, ReachError
-from sim.interfaces.messages import Command, ContactEstimate, StateEstimate, Target, ToolPath, WorkState
-from sim.interfaces.spatial import Array, pose, readonly
-from sim.plant.soil_contact import SoilForce
+from uuv.controllers.mkps import Chain
+from uuv.controllers.planning.placement import Placement
+from uuv.controllers.planning.seabed_height import WorkHeight
+from uuv.controllers.planning.work_vehicle import WorkVehicle
+from uuv.controllers.tasks import seabed_work
+from uuv.controllers.tasks.seabed_work import SeabedJob, SeabedWork
+from uuv.models.naming import ARM_BASE_BODY, TIP_SITE
+from uuv.models.site.seabed import Seabed
+from uuv.models.site.soil import core_tube, depth_for, mud, sand
+from uuv.models.vehicle import Vehicle
+from uuv.models.vehicles import uuv_puma
+from uuv.perception.seabed.terrain_path import core_path
+from uuv.sim.interfaces.errors import ConfigurationError, ReachError
+from uuv.sim.interfaces.messages import Command, ContactEstimate, StateEstimate, Target, ToolPath, WorkState
+from uuv.sim.interfaces.spatial import Array, pose, readonly
+from uuv.sim.plant.soil_contact import SoilForce
 from told import Told
 
 PERIOD = 0.01  # [s]

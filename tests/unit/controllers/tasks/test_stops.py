@@ -5,12 +5,12 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from controllers.planning.promise import StopLimits
-from controllers.tasks.contact_phases import FollowLimits
-from controllers.tasks.phase import Context
-from controllers.tasks.stops import Stops
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.messages import Command, ContactEstimate, Promise, StateEstimate, ToolAtRest
+from uuv.controllers.planning.promise import StopLimits
+from uuv.controllers.tasks.contact_phases import FollowLimits
+from uuv.controllers.tasks.phase import Context
+from uuv.controllers.tasks.stops import Stops
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.messages import Command, ContactEstimate, Promise, StateEstimate, ToolAtRest
 
 PERIOD = 0.01  # [s]
 

@@ -8,34 +8,23 @@ from typing import Any
 import numpy as np
 import pytest
 
-import models
-from controllers.hull.thrust_margin import ThrustMargin
-from controllers.mkps import Chain
-from controllers.planning import hull_placement
-from controllers.planning.placement import Placement
-from controllers.planning.work_vehicle import WorkVehicle
-from controllers.safety.blind_departure import ascent_direction
-from controllers.tasks.arrival import ArrivalLimits, ScanLimits
-from controllers.tasks.contact_phases import ApproachLimits
-from controllers.tasks.hull_phases import Settle
-from controllers.tasks.surface_work import SurfaceTaskConfig, SurfaceWork
-from models.naming import ARM_BASE_BODY, TIP_SITE
-from models.objects.targets import barrel
-from models.vehicle import Vehicle
-from sim.interfaces.errors import ConfigurationError, ReachError, StrongCurrentError
-from sim.interfaces.messages import (
-    AbortCode,
-    Command,
-    ContactEstimate,
-    Fault,
-    FaultKind,
-    Reference,
-    StateEstimate,
-    Target,
-    ToolPath,
-    WorkState,
-)
-from sim.interfaces.spatial import Array, exp_so3, pose
+from uuv import models
+from uuv.controllers.hull.thrust_margin import ThrustMargin
+from uuv.controllers.mkps import Chain
+from uuv.controllers.planning import hull_placement
+from uuv.controllers.planning.placement import Placement
+from uuv.controllers.planning.work_vehicle import WorkVehicle
+from uuv.controllers.safety.blind_departure import ascent_direction
+from uuv.controllers.tasks.arrival import ArrivalLimits, ScanLimits
+from uuv.controllers.tasks.contact_phases import ApproachLimits
+from uuv.controllers.tasks.hull_phases import Settle
+from uuv.controllers.tasks.surface_work import SurfaceTaskConfig, SurfaceWork
+from uuv.models.naming import ARM_BASE_BODY, TIP_SITE
+from uuv.models.objects.targets import barrel
+from uuv.models.vehicle import Vehicle
+from uuv.sim.interfaces.errors import ConfigurationError, ReachError, StrongCurrentError
+from uuv.sim.interfaces.messages import AbortCode, Command, ContactEstimate, Fault, FaultKind, Reference, StateEstimate, Target, ToolPath, WorkState
+from uuv.sim.interfaces.spatial import Array, exp_so3, pose
 from told import Told
 
 PERIOD, FINE = 0.02, 0.01  # [s] enough for most that is asked here; that of jobs

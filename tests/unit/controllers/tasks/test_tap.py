@@ -6,19 +6,19 @@ from typing import Any
 import numpy as np
 import pytest
 
-import models
-from controllers.mkps import Chain
-from controllers.planning.placement import Placement
-from controllers.planning.work_vehicle import WorkVehicle
-from controllers.tasks.arrival import WorkSite
-from controllers.tasks.surface_work import SurfaceTaskConfig
-from controllers.tasks.tap import tap
-from controllers.tasks.task import TaskState
-from models.naming import ARM_BASE_BODY, TIP_SITE
-from models.vehicle import Vehicle
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.messages import Command, ContactEstimate, StateEstimate, Target, ToolPath, WorkState
-from sim.interfaces.spatial import Array, pose
+from uuv import models
+from uuv.controllers.mkps import Chain
+from uuv.controllers.planning.placement import Placement
+from uuv.controllers.planning.work_vehicle import WorkVehicle
+from uuv.controllers.tasks.arrival import WorkSite
+from uuv.controllers.tasks.surface_work import SurfaceTaskConfig
+from uuv.controllers.tasks.tap import tap
+from uuv.controllers.tasks.task import TaskState
+from uuv.models.naming import ARM_BASE_BODY, TIP_SITE
+from uuv.models.vehicle import Vehicle
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.messages import Command, ContactEstimate, StateEstimate, Target, ToolPath, WorkState
+from uuv.sim.interfaces.spatial import Array, pose
 from told import Told
 
 PERIOD, STIFFNESS = 0.01, 3e4  # [s], [N/m]

@@ -4,12 +4,12 @@ import mujoco
 import numpy as np
 import pytest
 
-import models
-from models.arms import dh_geometry
-from models.arms.serial_arm import SerialArm
-from models.vehicles import uuv_puma
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.spatial import Array, exp_so3, inverse, pose, quat_wxyz_from_rotation
+from uuv import models
+from uuv.models.arms import dh_geometry
+from uuv.models.arms.serial_arm import SerialArm
+from uuv.models.vehicles import uuv_puma
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.spatial import Array, exp_so3, inverse, pose, quat_wxyz_from_rotation
 
 
 def random_arm(rng: np.random.Generator, n: int = 6) -> mujoco.MjSpec:

@@ -3,10 +3,10 @@
 import numpy as np
 
 from dh_product import drawn_arm, link_frames
-from sim.interfaces.spatial import Array, exp_so3
+from uuv.sim.interfaces.spatial import Array, exp_so3
 from uncompiled import uncompiled
 
-kinematics, tip_places = uncompiled("models.arms.kinematics", "models.arms.tip_places")
+kinematics, tip_places = uncompiled("uuv.models.arms.kinematics", "uuv.models.arms.tip_places")
 
 
 def test_frames_are_products_of_elementary_moves(rng: np.random.Generator) -> None:

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
-from controllers.mkps import Chain
-from models.arms import published_arms
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.spatial import Array, pose, quat_wxyz_from_rotation
+from uuv.controllers.mkps import Chain
+from uuv.models.arms import published_arms
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.spatial import Array, pose, quat_wxyz_from_rotation
 
 
 @pytest.mark.parametrize(

@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from controllers.mkps import Chain
+from uuv.controllers.mkps import Chain
 from dh_product import tips_here
-from models.arms import published_arms
-from models.arms.serial_arm import SerialArm
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.spatial import exp_so3, inverse, pose, readonly
+from uuv.models.arms import published_arms
+from uuv.models.arms.serial_arm import SerialArm
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.spatial import exp_so3, inverse, pose, readonly
 from untyped import untyped
 
 DEG = np.pi / 180

@@ -6,10 +6,10 @@ import mujoco
 import numpy as np
 import pytest
 
-from controllers.mkps import Chain
-from models.arms.published_arms import SERVO_ARM
-from models.arms.servo_drives import Servo, rest, servo_model, tip_pose
-from sim.interfaces.errors import ConfigurationError
+from uuv.controllers.mkps import Chain
+from uuv.models.arms.published_arms import SERVO_ARM
+from uuv.models.arms.servo_drives import Servo, rest, servo_model, tip_pose
+from uuv.sim.interfaces.errors import ConfigurationError
 
 UP = (0.0, 1.0, 0.0)
 

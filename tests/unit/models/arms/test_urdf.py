@@ -8,10 +8,10 @@ import mujoco
 import numpy as np
 import pytest
 
-from controllers.mkps import Chain, Method, solve
-from models.arms import urdf as urdf_files
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.spatial import Array, exp_so3, pose
+from uuv.controllers.mkps import Chain, Method, solve
+from uuv.models.files import urdf as urdf_files
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.spatial import Array, exp_so3, pose
 
 METHODS: tuple[Method, ...] = ("hybrid", "jacobian_free", "plain")
 

@@ -3,20 +3,9 @@
 import numpy as np
 import pytest
 
-from models.meshes.closed_shells import (
-    box,
-    joined,
-    open_edges,
-    prism,
-    revolve,
-    sphere,
-    split,
-    vertex_normals,
-    volume,
-    welded,
-)
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.spatial import exp_so3
+from uuv.models.meshes.closed_shells import box, joined, open_edges, prism, revolve, sphere, split, vertex_normals, volume, welded
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.spatial import exp_so3
 
 
 @pytest.mark.parametrize("sides", [3, 5, 24])

@@ -3,15 +3,15 @@
 import numpy as np
 import pytest
 
-from models.meshes.closed_shells import box, sphere
-from models.meshes.cloud_mesh import FEWEST, CloudMesh, mesh_of_cloud
-from models.meshes.nearest_surface import NearestSurface
-from models.meshes.ray_casting import OneSidedScene, RayScene
-from models.meshes.surfel_files import read_surfels
-from models.objects.mesh_symmetry import mesh_symmetry
-from models.objects.target_model import TargetModel
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.spatial import Array
+from uuv.models.meshes.closed_shells import box, sphere
+from uuv.models.meshes.cloud_mesh import FEWEST, CloudMesh, mesh_of_cloud
+from uuv.models.meshes.nearest_surface import NearestSurface
+from uuv.models.meshes.ray_casting import OneSidedScene, RayScene
+from uuv.models.meshes.surfel_files import read_surfels
+from uuv.models.objects.mesh_symmetry import mesh_symmetry
+from uuv.models.objects.target_model import TargetModel
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.spatial import Array
 from untyped import untyped
 
 SIZE = np.array([0.4, 0.3, 0.2])

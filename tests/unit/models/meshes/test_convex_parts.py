@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from models.meshes import convex_parts
-from models.meshes.closed_shells import box, sphere
-from models.meshes.nearest_surface import NearestSurface
+from uuv.models.meshes import convex_parts
+from uuv.models.meshes.closed_shells import box, sphere
+from uuv.models.meshes.nearest_surface import NearestSurface
 
 
 def test_samples_lie_evenly_on_the_surface() -> None:

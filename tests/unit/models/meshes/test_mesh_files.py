@@ -5,9 +5,9 @@ import sys
 import numpy as np
 import pytest
 
-from models.meshes import mesh_files
-from models.meshes.closed_shells import volume
-from sim.interfaces.errors import ConfigurationError
+from uuv.models.meshes import mesh_files
+from uuv.models.meshes.closed_shells import volume
+from uuv.sim.interfaces.errors import ConfigurationError
 
 CUBE = """0 0 0
 1 0 0

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from models.meshes.closed_shells import sphere
-from sim.interfaces.spatial import Array, exp_so3
+from uuv.models.meshes.closed_shells import sphere
+from uuv.sim.interfaces.spatial import Array, exp_so3
 from uncompiled import uncompiled
 
-(nearest,) = uncompiled("models.meshes.nearest_surface")
+(nearest,) = uncompiled("uuv.models.meshes.nearest_surface")
 _STEPS = np.linspace(0.0, 1.0, 41)
 _V, _W = (grid.ravel() for grid in np.meshgrid(_STEPS, _STEPS))
 _INSIDE = _V + _W <= 1.0 + 1e-12

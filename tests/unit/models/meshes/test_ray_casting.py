@@ -6,13 +6,13 @@ import sys
 import numpy as np
 import pytest
 
-from models.meshes import open3d_loader
-from models.meshes.closed_shells import box, sphere
-from models.meshes.nearest_surface import NearestSurface
-from models.meshes.ray_casting import RayScene
-from models.objects import targets
-from sim.interfaces.errors import MissingLibraryError
-from sim.interfaces.spatial import exp_so3
+from uuv.models.meshes import open3d_loader
+from uuv.models.meshes.closed_shells import box, sphere
+from uuv.models.meshes.nearest_surface import NearestSurface
+from uuv.models.meshes.ray_casting import RayScene
+from uuv.models.objects import targets
+from uuv.sim.interfaces.errors import MissingLibraryError
+from uuv.sim.interfaces.spatial import exp_so3
 
 
 def waves(cells: int) -> tuple[np.ndarray, np.ndarray]:
@@ -117,10 +117,10 @@ def test_nearest_point_agrees_with_every_triangle_alone(rng, within):
 def test_rays_need_no_open3d():
     """Nothing of the main job's sensors and perception imports it."""
     code = (
-        "import sys, numpy as np; from models.objects import targets; "
-        "from perception.registration.model_surface import ModelSurface; "
+        "import sys, numpy as np; from uuv.models.objects import targets; "
+        "from uuv.perception.registration.model_surface import ModelSurface; "
         "hit = ModelSurface.of(targets.barrel()).scene.cast(np.zeros(3), np.eye(3)); assert hit['t'].max() < 1.0; "
-        "import sim.sensors.depth_camera, sim.sensors.sonar, perception.registration.identification; "
+        "import uuv.sim.sensors.depth_camera, uuv.sim.sensors.sonar, uuv.perception.registration.identification; "
         "assert 'open3d' not in sys.modules"
     )
     subprocess.run([sys.executable, "-c", code], check=True)

@@ -5,13 +5,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from models.meshes.closed_shells import box
-from models.meshes.surfel_files import check_surfels, read_surfels
-from models.objects.target_model import TargetModel
-from perception.clouds.cloud_files import load_cloud
-from perception.clouds.point_files import read_cloud
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.spatial import Array, exp_so3
+from uuv.models.meshes.closed_shells import box
+from uuv.models.meshes.surfel_files import check_surfels, read_surfels
+from uuv.models.objects.target_model import TargetModel
+from uuv.perception.clouds.cloud_files import load_cloud
+from uuv.perception.clouds.point_files import read_cloud
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.spatial import Array, exp_so3
 
 TURN = exp_so3([0.3, -0.5, 0.2])
 

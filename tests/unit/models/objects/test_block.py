@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from models.meshes.closed_shells import open_edges, volume
-from models.objects.barrel import BARREL_DIAMETER, around_corner
-from models.objects.block import SIZE, block, over_edge
-from models.objects.target_model import without_turn
-from sim.evaluation.mesh_surface import Surface
-from sim.interfaces.errors import ConfigurationError
+from uuv.models.meshes.closed_shells import open_edges, volume
+from uuv.models.objects.barrel import BARREL_DIAMETER, around_corner
+from uuv.models.objects.block import SIZE, block, over_edge
+from uuv.models.objects.target_model import without_turn
+from uuv.sim.evaluation.mesh_surface import Surface
+from uuv.sim.interfaces.errors import ConfigurationError
 
 
 @pytest.mark.parametrize("radius", [0.005, 0.02, 0.1])

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from models.objects import rock as rocks
-from models.objects.rock import rock
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.spatial import Array
+from uuv.models.objects import rock as rocks
+from uuv.models.objects.rock import rock
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.spatial import Array
 
 
 def ways(rng: np.random.Generator, count: int) -> Array:

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from models.site.seabed import Seabed
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.spatial import Array
+from uuv.models.site.seabed import Seabed
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.spatial import Array
 
 MIDDLE = np.array([1.0, -2.0, -3.0])
 

@@ -4,14 +4,14 @@ import mujoco
 import numpy as np
 import pytest
 
-import models
-from models import hydrodynamics
-from models.naming import PAD_BODY, TIP_SITE, TOOL_GEOM
-from models.tools import attachment, sampler, touch_rig
-from models.tools.sampler import BOX, CORER, SAMPLER
-from models.tools.tools import TOOLS
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.spatial import exp_so3
+from uuv import models
+from uuv.models import hydrodynamics
+from uuv.models.naming import PAD_BODY, TIP_SITE, TOOL_GEOM
+from uuv.models.tools import attachment, sampler, touch_rig
+from uuv.models.tools.sampler import BOX, CORER, SAMPLER
+from uuv.models.tools.tools import TOOLS
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.spatial import exp_so3
 
 
 def test_a_nest_holds_a_ball_by_three_orthogonal_contacts() -> None:

@@ -4,9 +4,9 @@ import mujoco
 import numpy as np
 import pytest
 
-import models
-from models.vehicles import bluerov2_heavy
-from sim.interfaces.spatial import Array
+from uuv import models
+from uuv.models.vehicles import bluerov2_heavy
+from uuv.sim.interfaces.spatial import Array
 
 
 def extents(model: mujoco.MjModel, geom: int) -> Array:

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from scipy.interpolate import PchipInterpolator
 
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.spatial import Array
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.spatial import Array
 from uncompiled import uncompiled
 
-(curves,) = uncompiled("models.water.thruster_curves")
+(curves,) = uncompiled("uuv.models.water.thruster_curves")
 AHEAD, ASTERN, BAND = (3.0, 20.0, 17.0), (2.0, 24.0), 0.1
 TABLES = [
     ([-1.0, -0.6, -0.1, 0.05, 0.4, 1.0], [-30.0, -12.0, 0.0, 0.0, 9.0, 40.0]),

@@ -9,15 +9,15 @@ import pytest
 from test_point_files import pcd
 
 from depth_scenes import look, seen_from
-from models.meshes.mesh_files import read_mesh
-from models.meshes.ply_files import read_ply, write_ply
-from models.objects import targets
-from models.objects.target_model import TargetModel
-from perception.clouds import cloud_files
-from perception.clouds.cloud_files import load_cloud
-from perception.clouds.scan import Scan
-from perception.registration.identification import identify
-from sim.interfaces.errors import ConfigurationError
+from uuv.models.meshes.mesh_files import read_mesh
+from uuv.models.meshes.ply_files import read_ply, write_ply
+from uuv.models.objects import targets
+from uuv.models.objects.target_model import TargetModel
+from uuv.perception.clouds import cloud_files
+from uuv.perception.clouds.cloud_files import load_cloud
+from uuv.perception.clouds.scan import Scan
+from uuv.perception.registration.identification import identify
+from uuv.sim.interfaces.errors import ConfigurationError
 
 POINTS = np.random.default_rng(0).uniform([-0.5, -0.5, 1.0], [0.5, 0.5, 2.0], (500, 3))
 
@@ -183,7 +183,7 @@ def test_a_mesh_that_may_not_be_read_is_no_malformed_one(tmp_path, monkeypatch, 
         raise PermissionError(13, "Permission denied", str(path))
 
     (tmp_path / name).write_text("0 0 0\n")
-    monkeypatch.setattr("sim.interfaces.files.os.open", refused)
+    monkeypatch.setattr("uuv.sim.interfaces.files.os.open", refused)
     monkeypatch.setitem(sys.modules, "trimesh", None)
     with pytest.raises(ImportError if name == "a.stl" else ConfigurationError, match=r"permission denied|trimesh"):
         read_mesh(tmp_path / name)

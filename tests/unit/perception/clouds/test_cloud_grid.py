@@ -7,16 +7,16 @@ import numpy as np
 import pytest
 
 from depth_scenes import look, seen_from
-from models.meshes.ply_files import write_ply
-from models.objects.targets import Symmetry, TargetModel, barrel
-from perception.clouds.cloud_files import load_cloud
-from perception.clouds.cloud_grid import lattice_grid, organised_grid, scatter_grid
-from perception.clouds.scan import Scan
-from perception.registration.identification import identify
-from perception.registration.model_surface import ModelSurface
-from sim.interfaces.errors import PerceptionError
-from sim.interfaces.messages import DepthImage
-from sim.interfaces.spatial import Array, exp_so3
+from uuv.models.meshes.ply_files import write_ply
+from uuv.models.objects.targets import Symmetry, TargetModel, barrel
+from uuv.perception.clouds.cloud_files import load_cloud
+from uuv.perception.clouds.cloud_grid import lattice_grid, organised_grid, scatter_grid
+from uuv.perception.clouds.scan import Scan
+from uuv.perception.registration.identification import identify
+from uuv.perception.registration.model_surface import ModelSurface
+from uuv.sim.interfaces.errors import PerceptionError
+from uuv.sim.interfaces.messages import DepthImage
+from uuv.sim.interfaces.spatial import Array, exp_so3
 
 FOCAL, WIDTH, HEIGHT = 554.0, 320, 240
 K = np.array([[FOCAL, 0.0, 159.5], [0.0, FOCAL, 119.5], [0.0, 0.0, 1.0]])

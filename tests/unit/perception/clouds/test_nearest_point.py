@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from perception.clouds.nearest_point import NearestPoint
+from uuv.perception.clouds.nearest_point import NearestPoint
 
 
 def _sphere(rng: np.random.Generator, count: int) -> np.ndarray:

@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from models.meshes.ply_files import write_ply
-from perception.clouds.point_files import read_cloud, read_targets
-from sim.interfaces.errors import ConfigurationError
+from uuv.models.meshes.ply_files import write_ply
+from uuv.perception.clouds.point_files import read_cloud, read_targets
+from uuv.sim.interfaces.errors import ConfigurationError
 
 
 def test_text_ply_and_pcd_hold_the_same_points(tmp_path, within):
@@ -76,7 +76,7 @@ def test_a_file_that_may_not_be_read_is_one_clear_error(tmp_path, monkeypatch, n
         raise PermissionError(13, "Permission denied", str(path))
 
     (tmp_path / name).write_text("0 0 0\n")
-    monkeypatch.setattr("sim.interfaces.files.os.open", refused)
+    monkeypatch.setattr("uuv.sim.interfaces.files.os.open", refused)
     with pytest.raises(ConfigurationError, match="permission denied"):
         read_cloud(tmp_path / name)
 

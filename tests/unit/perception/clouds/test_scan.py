@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from models.meshes.ray_casting import RayScene
-from perception.clouds import scan as scans
-from perception.clouds.scan import Scan, SensorModel, contour, distances_along, facing_normals, triangulate, voxel_means
-from sim.interfaces.spatial import Array, exp_so3
+from uuv.models.meshes.ray_casting import RayScene
+from uuv.perception.clouds import scan as scans
+from uuv.perception.clouds.scan import Scan, SensorModel, contour, distances_along, facing_normals, triangulate, voxel_means
+from uuv.sim.interfaces.spatial import Array, exp_so3
 
 
 def flat_cloud(rng: np.random.Generator, normal: Array, spread: float, count: int = 200) -> Array:

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 import trimesh
 
-from models.meshes.nearest_surface import NearestSurface
-from models.meshes.ray_casting import RayScene
-from perception.clouds.surface_fusion import SurfaceFusion
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.messages import DepthImage
-from sim.interfaces.spatial import Array, pose, rotation_from_z
+from uuv.models.meshes.nearest_surface import NearestSurface
+from uuv.models.meshes.ray_casting import RayScene
+from uuv.perception.clouds.surface_fusion import SurfaceFusion
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.messages import DepthImage
+from uuv.sim.interfaces.spatial import Array, pose, rotation_from_z
 
 pytestmark = pytest.mark.usefixtures("open3d")
 

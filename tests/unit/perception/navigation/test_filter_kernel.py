@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from sim.interfaces.records import EstimateRecord, estimate_record, joint_record
-from sim.interfaces.spatial import GRAVITY, Array, exp_so3, log_so3
+from uuv.sim.interfaces.records import EstimateRecord, estimate_record, joint_record
+from uuv.sim.interfaces.spatial import GRAVITY, Array, exp_so3, log_so3
 from uncompiled import uncompiled
 
-(kernel,) = uncompiled("perception.navigation.filter_kernel")
+(kernel,) = uncompiled("uuv.perception.navigation.filter_kernel")
 WALKS = np.array([0.02, 0.3, 5.0])
 LAYOUTS = [(9, -1, -1, -1), (12, 9, -1, -1), (12, -1, 9, -1), (15, 9, 12, -1), (18, 9, 12, 15)]
 

@@ -5,18 +5,10 @@ import pytest
 from scipy.linalg import solve_discrete_are
 
 from navigation_bench import UP, Hull, Rig, body
-from perception.navigation.strapdown_filter import Navigation, NavigationState
-from sim.interfaces.messages import (
-    DvlMeasurement,
-    DvlNoise,
-    ImuMeasurement,
-    ImuNoise,
-    Measurement,
-    VisionMeasurement,
-    VisionNoise,
-)
-from sim.interfaces.spatial import Array, exp_so3
-from sim.sensors import proprioception
+from uuv.perception.navigation.strapdown_filter import Navigation, NavigationState
+from uuv.sim.interfaces.messages import DvlMeasurement, DvlNoise, ImuMeasurement, ImuNoise, Measurement, VisionMeasurement, VisionNoise
+from uuv.sim.interfaces.spatial import Array, exp_so3
+from uuv.sim.sensors import proprioception
 
 STEP = 0.02  # [s] of the IMU
 STILL = ImuNoise(

@@ -7,8 +7,8 @@ from itertools import count
 import numpy as np
 import pytest
 
-from perception.navigation.object_watch import ObjectWatch
-from sim.interfaces.spatial import Array
+from uuv.perception.navigation.object_watch import ObjectWatch
+from uuv.sim.interfaces.spatial import Array
 
 SIGMA, RATE = 2e-3, 10.0  # [m], [Hz] of vision
 

@@ -7,18 +7,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from perception.navigation.rate_check import REPEATS
-from perception.navigation.strapdown_filter import Navigation
-from sim.interfaces.messages import (
-    EncoderMeasurement,
-    ImuMeasurement,
-    Measurement,
-    StateEstimate,
-    TorqueMeasurement,
-    VisionMeasurement,
-)
-from sim.interfaces.spatial import Array, exp_so3
-from sim.sensors.proprioception import Imu
+from uuv.perception.navigation.rate_check import REPEATS
+from uuv.perception.navigation.strapdown_filter import Navigation
+from uuv.sim.interfaces.messages import EncoderMeasurement, ImuMeasurement, Measurement, StateEstimate, TorqueMeasurement, VisionMeasurement
+from uuv.sim.interfaces.spatial import Array, exp_so3
+from uuv.sim.sensors.proprioception import Imu
 from untyped import untyped
 
 STEP = 0.002  # [s]

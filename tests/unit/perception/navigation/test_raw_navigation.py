@@ -5,16 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from perception.navigation.raw_navigation import RawNavigation
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.messages import (
-    DvlMeasurement,
-    EncoderMeasurement,
-    ImuMeasurement,
-    TorqueMeasurement,
-    VisionMeasurement,
-)
-from sim.interfaces.spatial import GRAVITY, exp_so3
+from uuv.perception.navigation.raw_navigation import RawNavigation
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.messages import DvlMeasurement, EncoderMeasurement, ImuMeasurement, TorqueMeasurement, VisionMeasurement
+from uuv.sim.interfaces.spatial import GRAVITY, exp_so3
 
 R = exp_so3([0.1, -0.2, 0.4])
 ENCODERS = EncoderMeasurement(time=0.0, q=np.arange(6.0), qd=np.ones(6))

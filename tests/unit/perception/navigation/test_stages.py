@@ -5,14 +5,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from perception.navigation.filter_kernel import put_out, take_sample
-from perception.navigation.strapdown_filter import Navigation, NavigationState
-from sim.interfaces.messages import DvlMeasurement, StateEstimate, VisionMeasurement
-from sim.interfaces.records import EstimateRecord, estimate_record, state_estimate
-from sim.interfaces.spatial import Array, exp_so3
-from sim.plant.plant import Truth
-from sim.sensors import proprioception
-from sim.sensors.proprioception import encode, sense_motion, transmit
+from uuv.perception.navigation.filter_kernel import put_out, take_sample
+from uuv.perception.navigation.strapdown_filter import Navigation, NavigationState
+from uuv.sim.interfaces.messages import DvlMeasurement, StateEstimate, VisionMeasurement
+from uuv.sim.interfaces.records import EstimateRecord, estimate_record, state_estimate
+from uuv.sim.interfaces.spatial import Array, exp_so3
+from uuv.sim.plant.plant import Truth
+from uuv.sim.sensors import proprioception
+from uuv.sim.sensors.proprioception import encode, sense_motion, transmit
 
 STEP, TICKS, FIXES = 0.002, 400, 25  # [s], number of ticks, ticks between fixes
 SENSORS = (

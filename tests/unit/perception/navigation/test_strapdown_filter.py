@@ -7,21 +7,13 @@ import numpy as np
 import pytest
 
 from navigation_bench import Course, Hull, Rig
-from perception.navigation import filter_kernel as kernel
-from perception.navigation.strapdown_filter import Navigation
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.messages import (
-    DvlMeasurement,
-    EncoderMeasurement,
-    ImuMeasurement,
-    Measurement,
-    TorqueMeasurement,
-    VisionMeasurement,
-    VisionNoise,
-)
-from sim.interfaces.records import estimate_record, joint_record
-from sim.interfaces.spatial import GRAVITY, Array, exp_so3, log_so3
-from sim.sensors import proprioception
+from uuv.perception.navigation import filter_kernel as kernel
+from uuv.perception.navigation.strapdown_filter import Navigation
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.messages import DvlMeasurement, EncoderMeasurement, ImuMeasurement, Measurement, TorqueMeasurement, VisionMeasurement, VisionNoise
+from uuv.sim.interfaces.records import estimate_record, joint_record
+from uuv.sim.interfaces.spatial import GRAVITY, Array, exp_so3, log_so3
+from uuv.sim.sensors import proprioception
 
 STEP, LATE = 0.002, 0.1  # [s]
 UP = np.array([0.0, 0.0, GRAVITY])

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from perception.navigation.surface_alignment import Alignment, PictureNoise, align, prepare
-from sim.interfaces.spatial import Array, pose
-from sim.sensors.textured_view import SmallStereo, Texture, Turbidity, expose
+from uuv.perception.navigation.surface_alignment import Alignment, PictureNoise, align, prepare
+from uuv.sim.interfaces.spatial import Array, pose
+from uuv.sim.sensors.textured_view import SmallStereo, Texture, Turbidity, expose
 
 CAMERA = SmallStereo()
 NOISE = PictureNoise(intensity=CAMERA.intensity_noise, inverse_depth=0.06, correlation=CAMERA.stereo.correlation)

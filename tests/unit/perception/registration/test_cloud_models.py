@@ -5,14 +5,14 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-import perception
-from models.meshes.ply_files import write_ply
-from models.objects.targets import TargetModel
-from perception.registration.model_surface import ModelSurface
-from scenarios.object_scenes import object_scene, target_of
-from scenarios.perception_studies.cloud_models import sampled_cloud
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.spatial import transform_points
+from uuv import perception
+from uuv.models.meshes.ply_files import write_ply
+from uuv.models.objects.targets import TargetModel
+from uuv.perception.registration.model_surface import ModelSurface
+from uuv.clouds.object_scenes import object_scene, target_of
+from experiments.identification.cloud_models import sampled_cloud
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.spatial import transform_points
 
 NAME = "starfish"
 

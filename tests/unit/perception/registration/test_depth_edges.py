@@ -3,15 +3,15 @@
 import numpy as np
 import pytest
 
-from models.meshes.closed_shells import sphere
-from models.objects.target_model import TargetModel
-from perception.clouds.scan import Scan, SensorModel, contour, without_flying_pixels
-from perception.registration.evidence import Evidence
-from perception.registration.fine_fit import fine_fit
-from perception.registration.model_surface import ModelSurface
-from perception.registration.pairing import Pairing, edge_offsets
-from sim.interfaces.spatial import Array, exp_so3, pose
-from sim.sensors.stereo_noise import StereoNoise, add_noise
+from uuv.models.meshes.closed_shells import sphere
+from uuv.models.objects.target_model import TargetModel
+from uuv.perception.clouds.scan import Scan, SensorModel, contour, without_flying_pixels
+from uuv.perception.registration.evidence import Evidence
+from uuv.perception.registration.fine_fit import fine_fit
+from uuv.perception.registration.model_surface import ModelSurface
+from uuv.perception.registration.pairing import Pairing, edge_offsets
+from uuv.sim.interfaces.spatial import Array, exp_so3, pose
+from uuv.sim.sensors.stereo_noise import StereoNoise, add_noise
 
 FOCAL, PITCH = 500.0, 2e-3
 TANGENT_X, TANGENT_Y = PITCH * np.arange(-119.5, 120.0), PITCH * np.arange(-99.5, 100.0)

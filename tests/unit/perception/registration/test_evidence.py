@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from models.objects.target_model import TargetModel
-from perception.clouds.scan import Scan, SensorModel
-from perception.registration.evidence import Evidence, seen_noise, surface_noise
-from perception.registration.model_surface import ModelSurface
-from sim.interfaces.spatial import Array, pose
-from sim.sensors.stereo_noise import StereoNoise, add_noise
+from uuv.models.objects.target_model import TargetModel
+from uuv.perception.clouds.scan import Scan, SensorModel
+from uuv.perception.registration.evidence import Evidence, seen_noise, surface_noise
+from uuv.perception.registration.model_surface import ModelSurface
+from uuv.sim.interfaces.spatial import Array, pose
+from uuv.sim.sensors.stereo_noise import StereoNoise, add_noise
 
 TANGENT_X, TANGENT_Y = 2e-3 * np.arange(-159.5, 160.0), 2e-3 * np.arange(-119.5, 120.0)
 SENSOR = SensorModel(focal=500.0)

@@ -11,19 +11,19 @@ import pytest
 import trimesh
 from scipy.spatial import cKDTree
 
-import perception
+from uuv import perception
 from depth_scenes import DEFAULT_NOISE, add_floor, coarse, look, random_view, seen_from, shoot, standing
-from models.meshes.closed_shells import box, joined, revolve
-from models.objects.targets import Symmetry, TargetModel, barrel
-from perception.clouds.scan import Scan, SensorModel, background, facing_normals
-from perception.registration.identification import Identification, identify
-from perception.registration.model_surface import ModelSurface
-from perception.registration.pose_check import check
-from perception.target_finder import KnownObjectFinder
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.messages import DepthImage, EncoderMeasurement
-from sim.interfaces.protocols import TargetFinder
-from sim.interfaces.spatial import exp_so3, inverse, pose, quat_wxyz_from_rotation, rotation_from_z, transform_points
+from uuv.models.meshes.closed_shells import box, joined, revolve
+from uuv.models.objects.targets import Symmetry, TargetModel, barrel
+from uuv.perception.clouds.scan import Scan, SensorModel, background, facing_normals
+from uuv.perception.registration.identification import Identification, identify
+from uuv.perception.registration.model_surface import ModelSurface
+from uuv.perception.registration.pose_check import check
+from uuv.perception.finding.target_finder import KnownObjectFinder
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.messages import DepthImage, EncoderMeasurement
+from uuv.sim.interfaces.protocols import TargetFinder
+from uuv.sim.interfaces.spatial import exp_so3, inverse, pose, quat_wxyz_from_rotation, rotation_from_z, transform_points
 
 BARREL = barrel()
 VIEW = seen_from(np.array([0.1, -0.9, 0.75]))
@@ -117,7 +117,7 @@ def test_objects_it_was_not_made_for(shape: Callable[[], TargetModel], within):
 
 
 def test_a_start_that_ends_across_is_leant_before_the_barrel_is_slid(within):
-    from scenarios.object_scenes import object_scene
+    from uuv.clouds.object_scenes import object_scene
 
     scene = object_scene("barrel", 6)  # from this start a fit lies across the barrel, or 90 mm along it
     found = identify(scene.scan, scene.target, scene.approach, scene.orientation, sensor=scene.sensor.model)

@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 
 from depth_scenes import look, seen_from
-from models.objects import targets
-from models.objects.target_model import TargetModel
-from perception.clouds.scan import Scan, SensorModel
-from perception.registration.identification import identify
-from perception.registration.initialiser import Expected, initial_poses
-from perception.registration.model_surface import ModelSurface
-from sim.interfaces.spatial import exp_so3, pose, transform_points
+from uuv.models.objects import targets
+from uuv.models.objects.target_model import TargetModel
+from uuv.perception.clouds.scan import Scan, SensorModel
+from uuv.perception.registration.identification import identify
+from uuv.perception.registration.initialiser import Expected, initial_poses
+from uuv.perception.registration.model_surface import ModelSurface
+from uuv.sim.interfaces.spatial import exp_so3, pose, transform_points
 
 VALVE = targets.named("valve")
 VIEW = seen_from(np.array([0.3, -0.8, 0.6]))
@@ -47,7 +47,7 @@ MORE = pytest.mark.long(
     ],
 )
 def test_found_among_stones_with_nothing_known(within, name: str, seed: int):
-    from scenarios.object_scenes import object_scene
+    from uuv.clouds.object_scenes import object_scene
 
     scene = object_scene(name, seed)
     found = identify(scene.scan, scene.target, sensor=scene.sensor.model)

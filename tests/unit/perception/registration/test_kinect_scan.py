@@ -13,12 +13,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import perception
-from models.meshes.surfel_files import read_surfels
-from models.objects.targets import TargetModel
-from perception.clouds.scan import Scan
-from sim.interfaces.messages import DepthImage
-from sim.interfaces.spatial import exp_so3, rotation_angle, transform_points
+from uuv import perception
+from uuv.models.meshes.surfel_files import read_surfels
+from uuv.models.objects.targets import TargetModel
+from uuv.perception.clouds.scan import Scan
+from uuv.sim.interfaces.messages import DepthImage
+from uuv.sim.interfaces.spatial import exp_so3, rotation_angle, transform_points
 
 SHARED = Path(os.environ.get("UUV_SHARED", Path(__file__).resolve().parents[4].parent / "shared"))
 DATA = SHARED / "data" / "kinect"
@@ -116,7 +116,7 @@ def test_it_is_not_accepted_upside_down_where_that_is_expected(name: str, axis: 
 @pytest.mark.skipif(not find_spec("open3d"), reason="extra open3d is not installed")
 @pytest.mark.parametrize("name", X_SENSOR)
 def test_a_mesh_made_elsewhere_is_found_upright(name: str, within):
-    from models.meshes.open3d_loader import load
+    from uuv.models.meshes.open3d_loader import load
 
     open3d = load()
     cloud = open3d.io.read_point_cloud(str(DATA / f"{name}.pcd"))

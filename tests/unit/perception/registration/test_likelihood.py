@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from models.objects.target_model import TargetModel
-from perception.clouds.scan import Scan, SensorModel, contour
-from perception.registration.evidence import Evidence
-from perception.registration.likelihood import log_likelihood
-from perception.registration.model_surface import ModelSurface
-from sim.interfaces.spatial import Array, pose
+from uuv.models.objects.target_model import TargetModel
+from uuv.perception.clouds.scan import Scan, SensorModel, contour
+from uuv.perception.registration.evidence import Evidence
+from uuv.perception.registration.likelihood import log_likelihood
+from uuv.perception.registration.model_surface import ModelSurface
+from uuv.sim.interfaces.spatial import Array, pose
 
 SENSOR = SensorModel()
 GRID = np.linspace(-0.3, 0.3, 200), np.linspace(-0.2, 0.2, 150)  # tangents; few enough pixels that all are used

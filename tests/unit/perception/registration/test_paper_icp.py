@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 from depth_scenes import look, seen_from
-from models.objects import targets
-from perception.clouds.scan import Scan, SensorModel
-from perception.registration.identification import identify
-from perception.registration.model_surface import ModelSurface
-from perception.registration.pose_check import Decision
-from perception.registration.published.paper_icp import laid_on, paper_fit
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.spatial import exp_so3, pose, transform_points
+from uuv.models.objects import targets
+from uuv.perception.clouds.scan import Scan, SensorModel
+from uuv.perception.registration.identification import identify
+from uuv.perception.registration.model_surface import ModelSurface
+from uuv.perception.registration.pose_check import Decision
+from uuv.perception.registration.published.paper_icp import laid_on, paper_fit
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.spatial import exp_so3, pose, transform_points
 from untyped import untyped
 
 VALVE = targets.named("valve")

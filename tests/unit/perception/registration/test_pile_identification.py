@@ -5,13 +5,13 @@ import numpy as np
 import pytest
 
 from depth_scenes import coarse, look, seen_from
-from models.meshes.ray_casting import RayScene
-from models.objects.targets import PILE_DIAMETER, PILE_LENGTH, ModelPath, helix, pile, ring, vertical
-from perception.clouds.scan import Scan
-from perception.registration.identification import identify
-from perception.registration.model_surface import ModelSurface
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.spatial import exp_so3, pose
+from uuv.models.meshes.ray_casting import RayScene
+from uuv.models.objects.targets import PILE_DIAMETER, PILE_LENGTH, ModelPath, helix, pile, ring, vertical
+from uuv.perception.clouds.scan import Scan
+from uuv.perception.registration.identification import identify
+from uuv.perception.registration.model_surface import ModelSurface
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.spatial import exp_so3, pose
 
 PILE = pile()
 R = 0.5 * PILE_DIAMETER

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from depth_scenes import look, seen_from
-from models.objects import targets
-from perception.clouds.scan import Scan, facing_normals, voxel_means
-from perception.registration.model_surface import ModelSurface
-from perception.registration.point_pairs import point_pair_poses
+from uuv.models.objects import targets
+from uuv.perception.clouds.scan import Scan, facing_normals, voxel_means
+from uuv.perception.registration.model_surface import ModelSurface
+from uuv.perception.registration.point_pairs import point_pair_poses
 
 ROCK = ModelSurface.of(targets.named("rock"))
 VIEW = seen_from(np.array([0.3, -0.8, 0.6]))

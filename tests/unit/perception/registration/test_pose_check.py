@@ -7,18 +7,18 @@ import numpy as np
 import pytest
 
 from depth_scenes import dented_barrel, look, seen_from
-from models.objects.target_model import Symmetry
-from models.objects.targets import Solid, barrel
-from perception.clouds.scan import Scan, SensorModel
-from perception.registration.evidence import Evidence
-from perception.registration.fine_fit import fine_fit
-from perception.registration.identification import segment
-from perception.registration.model_surface import ModelSurface
-from perception.registration.pose_check import Decision, check
-from perception.registration.published.paper_check import published_criterion
-from perception.registration.symmetry import ambiguous_poses
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.spatial import Array, exp_so3, inverse, pose, transform_points
+from uuv.models.objects.target_model import Symmetry
+from uuv.models.objects.targets import Solid, barrel
+from uuv.perception.clouds.scan import Scan, SensorModel
+from uuv.perception.registration.evidence import Evidence
+from uuv.perception.registration.fine_fit import fine_fit
+from uuv.perception.registration.identification import segment
+from uuv.perception.registration.model_surface import ModelSurface
+from uuv.perception.registration.pose_check import Decision, check
+from uuv.perception.registration.published.paper_check import published_criterion
+from uuv.perception.registration.symmetry import ambiguous_poses
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.spatial import Array, exp_so3, inverse, pose, transform_points
 
 BARREL = barrel()
 VIEW = seen_from(np.array([0.1, -0.9, 0.75]))

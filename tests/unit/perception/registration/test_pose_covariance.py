@@ -5,13 +5,13 @@ import pytest
 from scipy.stats import chi2
 
 from depth_scenes import look, seen_from
-from models.objects.targets import barrel, named
-from perception.clouds.scan import Scan
-from perception.registration.identification import Identification, identify
-from perception.registration.model_surface import ModelSurface
-from perception.registration.pose_covariance import PoseCovariance
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.spatial import exp_so3, pose, transform_points
+from uuv.models.objects.targets import barrel, named
+from uuv.perception.clouds.scan import Scan
+from uuv.perception.registration.identification import Identification, identify
+from uuv.perception.registration.model_surface import ModelSurface
+from uuv.perception.registration.pose_covariance import PoseCovariance
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.spatial import exp_so3, pose, transform_points
 
 VIEW = seen_from(np.array([0.3, -0.9, 0.6]))
 FRAMES = 8

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from perception.registration import pose_check
-from sim.interfaces.spatial import exp_so3
+from uuv.perception.registration import pose_check
+from uuv.sim.interfaces.spatial import exp_so3
 
 
 def test_reach_is_the_radius_about_the_line(rng: np.random.Generator) -> None:

@@ -5,18 +5,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-import perception
-from models.meshes.ply_files import write_ply
-from perception.clouds.scan import KnownObjects, Scan, SensorModel
-from perception.registration import identification
-from perception.registration.evidence import Evidence
-from perception.registration.likelihood import log_likelihood
-from perception.registration.model_surface import ModelSurface
-from perception.registration.pose_check import MIN_MARGIN, Decision
-from scenarios.object_scenes import object_scene, target_of
-from scenarios.perception_studies.cloud_models import sampled_cloud
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.spatial import exp_so3, pose
+from uuv import perception
+from uuv.models.meshes.ply_files import write_ply
+from uuv.perception.clouds.scan import KnownObjects, Scan, SensorModel
+from uuv.perception.registration import identification
+from uuv.perception.registration.evidence import Evidence
+from uuv.perception.registration.likelihood import log_likelihood
+from uuv.perception.registration.model_surface import ModelSurface
+from uuv.perception.registration.pose_check import MIN_MARGIN, Decision
+from uuv.clouds.object_scenes import object_scene, target_of
+from experiments.identification.cloud_models import sampled_cloud
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.spatial import exp_so3, pose
 from untyped import untyped
 
 NAMES = ("starfish", "valve", "manifold")

@@ -10,25 +10,19 @@ import pytest
 import trimesh
 
 from depth_scenes import look, seen_from, standing
-from models.objects.target_model import TargetModel
-from models.objects.targets import barrel, starfish
-from perception.clouds.scan import Scan
-from perception.registration import rival_shapes
-from perception.registration.evidence import Evidence
-from perception.registration.identification import identify
-from perception.registration.likelihood import log_likelihood
-from perception.registration.model_surface import ModelSurface
-from perception.registration.pose_search import Found
-from perception.registration.rival_shapes import (
-    MirrorImage,
-    is_told_again,
-    mirror_image,
-    resized,
-    resized_log_likelihood,
-)
-from perception.target_finder import KnownObjectFinder
-from sim.interfaces.messages import DepthImage
-from sim.interfaces.spatial import readonly
+from uuv.models.objects.target_model import TargetModel
+from uuv.models.objects.targets import barrel, starfish
+from uuv.perception.clouds.scan import Scan
+from uuv.perception.registration import rival_shapes
+from uuv.perception.registration.evidence import Evidence
+from uuv.perception.registration.identification import identify
+from uuv.perception.registration.likelihood import log_likelihood
+from uuv.perception.registration.model_surface import ModelSurface
+from uuv.perception.registration.pose_search import Found
+from uuv.perception.registration.rival_shapes import MirrorImage, is_told_again, mirror_image, resized, resized_log_likelihood
+from uuv.perception.finding.target_finder import KnownObjectFinder
+from uuv.sim.interfaces.messages import DepthImage
+from uuv.sim.interfaces.spatial import readonly
 
 VIEW = seen_from(np.array([0.15, -0.4, 0.8]))
 

@@ -3,16 +3,16 @@
 import numpy as np
 import pytest
 
-from models.objects.target_model import TargetModel
-from models.objects.targets import barrel, named
-from perception.clouds.scan import Scan, SensorModel
-from perception.registration.evidence import Evidence
-from perception.registration.likelihood import log_likelihood
-from perception.registration.model_surface import ModelSurface
-from perception.registration.slipping import resting_places, settled, with_slip
-from perception.registration.symmetry import slipped, slipping_twist
-from sim.interfaces.pose_covariance import PoseCovariance
-from sim.interfaces.spatial import Array, exp_so3, log_so3, pose
+from uuv.models.objects.target_model import TargetModel
+from uuv.models.objects.targets import barrel, named
+from uuv.perception.clouds.scan import Scan, SensorModel
+from uuv.perception.registration.evidence import Evidence
+from uuv.perception.registration.likelihood import log_likelihood
+from uuv.perception.registration.model_surface import ModelSurface
+from uuv.perception.registration.slipping import resting_places, settled, with_slip
+from uuv.perception.registration.symmetry import slipped, slipping_twist
+from uuv.sim.interfaces.pose_covariance import PoseCovariance
+from uuv.sim.interfaces.spatial import Array, exp_so3, log_so3, pose
 
 COIL, WIRE, PITCH, TURNS, PER_TURN, AROUND = 0.12, 0.02, 0.09, 4.0, 24, 10
 X_ST = pose(exp_so3([1.4, 0.3, 0.2]), [0.02, -0.01, 1.1])

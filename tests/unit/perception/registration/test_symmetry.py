@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 
 from depth_scenes import look, seen_from
-from models.meshes.closed_shells import revolve
-from models.objects.barrel import barrel
-from models.objects.target_model import Symmetry, TargetModel
-from perception.clouds.scan import Scan, SensorModel
-from perception.registration import symmetry
-from perception.registration.evidence import Evidence
-from perception.registration.identification import identify
-from perception.registration.model_surface import ModelSurface
-from perception.registration.symmetry import ambiguous_poses, asymmetric_parts, resolve_symmetry
-from sim.interfaces.spatial import exp_so3
+from uuv.models.meshes.closed_shells import revolve
+from uuv.models.objects.barrel import barrel
+from uuv.models.objects.target_model import Symmetry, TargetModel
+from uuv.perception.clouds.scan import Scan, SensorModel
+from uuv.perception.registration import symmetry
+from uuv.perception.registration.evidence import Evidence
+from uuv.perception.registration.identification import identify
+from uuv.perception.registration.model_surface import ModelSurface
+from uuv.perception.registration.symmetry import ambiguous_poses, asymmetric_parts, resolve_symmetry
+from uuv.sim.interfaces.spatial import exp_so3
 
 VIEW = seen_from(np.array([0.1, -0.9, 0.75]))
 SEEN, HIDDEN = np.deg2rad(40.0), np.deg2rad(200.0)  # towards the camera, and away from it

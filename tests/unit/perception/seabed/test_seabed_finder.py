@@ -5,13 +5,13 @@ import numpy as np
 import pytest
 
 from at_rest import at_rest
-from models.site.seabed import Seabed, seabed
-from perception.seabed.seabed_finder import SeabedFinder, points_in_world
-from perception.seabed.terrain import ReliefLimits
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.messages import ImuMeasurement, SonarScan, Target
-from sim.interfaces.spatial import exp_so3, pose, transform_points
-from sim.sensors.sonar import Sonar, SonarBeams
+from uuv.models.site.seabed import Seabed, seabed
+from uuv.perception.seabed.seabed_finder import SeabedFinder, points_in_world
+from uuv.perception.seabed.terrain import ReliefLimits
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.messages import ImuMeasurement, SonarScan, Target
+from uuv.sim.interfaces.spatial import exp_so3, pose, transform_points
+from uuv.sim.sensors.sonar import Sonar, SonarBeams
 from untyped import untyped
 
 X_WB = pose(exp_so3([0.0, 0.0, 0.7]), [1.0, -2.0, -17.5])

@@ -6,12 +6,12 @@ import mujoco
 import numpy as np
 import pytest
 
-from controllers.planning.trajectories import speed_law
-from models.site.seabed import KINDS, seabed
-from perception.seabed.terrain import build_terrain, project, relief
-from perception.seabed.terrain_path import plan_seabed_work, profile, smooth_path
-from sim.interfaces.errors import ConfigurationError, PerceptionError, UuvError
-from sim.interfaces.spatial import exp_so3
+from uuv.controllers.planning.trajectories import speed_law
+from uuv.models.site.seabed import KINDS, seabed
+from uuv.perception.seabed.terrain import build_terrain, project, relief
+from uuv.perception.seabed.terrain_path import plan_seabed_work, profile, smooth_path
+from uuv.sim.interfaces.errors import ConfigurationError, PerceptionError, UuvError
+from uuv.sim.interfaces.spatial import exp_so3
 
 UP = np.array([0.0, 0.0, 1.0])
 

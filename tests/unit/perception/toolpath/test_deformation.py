@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 from depth_scenes import look, seen_from
-from models.objects.deformed import Deformed, Patch, deformed
-from models.objects.targets import barrel
-from perception.clouds.scan import Scan, SensorModel
-from perception.registration.identification import Identification, identify
-from perception.registration.model_surface import ModelSurface
-from perception.toolpath.deformation import map_deformation
-from sim.interfaces.errors import ConfigurationError, PerceptionError
-from sim.interfaces.spatial import pose
+from uuv.models.objects.deformed import Deformed, Patch, deformed
+from uuv.models.objects.targets import barrel
+from uuv.perception.clouds.scan import Scan, SensorModel
+from uuv.perception.registration.identification import Identification, identify
+from uuv.perception.registration.model_surface import ModelSurface
+from uuv.perception.toolpath.deformation import map_deformation
+from uuv.sim.interfaces.errors import ConfigurationError, PerceptionError
+from uuv.sim.interfaces.spatial import pose
 
 BARREL = barrel()
 SURFACE = ModelSurface.of(BARREL)

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from perception.toolpath import path_deviation
-from sim.interfaces.spatial import Array
+from uuv.perception.toolpath import path_deviation
+from uuv.sim.interfaces.spatial import Array
 
 S = np.linspace(0.0, 1.0, 201)
 

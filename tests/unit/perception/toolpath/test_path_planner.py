@@ -6,20 +6,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from controllers.planning.path_poses import part_of, stretches
+from uuv.controllers.planning.path_poses import part_of, stretches
 from depth_scenes import dented_barrel, look, seen_from
-from models.meshes.nearest_surface import NearestSurface
-from models.meshes.ray_casting import RayScene
-from models.objects.targets import ModelPath, barrel, longitudinal, transverse
-from perception.clouds.scan import Scan
-from perception.registration.identification import Identification, identify
-from perception.registration.model_surface import ModelSurface
-from perception.target_finder import KnownObjectFinder
-from perception.toolpath.path_deviation import scanned_axis
-from perception.toolpath.path_planner import carry, densified, plan_path, workable
-from sim.interfaces.errors import ConfigurationError, PerceptionError
-from sim.interfaces.messages import StateEstimate, ToolPath
-from sim.interfaces.spatial import Array, exp_so3, inverse, pose, transform_points
+from uuv.models.meshes.nearest_surface import NearestSurface
+from uuv.models.meshes.ray_casting import RayScene
+from uuv.models.objects.targets import ModelPath, barrel, longitudinal, transverse
+from uuv.perception.clouds.scan import Scan
+from uuv.perception.registration.identification import Identification, identify
+from uuv.perception.registration.model_surface import ModelSurface
+from uuv.perception.finding.target_finder import KnownObjectFinder
+from uuv.perception.toolpath.path_deviation import scanned_axis
+from uuv.perception.toolpath.path_planner import carry, densified, plan_path, workable
+from uuv.sim.interfaces.errors import ConfigurationError, PerceptionError
+from uuv.sim.interfaces.messages import StateEstimate, ToolPath
+from uuv.sim.interfaces.spatial import Array, exp_so3, inverse, pose, transform_points
 
 BARREL = barrel()
 VIEW = seen_from(np.array([0.2, -0.75, 0.85]))

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from models.objects.targets import PILE_DIAMETER, TargetModel, barrel, helix, longitudinal, pile, ring, transverse
-from perception.toolpath.path_shapes import circle, cut, joined, laid_on, line, raster, through
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.spatial import Array, exp_so3
+from uuv.models.objects.targets import PILE_DIAMETER, TargetModel, barrel, helix, longitudinal, pile, ring, transverse
+from uuv.perception.toolpath.path_shapes import circle, cut, joined, laid_on, line, raster, through
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.spatial import Array, exp_so3
 
 RADIUS = 0.5 * PILE_DIAMETER
 

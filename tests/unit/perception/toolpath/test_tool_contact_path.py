@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from perception.toolpath.path_planner import lift
-from sim.interfaces.spatial import Array
+from uuv.perception.toolpath.path_planner import lift
+from uuv.sim.interfaces.spatial import Array
 
 RADIUS, STEP = 0.06, 0.003  # [m]
 X, Y = np.arange(-40, 41) * STEP, np.arange(-12, 13) * STEP

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from models.objects.axis_steps import Steps
-from models.objects.barrel import around_corner
-from perception.toolpath.path_planner import path_on_model
-from perception.toolpath.turns_at_rest import turning_at_rest
-from sim.interfaces.spatial import exp_so3, pose
+from uuv.models.objects.axis_steps import Steps
+from uuv.models.objects.barrel import around_corner
+from uuv.perception.toolpath.path_planner import path_on_model
+from uuv.perception.toolpath.turns_at_rest import turning_at_rest
+from uuv.sim.interfaces.spatial import exp_so3, pose
 
 EVERYWHERE = pose(exp_so3([0.4, -1.1, 2.0]), [0.3, -0.2, 5.0])
 

@@ -5,12 +5,12 @@ from types import MappingProxyType
 import numpy as np
 import pytest
 
-import models
-from models.vehicle import Vehicle
-from sim.evaluation.insertion_metrics import TrueHole, assess_insertion, hole_error
-from sim.interfaces.messages import WorkState
-from sim.interfaces.spatial import exp_so3, pose, transform_points
-from sim.loop.recording import STATES, Event, Recording, Series
+from uuv import models
+from uuv.models.vehicle import Vehicle
+from uuv.sim.evaluation.insertion_metrics import TrueHole, assess_insertion, hole_error
+from uuv.sim.interfaces.messages import WorkState
+from uuv.sim.interfaces.spatial import exp_so3, pose, transform_points
+from uuv.sim.loop.recording import STATES, Event, Recording, Series
 
 DT, STEPS = 0.002, 1000  # [s], a second in each of two states
 X_WH = pose(exp_so3([0.7, -0.4, 1.1]), [1.0, -2.0, -3.0])  # the hole: z into it

@@ -10,31 +10,18 @@ import mujoco
 import numpy as np
 import pytest
 
-import models
-from models.objects.targets import BARREL_DIAMETER
+from uuv import models
+from uuv.models.objects.targets import BARREL_DIAMETER
 from recorded_work import DT, SPEED, STEPS, TIME, TRUTH, recorded
-from sim.evaluation.force_levels import JUDGED, SETTLING, contact_figures, unjudged_levels
-from sim.evaluation.mesh_surface import Surface, closest_on_curve
-from sim.evaluation.metrics import (
-    AskedWork,
-    Assessment,
-    TrueObject,
-    assess,
-    force_estimate_figures,
-    hull_figures,
-    path_error,
-    reversals,
-    schema,
-    tool_figures,
-    tool_twist,
-    true_path_deviation,
-)
-from sim.evaluation.tool_speed import speed_figures
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.messages import Target, WorkState
-from sim.interfaces.spatial import exp_so3, pose, quat_wxyz_from_rotation, transform_points
-from sim.loop.recording import STATES, Recording
-from sim.runs.provenance import model_digest, provenance
+from uuv.sim.evaluation.force_levels import JUDGED, SETTLING, contact_figures, unjudged_levels
+from uuv.sim.evaluation.mesh_surface import Surface, closest_on_curve
+from uuv.sim.evaluation.metrics import AskedWork, Assessment, TrueObject, assess, force_estimate_figures, hull_figures, path_error, reversals, schema, tool_figures, tool_twist, true_path_deviation
+from uuv.sim.evaluation.tool_speed import speed_figures
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.messages import Target, WorkState
+from uuv.sim.interfaces.spatial import exp_so3, pose, quat_wxyz_from_rotation, transform_points
+from uuv.sim.loop.recording import STATES, Recording
+from uuv.sim.runs.provenance import model_digest, provenance
 
 
 def assessed(recording: Recording) -> Assessment:

@@ -7,8 +7,8 @@ from typing import Any
 import jsonschema
 import pytest
 
-from sim.evaluation.schema_files import FOLDER, contents
-from sim.evaluation.schemas import metric, schema_of, unit_of, unmeasured
+from uuv.sim.evaluation.schema_files import FOLDER, contents
+from uuv.sim.evaluation.schemas import metric, schema_of, unit_of, unmeasured
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -84,6 +84,6 @@ def test_what_was_not_measured_is_none():
 
 def test_files_are_as_generated():
     for file, text in contents().items():
-        assert file.read_text(encoding="utf-8") == text, f"{file.name}: run python -m sim.evaluation.schema_files"
+        assert file.read_text(encoding="utf-8") == text, f"{file.name}: run python -m uuv.sim.evaluation.schema_files"
     by_hand = {path.name for path in FOLDER.glob("*.json")} - {path.name for path in contents()}
     assert by_hand == {"study_contact.schema.json"}

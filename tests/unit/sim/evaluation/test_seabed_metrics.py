@@ -6,13 +6,13 @@ import jsonschema
 import numpy as np
 import pytest
 
-import models
-from models.site.seabed import Seabed
-from models.vehicle import Vehicle
-from sim.evaluation.seabed_metrics import TrueGround, assess_seabed_work, crashed, schema, summary
-from sim.interfaces.messages import Target, ToolPath, WorkState
-from sim.interfaces.spatial import exp_so3, quat_wxyz_from_rotation, readonly
-from sim.loop.recording import STATES, Event, Recording, Series
+from uuv import models
+from uuv.models.site.seabed import Seabed
+from uuv.models.vehicle import Vehicle
+from uuv.sim.evaluation.seabed_metrics import TrueGround, assess_seabed_work, crashed, schema, summary
+from uuv.sim.interfaces.messages import Target, ToolPath, WorkState
+from uuv.sim.interfaces.spatial import exp_so3, quat_wxyz_from_rotation, readonly
+from uuv.sim.loop.recording import STATES, Event, Recording, Series
 
 DT, SPEED = 0.002, 0.02  # [s], [m/s]
 STEPS = 3000

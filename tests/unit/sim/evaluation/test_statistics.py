@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from sim.evaluation.statistics import crashed_run, kind_of_failure, spread, verdicts, wilson
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.messages import AbortCode
+from uuv.sim.evaluation.statistics import crashed_run, kind_of_failure, spread, verdicts, wilson
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.messages import AbortCode
 
 
 def test_wilson_against_the_published(within):

@@ -6,20 +6,13 @@ import numpy as np
 import pytest
 
 from recorded_work import SPEED, STEPS, TIME, TRUTH, recorded
-from sim.evaluation.force_levels import unjudged_levels
-from sim.evaluation.metrics import (
-    gap_figures,
-    hull_figures,
-    path_error,
-    tool_figures,
-    true_path_deviation,
-    uncertainty_figures,
-)
-from sim.evaluation.tool_speed import speed_figures
-from sim.interfaces.messages import ToolPath, WorkState
-from sim.interfaces.pose_covariance import PoseCovariance
-from sim.interfaces.spatial import Array, exp_so3, pose, quat_wxyz_from_rotation
-from sim.loop.recording import STATES, Recording
+from uuv.sim.evaluation.force_levels import unjudged_levels
+from uuv.sim.evaluation.metrics import gap_figures, hull_figures, path_error, tool_figures, true_path_deviation, uncertainty_figures
+from uuv.sim.evaluation.tool_speed import speed_figures
+from uuv.sim.interfaces.messages import ToolPath, WorkState
+from uuv.sim.interfaces.pose_covariance import PoseCovariance
+from uuv.sim.interfaces.spatial import Array, exp_so3, pose, quat_wxyz_from_rotation
+from uuv.sim.loop.recording import STATES, Recording
 
 R_WT = TRUTH.X_WT[:3, :3]
 ALONG, ASIDE, OUTWARD = R_WT.T

@@ -9,9 +9,9 @@ from typing import Any, Literal
 
 import pytest
 
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.files import bytes_of, folder_name
-from sim.interfaces.tables import DEEPEST, TableReader, json_of, toml_of
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.files import bytes_of, folder_name
+from uuv.sim.interfaces.tables import DEEPEST, TableReader, json_of, toml_of
 
 
 @dataclass(frozen=True, kw_only=True)

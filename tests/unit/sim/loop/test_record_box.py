@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numba
 import numpy as np
 
-from sim.loop.record_box import as_annotated, new_box
+from uuv.sim.loop.record_box import as_annotated, new_box
 
 
 class Inner(NamedTuple):

@@ -7,13 +7,13 @@ import numba
 import numpy as np
 import pytest
 
-import models
+from uuv import models
 from at_rest import at_rest
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.messages import Command, ContactEstimate, Reference, Target, WorkState
-from sim.interfaces.spatial import exp_so3, pose, quat_wxyz_from_rotation, rotation_from_quat_wxyz
-from sim.loop.recording import EVERY_STEP, Recorder, Recording, write_row
-from sim.loop.rollout import Moment
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.messages import Command, ContactEstimate, Reference, Target, WorkState
+from uuv.sim.interfaces.spatial import exp_so3, pose, quat_wxyz_from_rotation, rotation_from_quat_wxyz
+from uuv.sim.loop.recording import EVERY_STEP, Recorder, Recording, write_row
+from uuv.sim.loop.rollout import Moment
 
 MODEL = models.load("uuv_puma").compile()
 DT = float(MODEL.opt.timestep)
@@ -228,7 +228,7 @@ def rows_of_a_span(record, first, end, reference):
 
 def test_rows_of_compiled_code_are_those_of_the_observer(monkeypatch):
     """In turn with observed steps, and past the end of the first block."""
-    monkeypatch.setattr("sim.loop.recording._ROWS", 128)
+    monkeypatch.setattr("uuv.sim.loop.recording._ROWS", 128)
     steps, span = 200, 15
     run, recorder = Run(), Recorder(MODEL, full=False)
     assert recorder.slow_ticks == ()

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.messages import Command, DepthImage, EncoderMeasurement, Reference, StateEstimate, Target, WorkState
-from sim.loop.rollout import Moment, Parts, at_rest_after_work, never, rollout
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.messages import Command, DepthImage, EncoderMeasurement, Reference, StateEstimate, Target, WorkState
+from uuv.sim.loop.rollout import Moment, Parts, at_rest_after_work, never, rollout
 
 STEP = 0.01  # [s]
 NONE = np.zeros(0)

@@ -9,9 +9,9 @@ import mujoco
 import numpy as np
 import pytest
 
-from models.meshes.ray_casting import RayScene
-from sim.interfaces.errors import ConfigurationError
-from sim.loop.snapshot import Snapshot
+from uuv.models.meshes.ray_casting import RayScene
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.loop.snapshot import Snapshot
 
 
 @dataclass(slots=True, eq=False)

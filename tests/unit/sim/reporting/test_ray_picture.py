@@ -4,7 +4,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from sim.reporting.ray_picture import RayPicture
+from uuv.sim.reporting.ray_picture import RayPicture
 
 BALL = """
 <mujoco><visual><global fovy="40"/></visual><worldbody>

@@ -13,22 +13,22 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-import models
-from models.objects.targets import barrel
-from models.vehicle import Vehicle
+from uuv import models
+from uuv.models.objects.targets import barrel
+from uuv.models.vehicle import Vehicle
 from run_records import every_run
-from sim.evaluation.metrics import Assessment, Requirement, TrueObject, assess
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.messages import ObjectMotion, Target, ToolPath, WorkState
-from sim.interfaces.pose_covariance import PoseCovariance
-from sim.interfaces.spatial import pose
-from sim.loop.recording import STATES, Event, Recording, Series
-from sim.reporting import series_files
-from sim.reporting.report import write_report
-from sim.reporting.report_figures import object_as_found
-from sim.reporting.results_table import figures_of, results_table
-from sim.reporting.series_tables import PastRun, write_series
-from sim.reporting.timelines import thinned, timelines
+from uuv.sim.evaluation.metrics import Assessment, Requirement, TrueObject, assess
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.messages import ObjectMotion, Target, ToolPath, WorkState
+from uuv.sim.interfaces.pose_covariance import PoseCovariance
+from uuv.sim.interfaces.spatial import pose
+from uuv.sim.loop.recording import STATES, Event, Recording, Series
+from uuv.sim.reporting import series_files
+from uuv.sim.reporting.report import write_report
+from uuv.sim.reporting.report_figures import object_as_found
+from uuv.sim.reporting.results_table import figures_of, results_table
+from uuv.sim.reporting.series_tables import PastRun, write_series
+from uuv.sim.reporting.timelines import thinned, timelines
 
 DT = 0.01  # [s]
 TRUTH = TrueObject(model=barrel(), path="longitudinal", X_WT=pose(p=[0.0, 0.0, -1.5]))

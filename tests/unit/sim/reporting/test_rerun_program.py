@@ -8,7 +8,7 @@ import pytest
 import rerun as rr
 from rerun.chunk import RrdReader
 
-from sim.reporting import rerun_program, rerun_stream
+from uuv.sim.reporting import rerun_program, rerun_stream
 
 
 def values(file: Path) -> tuple[np.ndarray, int]:

@@ -11,9 +11,9 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from sim.interfaces.errors import ConfigurationError
-from sim.reporting import series_files
-from sim.reporting.series_files import Column, read_table, write_table
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.reporting import series_files
+from uuv.sim.reporting.series_files import Column, read_table, write_table
 
 
 def columns() -> list[Column]:

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from recorded_work import STEPS, TIME, TRUTH, recorded
-from sim.evaluation.metrics import Bounds
-from sim.interfaces.spatial import Array, exp_so3, quat_wxyz_from_rotation
-from sim.loop.recording import Recording, Series
-from sim.reporting.timelines import panels
+from uuv.sim.evaluation.metrics import Bounds
+from uuv.sim.interfaces.spatial import Array, exp_so3, quat_wxyz_from_rotation
+from uuv.sim.loop.recording import Recording, Series
+from uuv.sim.reporting.timelines import panels
 
 ALONG, ASIDE, OUTWARD = TRUTH.X_WT[:3, :3].T
 

@@ -12,9 +12,9 @@ from typing import Any, Literal
 
 import pytest
 
-from sim.interfaces.errors import ConfigurationError
-from sim.runs.command_line import check, parse, run_scenario
-from sim.runs.run_folder import new_folder
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.runs.command_line import check, parse, run_scenario
+from uuv.sim.runs.run_folder import new_folder
 
 ROOT = Path(__file__).resolve().parents[4]
 
@@ -156,7 +156,7 @@ def test_foreign_module_that_hides_a_room_is_named(foreign: str, tmp_path: Path,
     file.parent.mkdir(exist_ok=True)
     file.write_text("raise RuntimeError('a foreign room was run')\n")
     run = subprocess.run(
-        [sys.executable, "-c", "import scenarios.start"],
+        [sys.executable, "-c", "import uuv.start"],
         env={**os.environ, "PYTHONPATH": os.pathsep.join([str(root / "scripts"), str(tmp_path)])},
         cwd=tmp_path,
         capture_output=True,
@@ -170,7 +170,7 @@ def test_foreign_module_that_hides_a_room_is_named(foreign: str, tmp_path: Path,
 
 def test_python_without_the_project_is_told_the_way(root: Path, tmp_path: Path):
     run = subprocess.run(
-        [sys.executable, "-S", "-c", "import scenarios.start"],  # -S: no site-packages
+        [sys.executable, "-S", "-c", "import uuv.start"],  # -S: no site-packages
         env={"PYTHONPATH": str(root / "scripts")},
         cwd=tmp_path,
         capture_output=True,

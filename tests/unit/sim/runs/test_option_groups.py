@@ -8,8 +8,8 @@ from typing import ClassVar
 import pytest
 import tyro
 
-from scenarios.options import BarrelOptions, InsertionOptions, PileOptions, SeabedOptions
-from sim.runs.option_groups import cli
+from uuv.jobs import BarrelOptions, InsertionOptions, PileOptions, SeabedOptions
+from uuv.sim.runs.option_groups import cli
 
 
 @pytest.mark.parametrize("kind", [BarrelOptions, PileOptions, InsertionOptions, SeabedOptions])

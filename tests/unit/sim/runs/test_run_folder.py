@@ -10,9 +10,9 @@ from pathlib import Path
 
 import pytest
 
-from sim.interfaces.errors import ConfigurationError
-from sim.runs.run_folder import alone_in, give_back, new_folder, point_to
-from sim.runs.saving import write_json, write_whole
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.runs.run_folder import alone_in, give_back, new_folder, point_to
+from uuv.sim.runs.saving import write_json, write_whole
 
 
 def test_each_run_has_a_folder_of_its_own_and_latest_leads_to_the_last(tmp_path, monkeypatch):
@@ -121,7 +121,7 @@ def test_a_file_system_without_locks_is_one_line(tmp_path, monkeypatch):
 def test_a_lock_goes_with_its_process(tmp_path, root):
     held = """
 import os, sys, pathlib
-import sim.runs.run_folder as run_folder
+import uuv.sim.runs.run_folder as run_folder
 with run_folder.alone_in(pathlib.Path(sys.argv[1])):
     os.abort()
 """

@@ -5,7 +5,7 @@ from io import StringIO
 import pytest
 from rich.table import Table
 
-from sim.runs.terminal import PlainConsole, verdict
+from uuv.sim.runs.terminal import PlainConsole, verdict
 
 HOSTILE = "[/red]k \x1b]0;owned\x07 :smile: [bold]x"
 

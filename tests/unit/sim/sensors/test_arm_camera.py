@@ -7,15 +7,15 @@ import mujoco
 import numpy as np
 import pytest
 
-from perception.navigation import surface_alignment
-from scenarios.perception_studies.arm_camera import KeyCase, pairs_of, run, squared
-from scenarios.sensors.rendered_arm_camera import RenderedArmCamera
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.messages import SurfaceMotionMeasurement
-from sim.interfaces.spatial import Array
-from sim.sensors import arm_camera
-from sim.sensors.arm_camera import CELL, GRID, OBSERVED, ArmCamera, Prediction, ViewConditions, fitted, predict
-from sim.sensors.textured_view import SmallStereo, Texture, Turbidity
+from uuv.perception.navigation import surface_alignment
+from experiments.navigation.arm_camera_errors import KeyCase, pairs_of, run, squared
+from uuv.sensors.rendered_arm_camera import RenderedArmCamera
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.messages import SurfaceMotionMeasurement
+from uuv.sim.interfaces.spatial import Array
+from uuv.sim.sensors import arm_camera
+from uuv.sim.sensors.arm_camera import CELL, GRID, OBSERVED, ArmCamera, Prediction, ViewConditions, fitted, predict
+from uuv.sim.sensors.textured_view import SmallStereo, Texture, Turbidity
 
 SCENE = """
 <mujoco>

@@ -7,13 +7,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.messages import Command, Reference, StateEstimate, WorkState
-from sim.interfaces.protocols import Sensor
-from sim.interfaces.spatial import GRAVITY, exp_so3, log_so3
-from sim.loop.rollout import Parts, rollout
-from sim.plant.plant import Truth
-from sim.sensors import proprioception
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.messages import Command, Reference, StateEstimate, WorkState
+from uuv.sim.interfaces.protocols import Sensor
+from uuv.sim.interfaces.spatial import GRAVITY, exp_so3, log_so3
+from uuv.sim.loop.rollout import Parts, rollout
+from uuv.sim.plant.plant import Truth
+from uuv.sim.sensors import proprioception
 
 SAMPLES = 20_000  # one sigma of a standard deviation is 0.5 %, less where axes are taken together
 R_WB = exp_so3([0.2, -0.1, 0.7])

@@ -8,18 +8,18 @@ import numpy as np
 import pytest
 
 from depth_scenes import Poses, seen_from, standing
-from models.meshes.ray_casting import RayScene
-from models.objects.targets import TargetModel, barrel
-from perception.clouds.sonar_cloud import sonar_model, without_isolated_echoes
-from perception.registration.identification import identify
-from perception.target_finder import KnownObjectFinder
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.messages import SonarScan
-from sim.interfaces.protocols import Sensor
-from sim.interfaces.spatial import Array, inverse, pose, rotation_from_z, transform_points
-from sim.sensors.sonar import Sonar, SonarBeams, SonarNoise, SonarState
-from sim.sensors.tessellation import tessellate
-from sim.sensors.visible_world import Rays, Visible, VisibleWorld
+from uuv.models.meshes.ray_casting import RayScene
+from uuv.models.objects.targets import TargetModel, barrel
+from uuv.perception.clouds.sonar_cloud import sonar_model, without_isolated_echoes
+from uuv.perception.registration.identification import identify
+from uuv.perception.finding.target_finder import KnownObjectFinder
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.messages import SonarScan
+from uuv.sim.interfaces.protocols import Sensor
+from uuv.sim.interfaces.spatial import Array, inverse, pose, rotation_from_z, transform_points
+from uuv.sim.sensors.sonar import Sonar, SonarBeams, SonarNoise, SonarState
+from uuv.sim.sensors.tessellation import tessellate
+from uuv.sim.sensors.visible_world import Rays, Visible, VisibleWorld
 from untyped import untyped
 
 DOWN = np.diag([1.0, -1.0, -1.0])  # S looking down in W

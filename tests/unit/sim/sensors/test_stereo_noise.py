@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from sim.interfaces.errors import ConfigurationError
-from sim.sensors import stereo_noise
-from sim.sensors.stereo_noise import StereoNoise, add_noise
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.sensors import stereo_noise
+from uuv.sim.sensors.stereo_noise import StereoNoise, add_noise
 
 SHAPE, FOCAL = (60, 90), 80.0
 NONE = {

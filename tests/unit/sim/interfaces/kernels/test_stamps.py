@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from numba import types
 
-from sim.interfaces.kernels.stamps import UnkeyableError, stamp
-from sim.interfaces.kernels.stored import type_text
+from uuv.sim.interfaces.kernels.stamps import UnkeyableError, stamp
+from uuv.sim.interfaces.kernels.stored import type_text
 
 SOURCE = '''
 import numba
@@ -145,7 +145,7 @@ def test_a_plain_function_brings_the_kernels_that_it_names():
 
 
 def _forget(file: Any) -> None:
-    from sim.interfaces.kernels import stamps as module
+    from uuv.sim.interfaces.kernels import stamps as module
 
     del file
     module._file.cache_clear()

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from sim.interfaces.kernels import store
+from uuv.sim.interfaces.kernels import store
 
 STAMP, CODE = "what it depends on", b"machine code" * 20
 NOBODY = 65534  # a user other than the one of the tests
@@ -143,7 +143,7 @@ def test_a_home_that_cannot_be_used_is_left_for_the_temporary_folder(tmp_path, m
 
 FULL = """
 import resource, sys
-from sim.interfaces.kernels import store
+from uuv.sim.interfaces.kernels import store
 resource.setrlimit(resource.RLIMIT_FSIZE, (100, 100))  # a write past it fails as on a full disk
 print(store.save("what it depends on", b"machine code" * 20), store.load("what it depends on"))
 """

@@ -11,14 +11,14 @@ from types import FunctionType, ModuleType
 
 import pytest
 
-from sim.interfaces.kernels import stamps, store, stored
-from sim.runs.command_line import ROOMS
+from uuv.sim.interfaces.kernels import stamps, store, stored
+from uuv.sim.runs.command_line import ROOMS
 
 ROOT = Path(__file__).resolve().parents[5]
 NUMBAS_CACHE = re.compile(r"\bn?jit\([^)]*cache=|\bcfunc\(")  # beside the store, which sees more
 
 BOTTOM = """
-from sim.interfaces.kernels import kernel
+from uuv.sim.interfaces.kernels import kernel
 
 @kernel
 def grown(x):
@@ -27,7 +27,7 @@ def grown(x):
 TOP = """
 import sys
 from bottom import grown
-from sim.interfaces.kernels import c_function, kernel, stored
+from uuv.sim.interfaces.kernels import c_function, kernel, stored
 from numba import types
 
 @kernel(error_model="numpy")
@@ -98,7 +98,7 @@ def test_without_a_store_and_with_a_damaged_one_the_figures_are_the_same(run, tm
 
 def modules() -> list[ModuleType]:
     """All modules of the project whose source has a kernel."""
-    files = [file for room in (*ROOMS, "scripts/scenarios") for file in sorted((ROOT / room).rglob("*.py"))]
+    files = [file for room in (*ROOMS, "uuv") for file in sorted((ROOT / room).rglob("*.py"))]
     names = [
         ".".join(file.relative_to(ROOT).with_suffix("").parts).removeprefix("scripts.")
         for file in files

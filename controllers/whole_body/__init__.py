@@ -1,0 +1,1 @@
+"""Controllers of hull and arm together, and their tick at the rate of the drives."""

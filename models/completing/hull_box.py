@@ -1,0 +1,39 @@
+"""Box around a hull: its shapes, and those of links that are fixed to it, as a URDF has them."""
+
+import mujoco
+import numpy as np
+
+from uuv.models.vehicle import body_in_body
+from uuv.sim.interfaces.spatial import Array, pose
+
+
+def hull_box(model: mujoco.MjModel, hull: int, arm_base: int = -1) -> Array:
+    """Corners (2, 3) [m] in B of the box around the shapes of the hull, and of what is fixed to it but the arm's base.
+
+    Args:
+        model: Compiled model.
+        hull: Index of its body.
+        arm_base: Index of the body that carries the arm; -1, or the hull's: none.
+
+    Returns:
+        The corners; of a hull without any shape twice its origin.
+    """
+    corners = []
+    for g in range(model.ngeom):
+        body = int(model.geom_bodyid[g])
+        if model.body_weldid[body] != hull or (arm_base != hull and _carries(model, arm_base, body)):
+            continue
+        R = np.empty(9)
+        mujoco.mju_quat2Mat(R, model.geom_quat[g])
+        X_BG = body_in_body(model, body, hull) @ pose(R.reshape(3, 3), model.geom_pos[g])
+        box = model.geom_aabb[g]
+        centre, reach = X_BG[:3, 3] + X_BG[:3, :3] @ box[:3], np.abs(X_BG[:3, :3]) @ box[3:]
+        corners += [centre - reach, centre + reach]
+    return np.array([np.min(corners, axis=0), np.max(corners, axis=0)]) if corners else np.zeros((2, 3))
+
+
+def _carries(model: mujoco.MjModel, carrier: int, body: int) -> bool:
+    """True if `carrier` is the body or one of those that carry it, and not the world."""
+    while body > 0 and body != carrier:
+        body = int(model.body_parentid[body])
+    return body > 0

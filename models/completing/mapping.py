@@ -1,0 +1,315 @@
+"""Gives a user's model the names of `uuv.models.naming`: renames its parts, adds sites, motors and thrusters."""
+
+from collections.abc import Mapping
+
+import mujoco
+import numpy as np
+
+from uuv.models import hydrodynamics
+from uuv.models.files.keyframes import keyframes_kept
+from uuv.models.naming import ARM_BASE_BODY, CAMERA_SITE, HOME_KEY, HULL_BODY, TIP_SITE, TOOL_GEOM
+from uuv.models.files.parts_file import MappedThruster, PartPlace, PartsMap
+from uuv.models.water import thrusters
+from uuv.sim.interfaces.errors import ConfigurationError, did_you_mean
+from uuv.sim.interfaces.spatial import Array, quat_wxyz_from_rotation, rotation_from_z
+
+_TRIMMED = 2.0  # largest factor by which ballast changes the hull's volume
+
+_UP, _AHEAD, _STARBOARD = (0.0, 0.0, 1.0), (1.0, 0.0, 0.0), (0.0, -1.0, 0.0)
+
+
+def apply(spec: mujoco.MjSpec, parts: PartsMap, name: str) -> None:
+    """Give the parts of `spec` the names of the contract, in place.
+
+    Args:
+        spec: a user's model.
+        parts: what its parts are called.
+        name: of the mapping, with which errors begin.
+
+    Raises:
+        ConfigurationError: a part that the mapping names is not in the model, or cannot serve.
+    """
+    try:
+        _apply(spec, parts, name)
+    except ConfigurationError:
+        raise
+    except (ValueError, mujoco.FatalError) as error:  # of MuJoCo, such as a name that is there already
+        raise ConfigurationError(f"{name}: {' '.join(str(error).split())}") from error
+
+
+def _apply(spec: mujoco.MjSpec, parts: PartsMap, name: str) -> None:
+    hull = _body(spec, parts.hull, name) if parts.hull else _only_body(spec, name)
+    before = parts.hull if hull is None else hull.name
+    if hull is not None:
+        _rename_body(spec, hull, HULL_BODY)
+        if not hull.joints:
+            with keyframes_kept(spec):
+                hull.add_freejoint(name=HULL_BODY)
+    if parts.arm_base:
+        _rename_body(spec, _body(spec, parts.arm_base, name, parts.hull), ARM_BASE_BODY)
+    renamed = {before: HULL_BODY, parts.arm_base: ARM_BASE_BODY}
+    _add_site(spec, TIP_SITE, parts.tip, renamed, name)
+    _add_site(spec, CAMERA_SITE, parts.camera, renamed, name)
+    if parts.tool:
+        _rename_geom(spec, parts.tool, name)
+    if parts.joints is not None:
+        _drive(spec, parts.joints, name)
+    for thruster in parts.thrusters:
+        _thruster(spec, thruster, renamed, name)
+
+
+def name_hull(spec: mujoco.MjSpec) -> str:
+    """Take the only body on the world for the hull, if it floats and no other is called so; returns a line about it."""
+    roots = list(spec.worldbody.bodies)
+    free = len(roots) == 1 and any(joint.type == mujoco.mjtJoint.mjJNT_FREE for joint in roots[0].joints)
+    if not free or any(body.name == HULL_BODY for body in spec.bodies):
+        return ""
+    before = roots[0].name
+    _rename_body(spec, roots[0], HULL_BODY)
+    return f"body hull: {before!r}, the only body on the world"
+
+
+def ballast(spec: mujoco.MjSpec, metacentric_height: float, name: str) -> str:
+    """Trim the hull in the posture `home`; returns a line about what that changed.
+
+    Raises:
+        ConfigurationError: The hull has no coefficients, or a volume that is not near to one that floats the vehicle.
+    """
+    if HULL_BODY not in hydrodynamics.attached(spec):
+        raise ConfigurationError(f"{name}: trim: the hull has no hydrodynamic coefficients that could be trimmed")
+    home = next((key.qpos for key in spec.keys if key.name == HOME_KEY), None)
+    before = hydrodynamics.attached(spec)[HULL_BODY].volume
+    after = hydrodynamics.trim(spec, HULL_BODY, metacentric_height=metacentric_height, qpos=home).volume
+    if before > 0.0 and not 1.0 / _TRIMMED < after / before < _TRIMMED:
+        raise ConfigurationError(
+            f"{name}: trim: the hull's volume is {before:.4g} m^3, and {after:.4g} m^3 would make the vehicle "
+            f"weightless; at most a factor of {_TRIMMED:g} is trimmed, and volumes are in m^3"
+        )
+    return f"trim: the hull's volume from {1e3 * before:.4g} to {1e3 * after:.4g} litres"
+
+
+def _only_body(spec: mujoco.MjSpec, name: str) -> mujoco.MjsBody | None:
+    """The hull by its usual name, or the only body that hangs on the world."""
+    usual = next((body for body in spec.bodies if body.name == HULL_BODY), None)
+    if usual is not None:
+        return usual
+    roots = list(spec.worldbody.bodies)
+    if len(roots) != 1:
+        raise ConfigurationError(f"{name}: hull: which body is it? there are {', '.join(b.name for b in roots)}")
+    return roots[0]
+
+
+def _missing(name: str, kind: str, wanted: str, there: list[str]) -> ConfigurationError:
+    return ConfigurationError(
+        f"{name}: the model has no {kind} {wanted!r}; it has {', '.join(filter(None, there)) or 'none with a name'}"
+        f"{did_you_mean(wanted, there)}"
+    )
+
+
+def _body(spec: mujoco.MjSpec, wanted: str, name: str, hull: str | None = None) -> mujoco.MjsBody:
+    bodies = [body for body in spec.bodies if body.name != "world"]
+    if hull is not None and wanted == hull:
+        raise ConfigurationError(f"{name}: arm_base: must be a body of its own, fixed to the hull, got {wanted!r}")
+    for body in bodies:
+        if body.name == wanted:
+            return body
+    raise _missing(name, "body", wanted, [body.name for body in bodies])
+
+
+def _rename_body(spec: mujoco.MjSpec, body: mujoco.MjsBody, to: str) -> None:
+    """Rename a body, and what refers to it by name."""
+    before, body.name = body.name, to
+    if before == to:
+        return
+    for exclude in spec.excludes:
+        exclude.bodyname1 = to if exclude.bodyname1 == before else exclude.bodyname1
+        exclude.bodyname2 = to if exclude.bodyname2 == before else exclude.bodyname2
+    for equality in spec.equalities:
+        if equality.objtype == mujoco.mjtObj.mjOBJ_BODY:
+            equality.name1 = to if equality.name1 == before else equality.name1
+            equality.name2 = to if equality.name2 == before else equality.name2
+    bodies = (mujoco.mjtObj.mjOBJ_BODY, mujoco.mjtObj.mjOBJ_XBODY)
+    for sensor in spec.sensors:
+        sensor.objname = to if sensor.objtype in bodies and sensor.objname == before else sensor.objname
+        sensor.refname = to if sensor.reftype in bodies and sensor.refname == before else sensor.refname
+    for camera in [*spec.cameras, *spec.lights]:
+        camera.targetbody = to if camera.targetbody == before else camera.targetbody
+    for actuator in spec.actuators:
+        if actuator.trntype == mujoco.mjtTrn.mjTRN_BODY and actuator.target == before:
+            actuator.target = to
+
+
+def _rename_geom(spec: mujoco.MjSpec, wanted: str, name: str) -> None:
+    geom = next((geom for geom in spec.geoms if geom.name == wanted), None)
+    if geom is None:
+        raise _missing(name, "geom", wanted, [geom.name for geom in spec.geoms])
+    geom.name = TOOL_GEOM
+    for pair in spec.pairs:
+        pair.geomname1 = TOOL_GEOM if pair.geomname1 == wanted else pair.geomname1
+        pair.geomname2 = TOOL_GEOM if pair.geomname2 == wanted else pair.geomname2
+
+
+def _add_site(
+    spec: mujoco.MjSpec, usual: str, where: str | PartPlace | None, renamed: dict[str | None, str], name: str
+) -> None:
+    """A site of the contract's name, at the place of another or on a body; the model's own of that name gives way."""
+    if where is None or where == usual:
+        return
+    sites = {site.name: site for site in spec.sites}
+    if usual in sites:
+        sites[usual].name = f"{usual}_of_the_model"
+    if isinstance(where, str):
+        if where not in sites:
+            hint = ""
+            if any(body.name == where for body in spec.bodies):
+                hint = f"; a body is called so: {usual}: {{body: {where}}}"
+            elif any(camera.name == where for camera in spec.cameras):
+                hint = f"; a <camera> is called so: give its place, {usual}: {{body: NAME, pos: [x, y, z]}}"
+            raise ConfigurationError(f"{_missing(name, 'site', where, list(sites))}{hint}")
+        own = sites[where]
+        added = own.parent.add_site(name=usual, pos=own.pos, quat=own.quat, group=4)
+        added.alt = own.alt
+        return
+    body = _body(spec, renamed.get(where.body, where.body), name)
+    upright = abs(where.z[2]) > 0.999
+    if usual == CAMERA_SITE:  # OpenCV axes: x to the right of the view, y down
+        x = np.array(_STARBOARD) if upright else np.cross(where.z, _UP)
+    else:
+        x = np.array(_AHEAD) if upright else np.array(_UP)
+    R = rotation_from_z(where.z, x)
+    body.add_site(name=usual, pos=where.pos, quat=quat_wxyz_from_rotation(R), group=4)
+
+
+def _drive(spec: mujoco.MjSpec, joints: Mapping[str, float | None], name: str) -> None:
+    """Give each joint of the arm one motor, gear 1, with its torque limit; those not named are locked at zero.
+
+    That holds for all joints that the hull carries but those on springs: of a second arm, a gripper, a camera's pan.
+    """
+    there = {joint.name: joint for joint in spec.joints if joint.type in _TURNING}
+    for wanted in joints:
+        if wanted not in there:
+            raise _missing(name, "joint", wanted, list(there))
+    chain = joints_between(spec)
+    listed = [joint for joint in chain if joint in joints]
+    if listed != list(joints):
+        raise ConfigurationError(
+            f"{name}: joints: must be those from {ARM_BASE_BODY} to {TIP_SITE} in this order, {', '.join(chain)}; got "
+            f"{', '.join(joints)}"
+        )
+    carried = next((body.find_all(mujoco.mjtObj.mjOBJ_JOINT) for body in spec.bodies if body.name == HULL_BODY), [])
+    locked = [each for each in carried if each.type in _TURNING and each.name not in joints and not each.stiffness[0]]
+    if locked:
+        with keyframes_kept(spec):
+            for joint in locked:
+                _lock(spec, joint)
+    for wanted, limit in joints.items():
+        add_motor(spec, there[wanted], limit, name)
+
+
+def _lock(spec: mujoco.MjSpec, joint: mujoco.MjsJoint) -> None:
+    """Delete a joint, with what drives it or holds it to another."""
+    for actuator in list(spec.actuators):
+        if actuator.target == joint.name and actuator.trntype == mujoco.mjtTrn.mjTRN_JOINT:
+            spec.delete(actuator)
+    for equality in list(spec.equalities):
+        if equality.type == mujoco.mjtEq.mjEQ_JOINT and joint.name in (equality.name1, equality.name2):
+            spec.delete(equality)
+    for sensor in list(spec.sensors):
+        if sensor.objtype == mujoco.mjtObj.mjOBJ_JOINT and sensor.objname == joint.name:
+            spec.delete(sensor)
+    spec.delete(joint)
+
+
+_TURNING = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
+
+
+def add_motor(spec: mujoco.MjSpec, joint: mujoco.MjsJoint, limit: float | None, name: str) -> None:
+    """Drive a joint by a motor, gear 1, in place of another kind of actuator that it has.
+
+    Args:
+        spec: model.
+        joint: of the arm.
+        limit: [N m] of the motor; None: that of its actuator, or of its `actuatorfrcrange`, a URDF's effort.
+        name: with which errors begin.
+
+    Raises:
+        ConfigurationError: no limit is known.
+    """
+    own = [a for a in spec.actuators if a.target == joint.name and a.trntype == mujoco.mjtTrn.mjTRN_JOINT]
+    known = [np.abs(a.ctrlrange).min() for a in own if is_motor(a) and np.ptp(a.ctrlrange) > 0.0]
+    known += [np.abs(a.forcerange).min() for a in own if np.ptp(a.forcerange) > 0.0]
+    known += [np.abs(joint.actfrcrange).min()] if np.ptp(joint.actfrcrange) > 0.0 else []
+    if limit is None:
+        if not known or not known[0] > 0.0:
+            raise ConfigurationError(
+                f"{name}: joint {joint.name!r} has no torque limit (URDF: <limit effort>); give it, "
+                f"joints: {{{joint.name}: 10}} [N m]"
+            )
+        limit = float(known[0])
+    for actuator in own:
+        spec.delete(actuator)
+    joint.actfrclimited = mujoco.mjtLimited.mjLIMITED_FALSE  # the motor's own range limits it
+    motor = spec.add_actuator(name=joint.name, trntype=mujoco.mjtTrn.mjTRN_JOINT, target=joint.name)
+    motor.ctrlrange, motor.ctrllimited = [-limit, limit], mujoco.mjtLimited.mjLIMITED_TRUE
+
+
+def is_motor(actuator: mujoco.MjsActuator) -> bool:
+    """True if the control of an actuator on a joint is its torque [N m]."""
+    return (
+        actuator.gaintype == mujoco.mjtGain.mjGAIN_FIXED
+        and actuator.biastype == mujoco.mjtBias.mjBIAS_NONE
+        and actuator.dyntype == mujoco.mjtDyn.mjDYN_NONE
+        and actuator.gainprm[0] == 1.0
+        and actuator.gear[0] == 1.0
+    )
+
+
+def joints_between(spec: mujoco.MjSpec) -> list[str]:
+    """Names of the joints from the arm's base to the tip, base first, without those on springs."""
+    tip = next((site for site in spec.sites if site.name == TIP_SITE), None)
+    names: list[str] = []
+    body = tip.parent if tip is not None else None
+    while body is not None and body.name not in (ARM_BASE_BODY, HULL_BODY, "world"):
+        names[:0] = [joint.name for joint in body.joints if joint.type in _TURNING and not joint.stiffness[0]]
+        body = body.parent
+    return names
+
+
+def _thruster(spec: mujoco.MjSpec, mapped: MappedThruster, renamed: dict[str | None, str], name: str) -> None:
+    """Add a thruster, or give an actuator of the model its table."""
+    actuators = {actuator.name: actuator for actuator in spec.actuators}
+    if mapped.actuator is not None:
+        if mapped.actuator not in actuators:
+            raise _missing(name, "actuator", mapped.actuator, list(actuators))
+        _make_plain(actuators[mapped.actuator])
+        thrusters.attach(spec, {mapped.actuator: mapped.thruster})
+        return
+    site = mapped.site
+    if mapped.place is not None:
+        site, body = (
+            f"thruster_{mapped.name}",
+            _body(spec, renamed.get(mapped.place.body, mapped.place.body) or HULL_BODY, name),
+        )
+        body.add_site(name=site, pos=mapped.place.pos, quat=_along_x(mapped.place.z), group=4)
+    elif site not in {each.name for each in spec.sites}:
+        raise _missing(name, "site", str(site), [each.name for each in spec.sites])
+    actuator = spec.add_actuator(name=f"thruster_{mapped.name}", trntype=mujoco.mjtTrn.mjTRN_SITE, target=site)
+    along = np.array([1.0, 0.0, 0.0]) if mapped.direction is None else np.array(mapped.direction)
+    actuator.gear = [*along, 0.0, 0.0, 0.0]
+    thrusters.attach(spec, {actuator.name: mapped.thruster})
+
+
+def _make_plain(actuator: mujoco.MjsActuator) -> None:
+    """Make an actuator on a site one whose control is its thrust [N]: its kind in the mapping has limits and curve."""
+    length = float(np.linalg.norm(actuator.gear[:3]))
+    if actuator.trntype != mujoco.mjtTrn.mjTRN_SITE or actuator.refsite or not length > 0.0:
+        return  # refused, with the reason, where its table is attached
+    actuator.set_to_motor()
+    actuator.gear[:3] = np.array(actuator.gear[:3]) / length
+    actuator.ctrllimited = actuator.forcelimited = mujoco.mjtLimited.mjLIMITED_FALSE
+
+
+def _along_x(direction: Array) -> Array:
+    """Quaternion wxyz of a frame whose x axis is `direction` (3,)."""
+    R = rotation_from_z(direction, np.eye(3)[int(np.argmin(np.abs(direction)))])
+    return quat_wxyz_from_rotation(R[:, [2, 0, 1]])

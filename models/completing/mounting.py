@@ -1,0 +1,76 @@
+"""An arm from a URDF on a hull of another model."""
+
+from pathlib import Path
+
+import mujoco
+import numpy as np
+from numpy.typing import ArrayLike
+
+from uuv.models.files import urdf
+from uuv.models.files.urdf import rotation_from_rpy
+from uuv.models.naming import ARM_BASE_BODY, HOME_KEY, HULL_BODY, READY_KEY, TIP_SITE
+from uuv.models.completing.mapping import joints_between
+from uuv.models.completing.urdf_vehicle import add_motors, spec_of_urdf
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.spatial import Array, checked, quat_wxyz_from_rotation, rotation_from_z, shown
+
+_PREFIX = "arm_"
+
+
+def mount_arm(
+    spec: mujoco.MjSpec,
+    file: str | Path,
+    *,
+    p: ArrayLike,
+    rpy: ArrayLike = (0.0, 0.0, 0.0),
+    tip: str,
+    tip_p: ArrayLike = (0.0, 0.0, 0.0),
+    tip_z: ArrayLike = (0.0, 0.0, 1.0),
+) -> list[str]:
+    """Mount the arm of a URDF on the hull of `spec`, in place; its root link becomes the body `arm_base`.
+
+    Names of its other links, and of its joints, get the prefix `arm_`.
+
+    The arm is dry: attach coefficients to its links, then trim the hull. Keyframes `home` and `ready` of the hull alone
+    are dropped.
+
+    Args:
+        spec: vehicle without an arm.
+        file: URDF; its joints have limits and efforts.
+        p: (3,) [m] place of its root link on the hull.
+        rpy: (3,) [rad] roll, pitch, yaw of that link.
+        tip: link that carries the tip.
+        tip_p: (3,) [m] place of the tip in that link.
+        tip_z: (3,) direction out of the tool in that link.
+
+    Returns:
+        Names of the arm's bodies, base first.
+
+    Raises:
+        ConfigurationError: the vehicle has an arm or no hull, the file is no URDF, or a link or an effort is missing.
+    """
+    bodies = {body.name: body for body in spec.bodies}
+    if HULL_BODY not in bodies or ARM_BASE_BODY in bodies:
+        raise ConfigurationError(f"an arm is mounted on a vehicle with a body {HULL_BODY!r} and no {ARM_BASE_BODY!r}")
+    name = f"arm {shown(str(file))}"
+    root = urdf.parse(Path(file), name).root
+    arm, _ = spec_of_urdf(file)
+    links = {body.name: body for body in arm.bodies if body.name != "world"}
+    if tip not in links:
+        raise ConfigurationError(f"{name}: tip: there are the links {', '.join(links)}, got {shown(tip)}")
+    z: Array = checked(tip_z, (3,), "tip_z")
+    R = rotation_from_z(z, np.eye(3)[int(np.argmin(np.abs(z)))])
+    for joint in list(links[root].joints):
+        arm.delete(joint)  # the free joint
+    links[root].name = ARM_BASE_BODY.removeprefix(_PREFIX)
+    quat = quat_wxyz_from_rotation(rotation_from_rpy(checked(rpy, (3,), "rpy")))
+    for key in [key for key in spec.keys if key.name in (HOME_KEY, READY_KEY)]:
+        spec.delete(key)
+    place = bodies[HULL_BODY].add_frame(pos=checked(p, (3,), "p"), quat=quat)
+    place.attach_body(links[root], _PREFIX, "")
+    names = {link: ARM_BASE_BODY if link == root else _PREFIX + link for link in links}
+    spec.body(names[tip]).add_site(
+        name=TIP_SITE, pos=checked(tip_p, (3,), "tip_p"), quat=quat_wxyz_from_rotation(R), group=4
+    )
+    add_motors(spec, joints_between(spec), name)
+    return list(names.values())

@@ -1,0 +1,344 @@
+"""Folded and ready postures of an arm, found by search where a model has no keyframes `home` and `ready`.
+
+Joint angles are drawn from a fixed seed within the limits, so that a model has the same postures every time. Parts that
+touch in nearly every posture are neighbours whose shapes overlap, and do not count as touching.
+
+- `home` is compact, and clear of the hull, of the arm itself and of the camera's view; a vehicle that is wet lists
+  little in it.
+- `ready` has the largest margin from singular postures and joint limits, the tool ahead of the camera, at 40 to 75 % of
+  the arm's reach.
+"""
+
+from collections.abc import Iterator
+from copy import copy
+from dataclasses import dataclass
+from functools import cached_property
+
+import mujoco
+import numpy as np
+
+from uuv.models import hydrodynamics
+from uuv.models.naming import CAMERA_SITE
+from uuv.models.vehicle import Vehicle
+from uuv.sim.interfaces.spatial import Array
+
+DRAWN = 3000  # postures
+VIEW = float(np.radians(25.0))  # half angle of the camera's view that the folded arm keeps clear of
+_RINGS, _SPOKES = 3, 8  # of the rays within that angle
+_FARTHEST = 3.0  # [m] to which the view is to be clear
+_ALWAYS = 0.9  # share of postures from which on two touching parts are taken for neighbours
+_TRIED = 400  # postures from which neighbours are told
+_LOCAL, _ROUNDS = 60, 6  # changes that are tried around the best posture, and rounds of them, each half as wide
+_LEVER = 0.4  # of the reach [m/rad]: weighs rotation against translation
+_INSIDE = 0.4, 0.75  # share of the reach at which a ready tool is
+_ROOMY = 0.5  # [rad] or [m] distance from a joint limit that counts as free
+_LISTS = 1.0  # [m/rad] weight of the vehicle's list against the arm's spread
+_SPARE = 0.03  # share of a joint's range that a folded arm keeps from its ends
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FoundPosture:
+    """A posture that was found, with what it was chosen by."""
+
+    q: Array  # (n,) [rad]
+    said: str  # its figures, in words
+
+
+class PostureSearch:
+    """Search of postures of the arm of one vehicle."""
+
+    def __init__(self, model: mujoco.MjModel) -> None:
+        """Take a copy of a vehicle's model in which all its parts may touch each other.
+
+        Args:
+            model: compiled, without a scene. Shapes that do not collide count only where the vehicle has no others.
+
+        Raises:
+            ConfigurationError: it has no vehicle with an arm.
+        """
+        self.vehicle = Vehicle.of(model)
+        self.model = model = copy(model)
+        solid = (np.asarray(model.geom_contype) | np.asarray(model.geom_conaffinity)) > 0
+        bits = (solid if solid.any() else np.ones_like(solid)).astype(np.int32)
+        model.geom_contype[:] = model.geom_conaffinity[:] = bits
+        model.body_contype[:] = model.body_conaffinity[:] = 1
+        self.data = mujoco.MjData(self.model)
+        vehicle = self.vehicle
+        self._low, self._high = vehicle.q_limits[:, 0], vehicle.q_limits[:, 1]
+        self._camera = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SITE, CAMERA_SITE)
+        first = int(model.jnt_bodyid[vehicle.joints[0]])
+        moved = [b for b in range(model.nbody) if _carried(model, b, first)]
+        self._arm_geoms = np.array([g for g in range(model.ngeom) if model.geom_bodyid[g] in moved], dtype=np.int64)
+        own = [g for g in range(model.ngeom) if model.geom_bodyid[g] == vehicle.hull]
+        self._at(np.clip(np.zeros(len(self._low)), self._low, self._high))
+        self._box = _box(model, self.data, own, vehicle.hull)
+
+    @cached_property
+    def _drawn(self) -> Array:
+        """Postures (DRAWN, n), the same every time."""
+        return np.random.default_rng(0).uniform(self._low, self._high, (DRAWN, len(self._low)))
+
+    @cached_property
+    def _neighbours(self) -> set[tuple[int, int]]:
+        """Pairs of bodies whose shapes touch in nearly every posture."""
+        return self._always_touching(self._drawn[:_TRIED])
+
+    @cached_property
+    def _tips(self) -> Array:
+        return np.array([self._tip(q) for q in self._drawn])
+
+    @cached_property
+    def reach(self) -> float:
+        """Largest distance [m] of the tip from the arm's base."""
+        return float(np.linalg.norm(self._tips, axis=1).max())
+
+    @cached_property
+    def _masses(self) -> tuple[np.ndarray, Array, Array]:
+        """Bodies (b,), their masses less those of their water (b,) [kg], and moments of both in the body (b, 3) [kg m].
+
+        Empty arrays where the hull has no water.
+        """
+        model = self.model
+        if not hydrodynamics.carries(model.body_user[self.vehicle.hull]):
+            return np.zeros(0, dtype=np.int64), np.zeros(0), np.zeros((0, 3))
+        density = hydrodynamics.water_density(model)
+        bodies = np.flatnonzero(model.body_rootid == model.body_rootid[self.vehicle.hull])
+        net, local = np.array(model.body_mass[bodies]), model.body_mass[bodies, None] * model.body_ipos[bodies]
+        for i, body in enumerate(bodies):
+            if hydrodynamics.carries(model.body_user[body]):
+                water = hydrodynamics.unpack(model.body_user[body])
+                net[i] -= density * water.volume
+                local[i] -= density * water.volume * water.center_of_buoyancy
+        return bodies, net, local
+
+    def home(self) -> FoundPosture:
+        """The folded posture."""
+        spare = _SPARE * (self._high - self._low)
+        inside = np.clip(self._drawn, self._low + spare, self._high - spare)
+        costs = np.array([self._spread(q) for q in inside])
+        best, cost = None, np.inf
+        for i in np.argsort(costs, kind="stable"):
+            if self.is_clear(inside[i]) and self.view_blocked(inside[i]) == 0.0:
+                best, cost = inside[i], costs[i]
+                break
+        if best is None:  # no posture leaves the view free: the least in the way
+            clear = [q for q in inside if self.is_clear(q)] or [inside[int(np.argmin(costs))]]
+            best = min(clear[:200], key=lambda q: (self.view_blocked(q), self._spread(q)))
+            return FoundPosture(q=best, said=f"{self.view_blocked(best):.0%} of the camera's view is behind the arm")
+        for q in self._around(best, spare):
+            if (spread := self._spread(q)) < cost and self.is_clear(q) and self.view_blocked(q) == 0.0:
+                best, cost = q, spread
+        return FoundPosture(q=best, said="clear of the hull, of itself and of the camera's view")
+
+    def ready(self) -> FoundPosture:
+        """The posture to start inverse kinematics from."""
+        scores = np.array([self._readiness(q) for q in self._drawn])
+        best, score = self._drawn[int(np.argmax(scores))], -np.inf
+        for i in np.argsort(-scores, kind="stable"):
+            if self.is_clear(self._drawn[i]):
+                best, score = self._drawn[i], scores[i]
+                break
+        for q in self._around(best, np.zeros(len(self._low))):
+            if (now := self._readiness(q)) > score and self.is_clear(q):
+                best, score = q, now
+        far = float(np.linalg.norm(self._tip(best)))
+        return FoundPosture(
+            q=best,
+            said=f"tip {far:.2f} m from the arm's base ({far / self.reach:.0%} of its reach), "
+            f"smallest singular value {self.singular_value(best):.2g}",
+        )
+
+    def drawn_tips(self) -> Array:
+        """Places (DRAWN, 3) [m] of the tip in the drawn postures, hull axes."""
+        return self._tips @ self.data.xmat[self.vehicle.hull].reshape(3, 3) + self.vehicle.X_BA[:3, 3]
+
+    def share_touching(self, turned: int | None = None, count: int = _TRIED) -> float:
+        """Share of the first `count` drawn postures in which the arm touches the hull or itself.
+
+        Args:
+            turned: index of a joint that is taken as if its axis pointed the other way; None: none.
+            count: number of postures.
+        """
+        postures = np.array(self._drawn[:count])
+        if turned is not None:
+            postures[:, turned] *= -1.0
+        return float(np.mean([not self.is_clear(q) for q in postures]))
+
+    def is_clear(self, q: Array) -> bool:
+        """Whether the arm touches neither the hull nor itself at joint angles `q` (n,)."""
+        return not self.touching(q)
+
+    def touching(self, q: Array) -> set[tuple[int, int]]:
+        """Pairs of bodies that touch at `q` (n,), but for neighbours."""
+        self._at(q)
+        mujoco.mj_collision(self.model, self.data)
+        return self._pairs() - self._neighbours
+
+    def view_blocked(self, q: Array) -> float:
+        """Share of the rays within VIEW of the camera's axis that hit the arm or the hull at `q` (n,)."""
+        return self.view_hits(q)[0]
+
+    def view_hits(self, q: Array, half_angle: float = VIEW) -> tuple[float, str]:
+        """Share of the camera's rays that hit the vehicle itself, and the body that they hit most; "" without a camera.
+
+        Args:
+            q: (n,) joint angles.
+            half_angle: [rad] around the camera's axis.
+        """
+        if self._camera < 0:
+            return 0.0, ""
+        self._at(q)
+        model, data = self.model, self.data
+        R, p = data.site_xmat[self._camera].reshape(3, 3), data.site_xpos[self._camera]
+        hit, distance = np.full(1, -1, dtype=np.int32), 0.0
+        hits: list[int] = []
+        rays = list(_fan(half_angle))
+        for ray in rays:
+            distance = mujoco.mj_ray(model, data, p, R @ ray, None, 1, -1, hit)
+            if 0.0 <= distance < _FARTHEST and int(hit[0]) >= 0 and not self._behind_lens(int(hit[0]), distance):
+                hits.append(int(model.geom_bodyid[hit[0]]))
+        most = max(set(hits), key=hits.count) if hits else -1
+        return len(hits) / len(rays), model.body(most).name if most >= 0 else ""
+
+    def singular_value(self, q: Array) -> float:
+        """Smallest singular value [-] of the tip's Jacobian, lengths in shares of the reach, rotation weighted."""
+        self._at(q)
+        return self._singular_value()
+
+    def _singular_value(self) -> float:
+        """`singular_value` at the present posture."""
+        model, data, dof = self.model, self.data, self.vehicle.dof
+        jac = np.zeros((6, model.nv))
+        mujoco.mj_comPos(model, data)
+        mujoco.mj_jacSite(model, data, jac[:3], jac[3:], self.vehicle.tip)
+        J = jac[:, dof]
+        J[:3] /= self.reach
+        J[3:] *= _LEVER
+        values = np.linalg.svd(J, compute_uv=False)
+        return float(values[min(6, len(dof)) - 1])
+
+    def tip_axis(self, q: Array) -> tuple[Array, Array]:
+        """Place (3,) [m] of the tip in hull axes and direction (3,) of the tool at `q` (n,)."""
+        self._at(q)
+        return self._tip_axis()
+
+    def _tip_axis(self) -> tuple[Array, Array]:
+        """`tip_axis` at the present posture."""
+        vehicle, data = self.vehicle, self.data
+        R_WB, p = data.xmat[vehicle.hull].reshape(3, 3), data.xpos[vehicle.hull]
+        return R_WB.T @ (data.site_xpos[vehicle.tip] - p), R_WB.T @ data.site_xmat[vehicle.tip].reshape(3, 3)[:, 2]
+
+    def _behind_lens(self, geom: int, distance: float) -> bool:
+        """A housing of the hull around the camera's own place does not count: its window is not modelled."""
+        return distance < 1e-3 or (self._within(geom) and int(self.model.geom_bodyid[geom]) == self.vehicle.hull)
+
+    def _within(self, geom: int) -> bool:
+        """Whether the camera's place is inside the bounding sphere of a small geom, such as its housing."""
+        model, data = self.model, self.data
+        away = float(np.linalg.norm(data.geom_xpos[geom] - data.site_xpos[self._camera]))
+        return away < float(model.geom_rbound[geom]) < 0.15
+
+    def _readiness(self, q: Array) -> float:
+        room = float(np.minimum(q - self._low, self._high - q).min())
+        reach = self.reach  # may search, so before the posture is set
+        self._at(q)
+        sigma, (p_BG, z_BG) = self._singular_value(), self._tip_axis()
+        far = float(np.linalg.norm(p_BG - self.vehicle.X_BA[:3, 3])) / reach
+        score = sigma * min(1.0, max(room, 0.0) / _ROOMY)
+        score *= max(0.1, 1.0 - 4.0 * max(0.0, _INSIDE[0] - far, far - _INSIDE[1]))
+        if self._camera >= 0:
+            data = self.data
+            R_WB = data.xmat[self.vehicle.hull].reshape(3, 3)
+            p_BC = R_WB.T @ (data.site_xpos[self._camera] - data.xpos[self.vehicle.hull])
+            z_BC = R_WB.T @ data.site_xmat[self._camera].reshape(3, 3)[:, 2]
+            seen = (p_BG - p_BC) / max(float(np.linalg.norm(p_BG - p_BC)), 1e-9)
+            score *= (0.5 + 0.5 * max(0.0, float(z_BG @ z_BC))) * (0.5 + 0.5 * max(0.0, float(seen @ z_BC)))
+        return score
+
+    def _around(self, q: Array, spare: Array) -> Iterator[Array]:
+        """Postures near `q`, ever nearer; from the same seed every time."""
+        rng = np.random.default_rng(1)
+        wide = 0.1 * (self._high - self._low)
+        for _ in range(_ROUNDS):
+            for _ in range(_LOCAL):
+                yield np.clip(q + wide * rng.standard_normal(len(q)), self._low + spare, self._high - spare)
+            wide = 0.5 * wide
+
+    def _at(self, q: Array) -> None:
+        self.data.qpos[self.vehicle.qpos] = q
+        mujoco.mj_kinematics(self.model, self.data)
+
+    def _tip(self, q: Array) -> Array:
+        """Vector (3,) [m] from the arm's base to the tip, W."""
+        self._at(q)
+        return self.data.site_xpos[self.vehicle.tip] - self.data.xpos[self.vehicle.arm_base]
+
+    def _spread(self, q: Array) -> float:
+        """How far [m] the arm reaches out of the hull's box at `q` (n,), and the list that it causes, weighted."""
+        self._at(q)
+        model, data, hull = self.model, self.data, self.vehicle.hull
+        places = [data.geom_xpos[self._arm_geoms], data.site_xpos[[self.vehicle.tip]]]
+        p_B = (np.vstack(places) - data.xpos[hull]) @ data.xmat[hull].reshape(3, 3)
+        radius = np.append(model.geom_rbound[self._arm_geoms], 0.0)
+        out = np.maximum(np.maximum(self._box[0] - p_B, p_B - self._box[1]), 0.0)
+        return float((np.linalg.norm(out, axis=1) + radius).max()) + _LISTS * min(self._lists(), 1.0)
+
+    def _lists(self) -> float:
+        """Angle [rad] by which the vehicle lists at the present posture; 0 for one without water, or unstable."""
+        data, hull = self.data, self.vehicle.hull
+        bodies, net, local = self._masses
+        if not bodies.size:
+            return 0.0
+        moment = net @ (data.xpos[bodies] - data.xpos[hull])  # [kg m] of masses less their water, world axes
+        moment += np.einsum("bij,bj->i", data.xmat[bodies].reshape(-1, 3, 3), local)
+        moment = moment @ data.xmat[hull].reshape(3, 3)
+        return float(np.hypot(*moment[:2]) / -moment[2]) if moment[2] < 0.0 else 0.0
+
+    def _pairs(self) -> set[tuple[int, int]]:
+        contact = self.data.contact
+        found = set()
+        for i in range(self.data.ncon):
+            if contact.dist[i] > 0.0:
+                continue
+            a, b = (int(self.model.geom_bodyid[g]) for g in contact.geom[i])
+            found.add((min(a, b), max(a, b)))
+        return found
+
+    def _always_touching(self, postures: Array) -> set[tuple[int, int]]:
+        counts: dict[tuple[int, int], int] = {}
+        for q in postures:
+            self._at(q)
+            mujoco.mj_collision(self.model, self.data)
+            for pair in self._pairs():
+                counts[pair] = counts.get(pair, 0) + 1
+        return {pair for pair, count in counts.items() if count >= _ALWAYS * len(postures)}
+
+
+def _fan(half_angle: float) -> Iterator[Array]:
+    """Unit vectors (3,) of rays around z, on rings up to `half_angle` [rad]."""
+    yield np.array([0.0, 0.0, 1.0])
+    for ring in range(1, _RINGS + 1):
+        tilt = half_angle * ring / _RINGS
+        for spoke in range(_SPOKES):
+            turn = 2.0 * np.pi * spoke / _SPOKES
+            yield np.array([np.sin(tilt) * np.cos(turn), np.sin(tilt) * np.sin(turn), np.cos(tilt)])
+
+
+def _carried(model: mujoco.MjModel, body: int, by: int) -> bool:
+    while body not in (0, by):
+        body = int(model.body_parentid[body])
+    return body == by
+
+
+def _box(model: mujoco.MjModel, data: mujoco.MjData, geoms: list[int], hull: int) -> Array:
+    """Corners (2, 3) [m], in hull axes, of the box around spheres about `geoms`' boxes; a point without any."""
+    if not geoms:
+        return np.zeros((2, 3))
+    R, p = data.xmat[hull].reshape(3, 3), data.xpos[hull]
+    low, high = np.full(3, np.inf), np.full(3, -np.inf)
+    for g in geoms:
+        R_BG = R.T @ data.geom_xmat[g].reshape(3, 3)
+        centre = R.T @ (data.geom_xpos[g] - p) + R_BG @ model.geom_aabb[g, :3]
+        half = np.abs(R_BG) @ model.geom_aabb[g, 3:]
+        low, high = np.minimum(low, centre - half), np.maximum(high, centre + half)
+    return np.array([low, high])

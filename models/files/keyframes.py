@@ -1,0 +1,41 @@
+"""Keyframes of a model to which joints are added, or from which they are removed."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import mujoco
+import numpy as np
+
+from uuv.sim.interfaces.spatial import Array
+
+_WIDTH = {mujoco.mjtJoint.mjJNT_FREE: 7, mujoco.mjtJoint.mjJNT_BALL: 4}  # numbers in qpos; of other joints one
+
+
+@contextmanager
+def keyframes_kept(spec: mujoco.MjSpec) -> Iterator[None]:
+    """Context in which joints of `spec` may be added and deleted: at its end keyframes have their size again.
+
+    Each joint that was there before keeps its position in every keyframe. A new joint gets that of the model's
+    reference configuration. Joints are told apart by their names, those without a name by their bodies'.
+    """
+    before = spec.copy().compile()
+    kept = {key.name: dict(_positions(before, before.key_qpos[i])) for i, key in enumerate(spec.keys)}
+    yield
+    for key in spec.keys:
+        key.qpos = np.zeros(0)
+    after = spec.copy().compile()
+    for key in spec.keys:
+        qpos = np.array(after.qpos0)
+        for name, value in _positions(after, qpos):
+            value[:] = kept[key.name].get(name, value)
+        key.qpos = qpos
+
+
+def _positions(model: mujoco.MjModel, qpos: Array) -> Iterator[tuple[str, Array]]:
+    """Each joint's name, or if it has none its body's, and its part of `qpos`, a view."""
+    for joint in range(model.njnt):
+        start = int(model.jnt_qposadr[joint])
+        yield (
+            model.joint(joint).name or model.body(model.jnt_bodyid[joint]).name,
+            qpos[start : start + _WIDTH.get(mujoco.mjtJoint(model.jnt_type[joint]), 1)],
+        )

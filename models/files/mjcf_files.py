@@ -1,0 +1,66 @@
+"""Reader of users' MJCF files: each is read, compiled and validated once, with one clear error where it is wrong."""
+
+import re
+from pathlib import Path
+
+import mujoco
+import numpy as np
+
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.files import bytes_of, existing_file, text_of
+from uuv.sim.interfaces.spatial import shown
+
+_LARGEST = 1e6  # [SI] magnitude beyond which a number is taken as an input error
+_JUDGED = ("qpos0", "body_pos", "body_mass", "body_inertia", "geom_size", "geom_pos", "site_pos", "actuator_gear")
+
+
+def read_mjcf(file: str | Path, what: str) -> tuple[mujoco.MjSpec, mujoco.MjModel]:
+    """Read and compile an MJCF file, whatever its ending.
+
+    Args:
+        file: path.
+        what: name of the file's role, with which errors begin.
+
+    Returns:
+        Spec and compiled model.
+
+    Raises:
+        ConfigurationError: MuJoCo cannot read or compile it, or a number is not finite or beyond 1e6.
+    """
+    path = existing_file(file, what)
+    name = f"{what} {shown(str(path))}"
+    root = re.search(rb"<([A-Za-z][\w.-]*)", re.sub(rb"<!--.*?-->", b"", bytes_of(path, what), flags=re.DOTALL))
+    if root is None or not root[1].startswith(b"mujoco"):
+        found = "no XML" if root is None else f"XML with the root <{root[1].decode()}>"
+        raise ConfigurationError(f"{name}: {found}; what goes is an MJCF, root <mujoco>, or a URDF, root <robot>")
+    try:
+        if path.suffix.lower() == ".xml":
+            spec = mujoco.MjSpec.from_file(str(path))
+        else:  # MuJoCo takes the format from the ending, so other endings are read as text
+            spec = mujoco.MjSpec.from_string(text_of(path, what))
+            spec.modelfiledir = str(path.parent)
+    except (ValueError, mujoco.FatalError) as error:
+        raise ConfigurationError(f"{name} is not an MJCF that MuJoCo reads: {error}") from error
+    return spec, compiled(spec, name)
+
+
+def compiled(spec: mujoco.MjSpec, name: str) -> mujoco.MjModel:
+    """Compile a user's spec, and judge its numbers.
+
+    Args:
+        spec: of a file.
+        name: with which errors begin.
+
+    Raises:
+        ConfigurationError: MuJoCo cannot compile it, or a number is not finite or beyond 1e6.
+    """
+    try:
+        model = spec.compile()
+    except (ValueError, mujoco.FatalError) as error:
+        raise ConfigurationError(f"{name}: MuJoCo cannot compile it: {error}") from error
+    for field in _JUDGED:
+        values = np.asarray(getattr(model, field))
+        if not np.all(np.abs(values) <= _LARGEST):  # this form also catches NaN
+            worst = values.flat[int(np.argmax(np.where(np.isfinite(values), np.abs(values), np.inf)))]
+            raise ConfigurationError(f"{name}: {field} must be finite and within {_LARGEST:g}, got {worst:g}")
+    return model

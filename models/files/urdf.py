@@ -1,0 +1,390 @@
+"""URDF files: the tree of links and joints, the serial arm between two links, and the robot as a MuJoCo model.
+
+    robot = urdf.parse("arm.urdf")
+    arm = robot.chain(tip="flange").arm()                       # SerialArm, from the root link
+    model, root = urdf.model_from_urdf("arm.urdf", "base_link", "flange")
+
+MuJoCo reads URDF, but for chains three things are missing: it asks for mesh files, merges links that do not move, and
+drops `mimic`, by which URDF couples joints.
+"""
+
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+from xml.etree import ElementTree
+from xml.etree.ElementTree import Element
+
+import mujoco
+import numpy as np
+
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.files import bytes_of
+from uuv.sim.interfaces.spatial import Array, checked_place, exp_so3, finite_number, pose, readonly, shown
+
+if TYPE_CHECKING:
+    from uuv.models.arms.serial_arm import SerialArm
+
+CHAIN_TIP = "chain tip"  # site that `model_from_urdf` adds
+MESHES = (".stl", ".obj", ".msh")  # endings of the mesh files that MuJoCo reads
+LONGEST = 1e4  # [m] or [rad] largest number accepted: more is a slip, or millimetres
+_DRIVEN = {"revolute": "r", "continuous": "r", "prismatic": "p"}
+_UNSOLVED = ("floating", "planar")
+_JOINTS = (*_DRIVEN, "fixed", *_UNSOLVED)
+_XACRO = "{http://www.ros.org/wiki/xacro}", "{http://ros.org/wiki/xacro}", "{http://wiki.ros.org/xacro}"  # tags
+_HEAD = 20_000  # [bytes] within which a URDF under another name has its root element
+
+
+def is_urdf(file: str | os.PathLike[str], what: str) -> bool:
+    """True for a file that ends in .urdf, or whose root element is a robot.
+
+    Args:
+        file: path of a file that exists.
+        what: it is, with which errors begin.
+
+    Raises:
+        ConfigurationError: the file cannot be read.
+    """
+    return Path(file).suffix.lower() == ".urdf" or b"<robot" in bytes_of(file, what)[:_HEAD]
+
+
+def mesh_file(name: str, folder: Path) -> Path | None:
+    """File of a mesh that a URDF names, whatever its format; None: there is none.
+
+    A plain path counts from the URDF's folder. A package is looked for above it, and where it is not found, the end of
+    the path below the URDF's folder or the one above.
+
+    Args:
+        name: path, file:// or package://.
+        folder: of the URDF.
+    """
+    plain, folder = name.removeprefix("file://"), folder.resolve()
+    tried = [folder / plain]
+    if "://" in plain:
+        plain = plain.partition("://")[2]
+        package, _, rest = plain.partition("/")
+        above = [folder, *folder.parents]
+        tried = [base / package / rest for base in above] + [base / rest for base in above if base.name == package]
+    parts = Path(plain).parts
+    tried += [base.joinpath(*parts[k:]) for k in range(len(parts)) for base in (folder, folder.parent)]
+    return next((path.resolve() for path in tried if path.is_file()), None)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class UrdfChain:
+    """The joints of a URDF from one link to another, at zero."""
+
+    name: str  # with which error messages begin
+    base: str  # link
+    tip: str  # link
+    joints: tuple[Element, ...]  # base to tip, fixed ones too
+    X_parent_child: tuple[Array, ...]  # (4, 4) of each
+
+    @property
+    def driven(self) -> tuple[int, ...]:
+        """Indices of the joints that move."""
+        return tuple(i for i, joint in enumerate(self.joints) if joint.get("type") in _DRIVEN)
+
+    @property
+    def X_base_child(self) -> list[Array]:
+        """Pose (4, 4) in the base link of the link after each joint, at zero."""
+        X, out = np.eye(4), []
+        for step in self.X_parent_child:
+            X = X @ step
+            out.append(X)
+        return out
+
+    def arm(self) -> "SerialArm":
+        """Build the serial arm from the frame of the base link to the frame of the tip link.
+
+        Joints without limits, and continuous ones, have infinite limits.
+
+        Raises:
+            ConfigurationError: numbers that cannot be read or lie beyond 1e4, or an axis without length.
+        """
+        from uuv.models.arms.serial_arm import SerialArm  # its kernels compile on import
+
+        X = self.X_base_child
+        axes, limits = [], []
+        for i in self.driven:
+            joint = self.joints[i]
+            element = joint.find("axis")
+            axis = _numbers(element.get("xyz") if element is not None else None, (1.0, 0.0, 0.0), self.name, joint)
+            if not np.linalg.norm(axis) > 0.0:
+                raise ConfigurationError(f"{self.name}: joint {joint.get('name')!r}: its axis has no length")
+            axes.append(X[i][:3, :3] @ axis)
+            limits.append(_limits(joint, self.name))
+        driven = [self.joints[i] for i in self.driven]
+        types = "".join(_DRIVEN[str(joint.get("type"))] for joint in driven)
+        return replace(
+            SerialArm.from_axes(axes, [X[i][:3, 3] for i in self.driven], X[-1], types),
+            limits=readonly(limits),
+            joint_names=tuple(str(joint.get("name")) for joint in driven),
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class UrdfRobot:
+    """A parsed URDF: its XML, and its links as one tree."""
+
+    name: str  # with which error messages begin
+    xml: Element
+    links: tuple[str, ...]
+    root: str  # link
+    carriers: Mapping[str, tuple[str, Element]]  # of each link but the root: its parent link and the joint between
+
+    def path(self, base: str, tip: str, arguments: tuple[str, str] = ("base_link", "tip_link")) -> list[Element]:
+        """Find the joints from one link to another, base to tip.
+
+        Args:
+            base: name of the link to start from.
+            tip: name of the link to end at.
+            arguments: names of the two in error messages.
+
+        Returns:
+            The joint elements, fixed ones and mimics too.
+
+        Raises:
+            ConfigurationError: unknown links, a tip that the base does not carry, or a floating or planar joint between
+                the two.
+        """
+        for argument, link in zip(arguments, (base, tip), strict=True):
+            if not isinstance(link, str) or link not in self.links:
+                raise ConfigurationError(f"{argument}: the robot has {', '.join(self.links)}, got {shown(link)}")
+        joints: list[Element] = []
+        link = tip
+        while link != base and link in self.carriers:
+            link, joint = self.carriers[link]
+            joints.insert(0, joint)
+        if link != base:
+            raise ConfigurationError(f"{arguments[1]}: {tip!r} must be link {base!r} or a link beyond it")
+        for joint in joints:
+            if joint.get("type") in _UNSOLVED:
+                raise ConfigurationError(
+                    f"{self.name}: joint {joint.get('name')!r} between base and tip: allowed {', '.join(_DRIVEN)}, "
+                    f"fixed, not {joint.get('type')}"
+                )
+        return joints
+
+    def chain(
+        self, base: str | None = None, tip: str | None = None, arguments: tuple[str, str] = ("base_link", "tip_link")
+    ) -> UrdfChain:
+        """Find the chain of joints between two links that a serial arm can be.
+
+        Args:
+            base: name of the link whose frame is the base; default the root.
+            tip: name of the link whose frame is the tip; default the only leaf.
+            arguments: names of the two in error messages.
+
+        Returns:
+            The chain, with at least one driven joint.
+
+        Raises:
+            ConfigurationError: as `path`; several leaves to choose from, a mimic or no driven joint between the two
+                links, or origins that cannot be read or lie beyond 1e4.
+        """
+        if tip is None:
+            parents = {parent for parent, _ in self.carriers.values()}
+            leaves = [link for link in self.links if link not in parents]
+            if len(leaves) != 1:
+                raise ConfigurationError(
+                    f"{self.name}: {arguments[1]}: which link is the tip? the leaves are {', '.join(leaves)}"
+                )
+            tip = leaves[0]
+        start = self.root if base is None else base
+        joints = self.path(start, tip, arguments)
+        for joint in joints:
+            if joint.find("mimic") is not None:
+                raise ConfigurationError(
+                    f"{self.name}: joint {joint.get('name')!r} between base and tip must not be a mimic"
+                )
+        chain = UrdfChain(
+            name=self.name,
+            base=start,
+            tip=tip,
+            joints=tuple(joints),
+            X_parent_child=tuple(origin_of(joint, self.name) for joint in joints),
+        )
+        if not chain.driven:
+            raise ConfigurationError(f"{self.name}: no driven joint between links {start!r} and {tip!r}")
+        return chain
+
+
+def parse(urdf: str | os.PathLike[str] | bytes, name: str = "urdf") -> UrdfRobot:
+    """Read a URDF and validate that its links form one tree.
+
+    Args:
+        urdf: path of a file, or content: text that begins with "<", or bytes.
+        name: begins the error messages.
+
+    Returns:
+        The robot.
+
+    Raises:
+        ConfigurationError: a file that cannot be read, text that is not XML or not URDF, an unknown type of joint, or
+            links that do not form one tree.
+    """
+    xml = _parsed(urdf, name)
+    links = tuple(link.get("name", "") for link in xml.findall("link"))
+    carriers: dict[str, tuple[str, Element]] = {}
+    for joint in xml.findall("joint"):
+        said, kind = f"{name}: joint {joint.get('name', '')!r}", joint.get("type", "")
+        if kind not in _JOINTS:
+            raise ConfigurationError(f"{said}: allowed types {', '.join(_JOINTS)}, got {kind!r}")
+        ends = [end.get("link", "") for end in (joint.find("parent"), joint.find("child")) if end is not None]
+        if len(ends) != 2 or not set(ends) <= set(links) or ends[1] in carriers:
+            raise ConfigurationError(f"{said}: must join a parent link to a child of no other, got {ends}")
+        carriers[ends[1]] = ends[0], joint
+    roots = [link for link in links if link not in carriers]
+    if len(roots) != 1:
+        raise ConfigurationError(f"{name}: the links of a URDF must form one tree, found the roots {roots}")
+    carried = {roots[0]}
+    for link in links:
+        way, at = [], link
+        while at not in carried and at not in way:
+            way.append(at)
+            at = carriers[at][0]
+        if at not in carried:
+            raise ConfigurationError(f"{name}: the links of a URDF must form one tree, found the loop {way}")
+        carried.update(way)
+    return UrdfRobot(name=name, xml=xml, links=links, root=roots[0], carriers=carriers)
+
+
+def model_from_urdf(urdf: str | os.PathLike[str] | bytes, base_link: str, tip_link: str) -> tuple[mujoco.MjModel, str]:
+    """Compile the kinematics of a URDF, with the site CHAIN_TIP in the frame of a link.
+
+    The root link is MuJoCo's world body. Shapes, masses and efforts are left out. `mimic` becomes a joint equality.
+
+    Args:
+        urdf: path of a file, or content as of `parse`.
+        base_link: name of the link that the chain shall begin at.
+        tip_link: name of the link that gets the site.
+
+    Returns:
+        The model, and the name of the root link.
+
+    Raises:
+        ConfigurationError: as `parse` and `UrdfRobot.path`, and whatever MuJoCo does not accept.
+    """
+    robot = parse(urdf)
+    robot.path(base_link, tip_link)
+    mimics = take_mimics(robot)
+    for _, joint in robot.carriers.values():
+        if joint.get("type") in _UNSOLVED:
+            joint.set("type", "fixed")  # beside the chain, where MuJoCo would refuse it
+    for link in robot.xml.findall("link"):
+        for part in list(link):
+            link.remove(part)
+        # MuJoCo wants mass in whatever moves
+        inertial = ElementTree.SubElement(link, "inertial")
+        ElementTree.SubElement(inertial, "mass", value="1")
+        ElementTree.SubElement(inertial, "inertia", ixx="1", iyy="1", izz="1", ixy="0", ixz="0", iyz="0")
+    extension = ElementTree.SubElement(robot.xml, "mujoco")
+    ElementTree.SubElement(extension, "compiler", fusestatic="false")
+    try:
+        spec = mujoco.MjSpec.from_string(ElementTree.tostring(robot.xml, encoding="unicode"))
+        carrier = spec.worldbody if tip_link == robot.root else spec.body(tip_link)
+        carrier.add_site(name=CHAIN_TIP)
+        couple(spec, mimics)
+        return spec.compile(), robot.root
+    except ConfigurationError:
+        raise
+    except (ValueError, TypeError, AttributeError, RecursionError, mujoco.FatalError) as error:
+        raise ConfigurationError(f"{robot.name}: MuJoCo does not accept it: {error}") from error
+
+
+def take_mimics(robot: UrdfRobot) -> list[tuple[str, Element]]:
+    """Remove the `mimic` elements, which MuJoCo does not know, from a robot's XML: joint and element of each."""
+    mimics = []
+    for _, joint in robot.carriers.values():
+        mimic = joint.find("mimic")
+        if mimic is not None:
+            mimics.append((joint.get("name", ""), mimic))
+            joint.remove(mimic)
+    return mimics
+
+
+def couple(spec: mujoco.MjSpec, mimics: Sequence[tuple[str, Element]]) -> None:
+    """Couple the joints of `mimic` elements by equalities.
+
+    Raises:
+        ConfigurationError: a multiplier or an offset that is no number.
+    """
+    for follower, mimic in mimics:
+        multiplier = _figure(mimic.get("multiplier", "1"), f"joint {follower!r}: mimic's multiplier")
+        offset = _figure(mimic.get("offset", "0"), f"joint {follower!r}: mimic's offset")
+        spec.add_equality(
+            type=mujoco.mjtEq.mjEQ_JOINT,
+            objtype=mujoco.mjtObj.mjOBJ_JOINT,
+            name1=follower,
+            name2=mimic.get("joint", ""),
+            data=[offset, multiplier, *(0.0,) * 10],
+        )
+
+
+def rotation_from_rpy(angles: Sequence[float] | Array) -> Array:
+    """Rotation (3, 3) of URDF's `angles` roll, pitch, yaw [rad]: Rz(yaw) Ry(pitch) Rx(roll)."""
+    roll, pitch, yaw = angles
+    return exp_so3([0.0, 0.0, yaw]) @ exp_so3([0.0, pitch, 0.0]) @ exp_so3([roll, 0.0, 0.0])
+
+
+def _parsed(urdf: Any, name: str) -> Element:
+    text = urdf.lstrip("\ufeff \t\r\n") if isinstance(urdf, str) else ""
+    if isinstance(urdf, bytes):
+        content = urdf
+    elif text.startswith("<"):
+        content = text
+    elif isinstance(urdf, str | os.PathLike):
+        content = bytes_of(urdf, name)  # as bytes: XML says its encoding itself
+    else:
+        raise ConfigurationError(f"{name}: expected a file or its text, got {shown(urdf)}")
+    try:
+        xml = ElementTree.fromstring(content)
+    except (ElementTree.ParseError, ValueError, LookupError) as error:  # the latter two of encodings it does not know
+        raise ConfigurationError(f"{name}: no XML ({error})") from error
+    if xml.tag != "robot":
+        raise ConfigurationError(f"{name}: the root element must be <robot>, got <{xml.tag}>")
+    if any(str(element.tag).startswith(_XACRO) for element in xml.iter()):
+        raise ConfigurationError(f"{name}: it is xacro, of which a URDF is made first: xacro FILE > rov.urdf")
+    return xml
+
+
+def origin_of(joint: Element, name: str) -> Array:
+    """Pose (4, 4) of the child link in the parent link, at zero."""
+    element = joint.find("origin")
+    if element is None:
+        return np.eye(4)
+    p = _numbers(element.get("xyz"), (0.0, 0.0, 0.0), name, joint)
+    return pose(rotation_from_rpy(_numbers(element.get("rpy"), (0.0, 0.0, 0.0), name, joint)), p)
+
+
+def _limits(joint: Element, name: str) -> tuple[float, float]:
+    """Limits [rad] or [m] of a joint; infinite where the file has none that rise."""
+    limit = joint.find("limit")
+    if limit is None or joint.get("type") == "continuous":
+        return -np.inf, np.inf
+    try:
+        lower, upper = float(limit.get("lower", "-inf")), float(limit.get("upper", "inf"))
+    except ValueError as error:
+        raise ConfigurationError(f"{name}: joint {joint.get('name')!r}: limits must be numbers") from error
+    return (lower, upper) if lower < upper else (-np.inf, np.inf)
+
+
+def _numbers(text: str | None, default: tuple[float, float, float], name: str, joint: Element) -> Array:
+    """Three numbers of an attribute, or `default` where it is missing."""
+    if text is None:
+        return np.array(default)
+    said = f"{name}: joint {joint.get('name')!r}"
+    try:
+        values = [float(word) for word in text.split()]
+    except ValueError as error:
+        raise ConfigurationError(f"{said}: expected three numbers, got {shown(text)}") from error
+    return checked_place(values, (3,), said, LONGEST)
+
+
+def _figure(text: str, name: str) -> float:
+    try:
+        return finite_number(float(text), name)
+    except ValueError:
+        raise ConfigurationError(f"{name}: expected a number, got {shown(text)}") from None

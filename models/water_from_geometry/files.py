@@ -1,0 +1,223 @@
+"""Files of models that are to get their water: URDF, MJCF or one mesh; and the MJCF that carries it.
+
+spec, notes = read_model("arm.urdf")
+write_model(wet(spec), "arm.wet.xml")
+"""
+
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING
+from xml.etree import ElementTree
+
+import mujoco
+
+from uuv.models import hydrodynamics
+from uuv.models.files import sidecar
+from uuv.models.files.floating_root import with_floating_root
+from uuv.models.files.urdf import MESHES, UrdfRobot, couple, is_urdf, mesh_file, parse, take_mimics
+from uuv.models.files.mjcf_files import read_mjcf
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.files import existing_file
+from uuv.sim.interfaces.spatial import finite_number, shown
+
+if TYPE_CHECKING:
+    from uuv.models.water_from_geometry.wetting import Wetted
+
+_DIRECTIVES = {"discardvisual": "false", "strippath": "false", "fusestatic": "false"}
+
+
+def read_model(
+    file: str | os.PathLike[str], *, free: bool = False, scale: float | None = None, visual: bool = True
+) -> tuple[mujoco.MjSpec, list[str]]:
+    """Read a model, whatever its format.
+
+    Args:
+        file: URDF, MJCF, or a mesh (STL, OBJ, MSH), which becomes one floating body of the water's density.
+        free: a URDF's root link floats; else it is fixed to the world, as MuJoCo has it.
+        scale: [m] of a mesh file's unit: 0.001 for millimetres. URDF and MJCF state it themselves.
+        visual: the visual meshes of a URDF are needed; False: those that cannot be read are left out.
+
+    Returns:
+        The spec, and notes on what was left out.
+
+    Raises:
+        ConfigurationError: a file that cannot be read, that MuJoCo does not accept, or whose meshes are missing.
+    """
+    path = existing_file(file, "model")
+    is_mesh = path.suffix.lower() in MESHES
+    of_urdf = not is_mesh and is_urdf(path, "model")
+    if free and not of_urdf:
+        said = "a mesh floats" if is_mesh else "write <freejoint/> into the root body"
+        raise ConfigurationError(f"free: for a URDF only; {shown(path.name)}: {said}")
+    if is_mesh:
+        return _of_mesh(path, 1.0 if scale is None else finite_number(scale, "scale", least=1e-9, most=1e9)), []
+    if scale is not None:
+        raise ConfigurationError(
+            f"scale: for a mesh file only; {shown(path.name)} states the scale of its meshes itself"
+        )
+    if of_urdf:
+        return _of_urdf(path, free, visual)
+    spec, _ = read_mjcf(path, "model")
+    sidecar.attach_beside(spec, path)  # thrusters, and water that is to be replaced
+    return spec, []
+
+
+def write_model(wetted: "Wetted", file: str | os.PathLike[str], *, with_sidecar: bool = False) -> tuple[Path, ...]:
+    """Write an MJCF with its water, whose table of origins stands as a comment at its head.
+
+    Args:
+        wetted: the model.
+        file: MJCF to write; its meshes are named relative to its folder.
+        with_sidecar: the water goes to NAME.water.yaml beside the MJCF, else into custom elements of it.
+
+    Returns:
+        The files written.
+
+    Raises:
+        ConfigurationError: a file that cannot be written.
+    """
+    path = Path(file)
+    spec = wetted.spec
+    _rebase(spec, path.parent)
+    lines = [f"{o.body}: {o.quantity} {o.value}; {o.origin}; uncertainty {o.uncertainty}" for o in wetted.origins]
+    lines += [f"no water: {said}" for said in wetted.dry]
+    try:
+        if not with_sidecar:
+            path.write_text(_commented(sidecar.xml_with_elements(spec), lines), encoding="utf-8")
+            return (path,)
+        path.write_text(sidecar.xml_without_water(spec), encoding="utf-8")
+        beside = sidecar.write_sidecar(spec, sidecar.beside(path))
+        head = "".join(f"# {line}\n" for line in lines)
+        beside.write_text(head + beside.read_text(encoding="utf-8"), encoding="utf-8")
+    except OSError as error:
+        raise ConfigurationError(f"{shown(str(path))}: cannot be written ({error.strerror})") from error
+    return path, beside
+
+
+def _commented(xml: str, lines: list[str]) -> str:
+    """MJCF with a comment after its first line."""
+    first, _, rest = xml.partition("\n")
+    told = "\n".join(line.replace("--", "- -") for line in lines)
+    return f"{first}\n  <!--\n{told}\n  -->\n{rest}"
+
+
+def _rebase(spec: mujoco.MjSpec, folder: Path) -> None:
+    """Name the files of meshes, textures and height fields relative to another folder."""
+    home = Path(spec.modelfiledir or ".")
+    texture_folder = spec.texturedir or spec.meshdir
+    for asset, place in (
+        *((mesh, spec.meshdir) for mesh in spec.meshes),
+        *((field, spec.meshdir) for field in spec.hfields),
+        *((texture, texture_folder) for texture in spec.textures),
+    ):
+        if asset.file:
+            asset.file = os.path.relpath((home / place / asset.file).resolve(), folder.resolve())
+    spec.meshdir, spec.texturedir, spec.modelfiledir = "", "", str(folder.resolve())
+
+
+def _of_mesh(path: Path, scale: float) -> mujoco.MjSpec:
+    """One floating body of a mesh file."""
+    spec = mujoco.MjSpec()
+    spec.modelname, spec.modelfiledir = path.stem, str(path.parent.resolve())
+    spec.add_mesh(
+        name=path.stem,
+        file=path.name,
+        scale=[scale] * 3,
+        inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL,  # a user's mesh may be open
+    )
+    body = spec.worldbody.add_body(name=path.stem)
+    body.add_freejoint()
+    body.add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname=path.stem, mass=1.0)
+    return _compiling(spec, f"model {shown(str(path))}")
+
+
+def make_neutral(spec: mujoco.MjSpec) -> None:
+    """Give a model read from one mesh the mass of the water that it displaces."""
+    (water,) = hydrodynamics.attached(spec).values()
+    spec.geoms[0].mass = water.volume * hydrodynamics.density_of(spec)
+
+
+def _of_urdf(path: Path, free: bool, visual: bool) -> tuple[mujoco.MjSpec, list[str]]:
+    """Spec of a URDF, its welded links kept."""
+    robot, notes = parse(path, f"model {shown(str(path))}"), []
+    if free:
+        robot, notes = with_floating_root(robot)
+    notes += _found_meshes(robot, path, visual)
+    mimics = take_mimics(robot)
+    extension = robot.xml.find("mujoco")
+    extension = ElementTree.SubElement(robot.xml, "mujoco") if extension is None else extension
+    compiler = extension.find("compiler")
+    compiler = ElementTree.SubElement(extension, "compiler") if compiler is None else compiler
+    compiler.attrib.pop("meshdir", None)
+    compiler.attrib.update(_DIRECTIVES)
+    try:
+        spec = mujoco.MjSpec.from_string(ElementTree.tostring(robot.xml, encoding="unicode"))
+        couple(spec, mimics)
+        if free:
+            spec.body(robot.root).add_freejoint()
+    except (ValueError, TypeError, AttributeError, mujoco.FatalError) as error:
+        raise ConfigurationError(f"{robot.name}: MuJoCo does not accept it: {_line(error)}") from error
+    return _compiling(spec, robot.name), notes
+
+
+def _found_meshes(robot: UrdfRobot, path: Path, visual: bool) -> list[str]:
+    """Put the places of mesh files into a robot's XML; visual meshes that MuJoCo does not read are taken out.
+
+    `visual` False: those of links without another shape, and those that are not there, as well.
+    """
+    left_out = []
+    extension = robot.xml.find("mujoco/compiler")
+    folder = path.parent / (extension.get("meshdir", "") if extension is not None else "")
+    for link in robot.xml.findall("link"):
+        for part in [*link.findall("visual"), *link.findall("collision")]:
+            mesh = part.find("geometry/mesh")
+            if mesh is None:
+                continue
+            said = f"{robot.name}: link {link.get('name')!r}: mesh"
+            name = mesh.get("filename", "")
+            if not name:
+                raise ConfigurationError(f"{said}: it has no filename")
+            spared = part.tag == "visual" and not visual
+            if Path(name).suffix.lower() not in MESHES:
+                if not spared and (part.tag == "collision" or link.find("collision") is None):
+                    raise ConfigurationError(f"{said} {shown(name)}: MuJoCo reads {', '.join(MESHES)}; convert it")
+                link.remove(part)
+                left_out.append(name)
+                continue
+            found = mesh_file(name, folder)
+            if found is None and spared:
+                link.remove(part)
+                left_out.append(name)
+                continue
+            if found is None:
+                raise ConfigurationError(
+                    f"{said} {shown(name)}: there is no such file (looked in {shown(str(folder))})"
+                )
+            mesh.set("filename", str(found))
+    if not left_out:
+        return []
+    endings = ", ".join(sorted({Path(name).suffix or name for name in left_out}))
+    why = f"MuJoCo does not read {endings}" if visual else f"not there, or of no format that MuJoCo reads ({endings})"
+    return [f"{len(left_out)} visual meshes left out: {why}; collision geoms stand for them"]
+
+
+def _compiling(spec: mujoco.MjSpec, said: str) -> mujoco.MjSpec:
+    """`spec`, where MuJoCo compiles it; else with the inertia of meshes by their surface, which may be open."""
+    try:
+        spec.compile()
+    except (ValueError, mujoco.FatalError) as error:
+        if "inertia of moving bodies" in str(error):
+            raise ConfigurationError(f"{said}: each link that moves needs an <inertial>: {_line(error)}") from error
+        if "mesh" not in str(error):
+            raise ConfigurationError(f"{said}: MuJoCo cannot compile it: {_line(error)}") from error
+        for mesh in spec.meshes:
+            mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL
+        try:
+            spec.compile()
+        except (ValueError, mujoco.FatalError) as second:
+            raise ConfigurationError(f"{said}: MuJoCo cannot compile it: {_line(second)}") from second
+    return spec
+
+
+def _line(error: Exception) -> str:
+    return " ".join(str(error).split())

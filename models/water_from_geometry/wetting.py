@@ -1,0 +1,374 @@
+"""Water of every moving body of a model from its geoms, with the origin and the uncertainty of each number.
+
+    wetted = wet(read_robot("arm.urdf"))
+    wetted.bodies["forearm"].added_mass
+
+Volume and centre are exact along lines through the union of a body's geoms. Added mass is the closed form of a sphere
+or an ellipsoid, else that of panels. Drag is from projected areas. Linear damping is not known from geometry: it is 0.
+"""
+
+import hashlib
+from dataclasses import dataclass, replace
+
+import mujoco
+import numpy as np
+
+from uuv.models import hydrodynamics
+from uuv.models.hydrodynamics import SEA_WATER, BodyHydrodynamics, StripDrag, moved_added_mass
+from uuv.models.water_from_geometry import panels as panel_method
+from uuv.models.water_from_geometry.choices import CHOICES, FEWEST_PANELS, MOST_PANELS, PANELS, Choice
+from uuv.models.water_from_geometry.drag import ASIDE, SLENDER, Silhouettes, silhouettes, spin_integral, strip_of
+from uuv.models.water_from_geometry.geoms import GeomShells, exact_volume, geoms_of, moving_bodies, shells_in_body
+from uuv.models.water_from_geometry.panels import PanelSolution
+from uuv.models.water_from_geometry.scan import scanned
+from uuv.models.water_from_geometry.shells import convex_hull
+from uuv.models.water_from_geometry.surface import UnionSurface, box_axes, union_surface
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.spatial import Array, exp_so3, finite_number, shown
+
+_COARSER = 4.0  # panels of the fine surface over those of the coarse one
+_FINER = 4  # times the wanted number to which it is doubled where two surfaces do not agree
+_LINES = 240  # across the longer side of a body, for its volume
+_ASKEW = exp_so3([0.4, -0.7, 0.3])  # axes of the lines: no face of a usual body is parallel to them
+_HELD = (0.85, 1.15)  # volume of a surface before its offset over the true one, within which it counts as the body
+_MISSED = 0.1  # relative difference of projected areas from which a finer surface is tried
+_SOLID = 0.7  # volume over that of the convex hull, below which a body is an open frame
+_CLOSED_FORMS = ("sphere", "ellipsoid")  # of the added mass
+_FACTORS = {"plain": 1.3, "solid": 1.5, "frame": 2.0}  # by which drag may be wrong either way
+_LEAST = 0.01  # relative uncertainty of panels where the extrapolation changes next to nothing
+_HULL_FACTOR = 2.0  # by which added mass may be wrong where a convex hull stands for a thin body
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Origin:
+    """One number, or row of numbers, of a body's water: where it is from, and how wrong it may be."""
+
+    body: str
+    quantity: str
+    value: str
+    origin: str
+    uncertainty: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Wetted:
+    """A model with its water attached."""
+
+    spec: mujoco.MjSpec
+    bodies: dict[str, BodyHydrodynamics]
+    origins: tuple[Origin, ...]
+    dry: tuple[str, ...]  # what got no water, and why
+
+
+def wet(
+    spec: mujoco.MjSpec,
+    *,
+    geoms: Choice = "auto",
+    density: float = SEA_WATER,
+    panels: int = PANELS,
+    metacentric_height: float | None = None,
+) -> Wetted:
+    """Attach the water of every moving body of a model, from its geoms.
+
+    What stood for it is switched off: `gravcomp`, and density and viscosity of MuJoCo's own fluid.
+
+    Args:
+        spec: changed in place; bodies without a name get one.
+        geoms: which displace water: "visual" those that do not collide, "collision" the others, "all" of them once, or
+            "auto": the visual ones of a body that has some, else its collision geoms.
+        density: [kg/m^3] of the water.
+        panels: wanted number of triangles of each body's surface.
+        metacentric_height: [m] for a floating vehicle: foam or ballast on its root makes it neutral and level
+            (`uuv.models.hydrodynamics.trim`). None leaves it as it is.
+
+    Returns:
+        The model, and the table of its numbers.
+
+    Raises:
+        ConfigurationError: a model that does not compile, in which no moving body has geoms; a geom or body
+            without a volume or of more than 20 m; arguments out of range.
+    """
+    if geoms not in CHOICES:
+        raise ConfigurationError(f"geoms: allowed {', '.join(CHOICES)}, got {shown(geoms)}")
+    density = finite_number(density, "density [kg/m^3]", above=0.0, most=1e5)
+    if isinstance(panels, bool) or not isinstance(panels, int) or not FEWEST_PANELS <= panels <= MOST_PANELS:
+        raise ConfigurationError(
+            f"panels: expected a whole number from {FEWEST_PANELS} to {MOST_PANELS}, got {shown(panels)}"
+        )
+    for k, body in enumerate(spec.bodies[1:], start=1):
+        body.name = body.name or f"body_{k}"
+    model = _compiled(spec)
+    moving = moving_bodies(model)
+    if not moving:
+        raise ConfigurationError(
+            "no body moves, so none feels water; a vehicle needs a free joint (for a URDF: --free), an arm joints"
+        )
+    bodies: dict[str, BodyHydrodynamics] = {}
+    origins: list[Origin] = []
+    alike: dict[bytes, str] = {}  # a body of each shape
+    dry = [f"{model.body(i).name}: fixed to the world" for i in range(1, model.nbody) if model.body_weldid[i] == 0]
+    for i in moving:
+        name = model.body(i).name
+        chosen, which = geoms_of(model, i, geoms)
+        if not chosen:
+            kept = "; it keeps the water that it has" if hydrodynamics.carries(spec.body(name).userdata) else ""
+            dry.append(f"{name}: no {'geom' if geoms in ('auto', 'all') else f'{geoms} geom'}{kept}")
+            continue
+        parts = list(shells_in_body(model, i, chosen))
+        solid = [part for part in parts if len(part.shells.corners)]
+        if not solid:
+            raise ConfigurationError(f"{parts[0].name}: encloses no volume ({parts[0].shells.said})")
+        first = alike.setdefault(_shape(solid, which), name)
+        if first == name:
+            bodies[name], rows = _body(name, solid, _counted(len(chosen), which), density, panels)
+        else:  # stones of a pile, links of a chain
+            bodies[name], rows = bodies[first], [replace(o, body=name) for o in origins if o.body == first]
+        origins += rows
+        dry += [f"{part.name}: {part.shells.said}" for part in parts if not len(part.shells.corners)]
+    if not bodies:
+        raise ConfigurationError(f"no moving body has geoms to displace water: {'; '.join(dry)}")
+    hydrodynamics.attach(spec, bodies, density)
+    spec.option.density = spec.option.viscosity = 0.0
+    for body in spec.bodies[1:]:
+        body.gravcomp = 0.0
+    if metacentric_height is not None:
+        name, row = _trimmed(spec, model, bodies, metacentric_height)
+        bodies[name] = hydrodynamics.attached(spec)[name]
+        origins = [row, *(o for o in origins if o.body != name or o.quantity not in ("volume", "centre of buoyancy"))]
+    return Wetted(spec=spec, bodies=bodies, origins=tuple(origins), dry=tuple(dry))
+
+
+def water_of_shells(
+    corners: Array, *, density: float = SEA_WATER, panels: int = PANELS
+) -> tuple[float, Array, PanelSolution, UnionSurface]:
+    """Volume, centre and added mass of the union of closed shells, by lines and panels.
+
+    Args:
+        corners: (T, 3, 3) [m], each shell counter-clockwise from outside.
+        density: [kg/m^3].
+        panels: wanted number of triangles.
+
+    Returns:
+        Volume [m^3], centre (3,) [m], added mass at the origin, and the surface that it was found on.
+
+    Raises:
+        ConfigurationError: no volume, or a body so thin that the surface does not hold it.
+    """
+    volume, center, _, _ = _volume(corners)
+    surface, solution = _panelled(corners, volume, density, panels)
+    if solution is None:
+        raise ConfigurationError(f"panels: the surface holds {surface.held:.0%} of the volume: too thin for {panels}")
+    return volume, center, solution, surface
+
+
+def _shape(parts: list[GeomShells], which: str) -> bytes:
+    """What the water of a body follows from: equal for bodies of equal geoms."""
+    digest = hashlib.sha256(which.encode())
+    for part in parts:
+        digest.update(f"{part.kind} {part.shells.said} {part.shells.doubt}".encode())
+        for numbers in (part.size, part.R, part.p, part.shells.corners):
+            digest.update(np.ascontiguousarray(numbers).tobytes())
+    return digest.digest()
+
+
+def _body(
+    name: str, parts: list[GeomShells], which: str, density: float, panels: int
+) -> tuple[BodyHydrodynamics, list[Origin]]:
+    """Coefficients of one body, and their origins."""
+    corners = np.vstack([part.shells.corners for part in parts])
+    volume, center, spread, wander = _volume(corners)
+    how = "; ".join(dict.fromkeys(part.shells.said for part in parts if part.kind == "mesh"))
+    method = "lines through the union" if spread else "tetrahedra of its triangles"
+    said = f"{method}, {which}" + (f" ({how})" if how else "")
+    plain = len(parts) == 1 and parts[0].kind != "mesh"
+    if plain:
+        volume, center, spread, wander = exact_volume(parts[0]), parts[0].p, 0.0, 0.0
+        said = f"closed form of a {parts[0].kind}, {which}"
+    extent = float(np.ptp(corners.reshape(-1, 3), axis=0).max())
+    closing = sum(part.shells.doubt for part in parts) / volume
+    spread = max(spread, closing)
+    if plain and parts[0].kind in _CLOSED_FORMS:
+        surface, solution = union_surface(corners, volume, panels), None
+    else:
+        surface, solution = _panelled(corners, volume, density, panels)
+    matrix, from_where, doubt = _added_mass(parts, corners, density, surface, solution, panels, closing)
+    sort = "plain" if plain else "solid" if volume > _SOLID * convex_hull(corners)[1] else "frame"
+    strip, quadratic, drag_said, drag_value = _drag(corners, center, surface, density)
+    water = BodyHydrodynamics(
+        volume=volume, center_of_buoyancy=center, added_mass=matrix, quadratic_damping=quadratic, strips=strip
+    )
+    factor = f"factor {_FACTORS[sort]:g}"
+    rows = (
+        ("volume", f"{1e3 * volume:.4g} l", said, _percent(max(spread, 1e-4)) if spread else "exact"),
+        (
+            "centre of buoyancy",
+            f"{_row(1e3 * center)} mm",
+            said,
+            f"{1e3 * max(wander, 0.25 * min(closing, 1.0) * extent):.2g} mm" if spread else "exact",
+        ),
+        ("added mass", _row(np.diag(matrix)) + " kg, kg m^2", from_where, doubt),
+        ("drag", drag_value, drag_said, factor),
+        ("linear damping", "0", "not known from geometry", "unknown"),
+    )
+    return water, [
+        Origin(body=name, quantity=quantity, value=value, origin=origin, uncertainty=uncertainty)
+        for quantity, value, origin, uncertainty in rows
+    ]
+
+
+def _volume(corners: Array) -> tuple[float, Array, float, float]:
+    """Volume [m^3] and centre (3,) [m] of a union; how much these differ by the direction of the lines [-], [m].
+
+    Where the shells do not overlap, they are exact: by the tetrahedra between the origin and the triangles.
+    """
+    scans = [scanned(corners @ _ASKEW, _LINES, axis) for axis in range(3)]
+    volumes = np.array([scan.volume for scan in scans])
+    if not volumes.min() > 0.0:
+        raise ConfigurationError("the geoms enclose no volume")
+    centers = np.array([_ASKEW @ scan.moment / volume for scan, volume in zip(scans, volumes, strict=True)])
+    if all(scan.disjoint for scan in scans):
+        a, b, c = corners.transpose(1, 0, 2)
+        tetrahedra = np.einsum("ij,ij->i", a, np.cross(b, c)) / 6.0
+        whole = float(tetrahedra.sum())
+        return whole, 0.25 * tetrahedra @ (a + b + c) / whole, 0.0, 0.0
+    mean = float(volumes.mean())
+    return mean, centers.mean(axis=0), float(np.ptp(volumes)) / mean, float(np.ptp(centers, axis=0).max())
+
+
+def _panelled(corners: Array, volume: float, density: float, panels: int) -> tuple[UnionSurface, PanelSolution | None]:
+    """Surface and added mass, extrapolated where two surfaces agree; None where no surface holds the body."""
+
+    def solved(count: int) -> tuple[UnionSurface, PanelSolution | None]:
+        surface = union_surface(corners, volume, count)
+        if not _HELD[0] < surface.held < _HELD[1]:
+            return surface, None
+        return surface, panel_method.added_mass(surface.vertices, surface.triangles, density)
+
+    finest = min(_FINER * panels, MOST_PANELS)
+    _, coarse = solved(round(panels / _COARSER))
+    while True:
+        surface, fine = solved(panels)
+        best = fine
+        if fine is not None and coarse is not None and fine.panels > coarse.panels:
+            best = panel_method.extrapolated(coarse, fine)
+            if best.changed is not None and best.changed <= panel_method.TRUSTED and surface.missed < _MISSED:
+                return surface, best
+        if 2 * panels > finest:
+            return surface, best
+        coarse, panels = fine, 2 * panels
+
+
+def _added_mass(
+    parts: list[GeomShells],
+    corners: Array,
+    density: float,
+    surface: UnionSurface,
+    solution: PanelSolution | None,
+    panels: int,
+    closing: float,
+) -> tuple[Array, str, str]:
+    """Added mass (6, 6) at the body's origin, its origin in words, its uncertainty in words.
+
+    The relative uncertainty `closing` of the volume counts for the added mass as well.
+    """
+    part = parts[0]
+    if len(parts) == 1 and part.kind in _CLOSED_FORMS:
+        axes = np.full(3, part.size[0]) if part.kind == "sphere" else part.size
+        local = hydrodynamics.ellipsoid(axes, water_density=density).added_mass
+        return moved_added_mass(local, part.R, part.p), f"closed form of a {part.kind}", "exact"
+    if solution is not None:
+        said = f"{solution.panels} panels, volume {100 * (surface.held - 1.0):+.1f} % before its offset"
+        if surface.missed > _MISSED:
+            said += f", projected areas within {100 * surface.missed:.0f} %"
+        if solution.changed is None:
+            return solution.added_mass, f"{said}; no coarser surface to compare with", "unknown"
+        if solution.changed <= panel_method.TRUSTED:
+            said += ", extrapolated"
+        return (
+            solution.added_mass,
+            said,
+            _percent(max(_LEAST, solution.changed, closing, surface.missed if surface.missed > _MISSED else 0.0)),
+        )
+    solid, hull_volume = convex_hull(corners)
+    whole = union_surface(solid, hull_volume, panels)
+    found = panel_method.added_mass(whole.vertices, whole.triangles, density)
+    said = f"{found.panels} panels on the convex hull: the body is too thin, {surface.held:.0%} of it held"
+    return found.added_mass, said, f"factor {_HULL_FACTOR:g}"
+
+
+def _drag(
+    corners: Array, center: Array, surface: UnionSurface, density: float
+) -> tuple[StripDrag | None, Array, str, str]:
+    """Strip or None, quadratic damping (6,), origin in words, value in words."""
+    R = box_axes(corners)
+    order = np.argsort(-np.ptp((corners @ R).reshape(-1, 3), axis=0), kind="stable")
+    R = R[:, order]
+    R = R * [1.0, 1.0, np.sign(np.linalg.det(R))]
+    turned = corners @ R
+    length, *across = np.ptp(turned.reshape(-1, 3), axis=0)
+    slenderness = float(length / np.sqrt(np.prod(across)))
+    aside = float(np.linalg.norm(center))
+    if slenderness >= SLENDER or aside > ASIDE * length:
+        seen = silhouettes(turned)
+        along = turned[..., 0] - center @ R[:, 0]
+        strip = strip_of(R, np.array([along.min(), along.max(), length]), center, seen, density)
+        why = f"{slenderness:.1f} times as long as wide" if slenderness >= SLENDER else "its middle is off its origin"
+        value = f"{strip.normal:.3g} across, {strip.tangential:.3g} along kg/m^2"
+        return strip, np.zeros(6), f"a strip, {why}; {_coefficients(seen)}", value
+    seen = silhouettes(corners)
+    C, area = seen.coefficients, seen.area
+    turning = np.array([np.average(np.delete(C, k), weights=np.delete(area, k)) for k in range(3)])
+    quadratic = 0.5 * density * np.concatenate([C * area, turning * _spin(corners, surface)])
+    return None, quadratic, f"projected areas; {_coefficients(seen)}", _row(quadratic) + " N s^2/m^2, N m s^2"
+
+
+def _spin(corners: Array, surface: UnionSurface) -> Array:
+    """Spin integrals (3,) of the surface, or of the shells where it does not hold the body."""
+    if _HELD[0] < surface.held < _HELD[1]:
+        return spin_integral(surface.vertices, surface.triangles)
+    return spin_integral(corners.reshape(-1, 3), np.arange(3 * len(corners)).reshape(-1, 3))
+
+
+def _coefficients(seen: Silhouettes) -> str:
+    return f"C_d {_row(seen.coefficients)} on {_row(1e4 * seen.area)} cm^2"
+
+
+def _trimmed(
+    spec: mujoco.MjSpec, model: mujoco.MjModel, bodies: dict[str, BodyHydrodynamics], height: float
+) -> tuple[str, Origin]:
+    """Make the floating vehicle neutral; the body that was trimmed, and the row of its volume."""
+    floating = [int(b) for b, kind in zip(model.jnt_bodyid, model.jnt_type, strict=True) if kind == 0]
+    names = [model.body(b).name for b in floating]
+    if len(names) != 1 or names[0] not in bodies:
+        said = ", ".join(names) or "none"
+        raise ConfigurationError(f"neutral: expected one floating body with water, found {said}")
+    before = bodies[names[0]]
+    after = hydrodynamics.trim(spec, names[0], metacentric_height=height)
+    change = 1e3 * (after.volume - before.volume)
+    return names[0], Origin(
+        body=names[0],
+        quantity="volume, trimmed",
+        value=f"{1e3 * after.volume:.4g} l, centre {_row(1e3 * after.center_of_buoyancy)} mm",
+        origin=f"{abs(change):.4g} l of {'foam added' if change > 0.0 else 'volume taken away'} for weightlessness, "
+        f"the centre {1e3 * height:g} mm above that of mass",
+        uncertainty="as the masses",
+    )
+
+
+def _compiled(spec: mujoco.MjSpec) -> mujoco.MjModel:
+    try:
+        return spec.copy().compile()
+    except (ValueError, mujoco.FatalError) as error:
+        raise ConfigurationError(f"MuJoCo cannot compile the model: {' '.join(str(error).split())}") from error
+
+
+def _counted(number: int, which: str) -> str:
+    return f"{number} {which}" if number > 1 else f"one {which.removesuffix('s')}"
+
+
+def _percent(share: float) -> str:
+    return f"{100.0 * share:.2g} %" if share < 0.995 else f"{100.0 * share:.0f} %"
+
+
+def _row(values: Array) -> str:
+    return " ".join(f"{value:.3g}" for value in np.where(np.abs(values) < 1e-9, 0.0, values))

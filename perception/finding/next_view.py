@@ -1,0 +1,142 @@
+"""Choice of the next view: from where a further look at an object would tell most, given what the last one left open.
+
+Each candidate view is predicted with the model at the pose found so far. Its information is that which a fit takes from
+a noiseless scan there: distances to the visible surface, and depth edges. What stands before the object in the last
+scan hides it in the candidate view too. Where two poses compete, the view counts in which they look most different.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from uuv.perception.clouds.scan import MIN_POINTS, Scan
+from uuv.perception.registration.evidence import Evidence
+from uuv.perception.registration.fine_fit import GATES
+from uuv.perception.registration.identification import Identification
+from uuv.perception.registration.model_surface import ModelSurface
+from uuv.perception.registration.pairing import Pairing
+from uuv.perception.registration.pose_covariance import turn_of_symmetry
+from uuv.sim.interfaces.spatial import Array, exp_so3, inverse, pose, transform_points
+
+ARCS = (-0.26, 0.26, -0.52, 0.52, -0.79, 0.79)  # [rad] of the candidates about the vertical: 15, 30 and 45 deg
+RIVAL = 30.0  # [nat] of log likelihood, below which the next best pose competes
+_PIXELS = 40_000  # of the grid on which views are predicted: depth edges need about every third of 640 x 480 pixels
+_POINTS = 1500  # of a predicted scan that are compared with the model
+_CERTAIN = 4.5  # [nat] that one pixel may tell: three standard deviations; more is as likely an outlier
+_AS_GOOD = 0.67  # [-] of the best predicted worth, above which views count as equal: then the farthest is the best,
+# for it shares the least of this view's errors, and of what hides the object here
+_FREE = 1e-2  # [1/m^2] information of a motion of which nothing is known: a standard deviation of 10 m
+
+
+def views_around(center: Array, up: Array, arcs: Sequence[float] = ARCS) -> list[Array]:
+    """Motions (4, 4) about a vertical axis through an object's centre, each of which keeps range, height and aim.
+
+    Args:
+        center: (3,) [m] of the object, in any frame.
+        up: (3,) unit, upwards, in that frame.
+        arcs: [rad] angles.
+    """
+    turns = [exp_so3(angle * up) for angle in arcs]
+    return [pose(R, center - R @ center) for R in turns]
+
+
+def ranked_views(found: Identification, views: Sequence[Array]) -> list[int]:
+    """Numbers of the candidate views, best first; empty if there is nothing to predict them by.
+
+    Args:
+        found: The last identification, accepted or not.
+        views: (4, 4) candidate poses X_SN of the sensor, in the frame S of that identification's scan.
+    """
+    if found.evidence is None or found.surface is None or not views:
+        return []
+    rivals = [h.X_sensor_target for h in found.hypotheses[1:2]]
+    if not found.accepted and found.margin < RIVAL and rivals:
+        worth = [telling_nats(found, rivals[0], X_SN) for X_SN in views]
+    else:
+        worth = [1.0 / predicted_sigma(found, X_SN) for X_SN in views]
+    best, far = max(worth), [float(np.linalg.norm(X_SN[:3, 3])) for X_SN in views]
+    return sorted(range(len(views)), key=lambda i: (worth[i] < _AS_GOOD * best, -far[i], -worth[i]))
+
+
+def predicted_sigma(found: Identification, X_SN: Array) -> float:
+    """Standard deviation [m] of the least certain twist after a look from `X_SN` (4, 4), together with the last one."""
+    assert found.surface is not None
+    known = np.zeros((6, 6)) if found.covariance is None else found.covariance.information
+    same = turn_of_symmetry(found.surface, np.asarray(found.X_sensor_target))
+    total = known + predicted_information(found, X_SN) + _FREE * np.eye(6)
+    held = np.linalg.svd(np.vstack([same, np.zeros((1, 6))]))[2][len(same) :]
+    return float(1.0 / np.sqrt(np.linalg.eigvalsh(held @ total @ held.T)[0]))
+
+
+def predicted_information(found: Identification, X_SN: Array) -> Array:
+    """Information (6, 6) [1/m^2] that a look from `X_SN` (4, 4) would give, of twists about the model's centre in S."""
+    evidence, surface = found.evidence, found.surface
+    assert evidence is not None
+    assert surface is not None
+    grid, X_NT = _grid(evidence.scan), inverse(X_SN) @ found.X_sensor_target
+    seen = _seen(found, X_SN, X_NT, grid)
+    mask = np.isfinite(seen.depth)
+    step = grid.pitch / evidence.scan.pitch
+    sensor = replace(evidence.sensor, noise_length=max(1.0, evidence.sensor.noise_length / step))
+    if mask.sum() < MIN_POINTS:
+        return np.zeros((6, 6))
+    predicted = Evidence.of(seen, mask, 0.8 * surface.spacing, sensor, most=_POINTS)
+    pairing = Pairing.of(predicted, surface, X_NT)
+    if pairing is None:
+        return np.zeros((6, 6))
+    gate = GATES[-1] * surface.spacing
+    turn = np.kron(np.eye(2), X_SN[:3, :3])
+    return turn @ pairing.terms(X_NT, gate, pairing.nearest(X_NT, gate))[0][:6, :6] @ turn.T
+
+
+def telling_nats(found: Identification, X_ST_rival: Array, X_SN: Array) -> float:
+    """Log likelihood [nat] by which a look from `X_SN` (4, 4) should tell the found pose from a rival (4, 4)."""
+    evidence = found.evidence
+    assert evidence is not None
+    grid = _grid(evidence.scan)
+    one, other = (
+        _seen(found, X_SN, inverse(X_SN) @ X, grid).depth for X in (np.asarray(found.X_sensor_target), X_ST_rival)
+    )
+    both = np.isfinite(one) & np.isfinite(other)
+    off = np.zeros(one.shape)
+    off[both] = 0.5 * ((one[both] - other[both]) / evidence.sensor.sigma(0.5 * (one[both] + other[both]))) ** 2
+    off[np.isfinite(one) ^ np.isfinite(other)] = _CERTAIN
+    independent = evidence.sensor.independent(grid.pitch / evidence.scan.pitch)
+    return float(independent * np.minimum(off, _CERTAIN).sum())
+
+
+def _grid(scan: Scan) -> Scan:
+    """Whole picture of a sensor, thinned to about _PIXELS."""
+    step = max(1, round(float(np.sqrt(scan.depth.size / _PIXELS))))
+    return scan.part((slice(None, None, step), slice(None, None, step)))
+
+
+def _seen(found: Identification, X_SN: Array, X_NT: Array, grid: Scan) -> Scan:
+    """Scan of the model at `X_NT` (4, 4) from `X_SN` (4, 4), without what the last scan's foreground hides there."""
+    evidence, surface = found.evidence, found.surface
+    assert evidence is not None
+    assert surface is not None
+    rendered, cosine = surface.seen(X_NT, grid)
+    points = np.array(rendered.points)
+    with np.errstate(invalid="ignore"):
+        points[~(cosine > np.cos(evidence.sensor.max_incidence))] = np.nan
+    before = transform_points(inverse(X_SN), _foreground(found, surface))
+    row, column, inside = grid.pixels(before)
+    near = np.full(grid.depth.shape, np.inf)
+    np.minimum.at(near, (row[inside], column[inside]), before[inside, 2])
+    with np.errstate(invalid="ignore"):
+        points[near < points[..., 2]] = np.nan
+    return replace(rendered, points=points)
+
+
+def _foreground(found: Identification, surface: ModelSurface) -> Array:
+    """Points (n, 3) [m] of the last scan, in S, that stand before the object at the found pose."""
+    assert found.evidence is not None
+    scan = found.evidence.scan
+    step = max(1, round(float(np.sqrt(scan.depth.size / (2 * _PIXELS)))))
+    part = scan.part((slice(None, None, step), slice(None, None, step)))
+    depth = surface.depth(np.asarray(found.X_sensor_target), part)
+    with np.errstate(invalid="ignore"):
+        before = part.depth < depth - 0.1 * surface.radius
+    return part.points[before]

@@ -1,0 +1,229 @@
+"""Object tracker: follows a found object from frame to frame in the world, and notices when it moves."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.special import chdtri
+
+from uuv.models.objects.targets import TargetModel
+from uuv.perception.clouds.scan import Scan, SensorModel
+from uuv.perception.registration.identification import identify
+from uuv.perception.registration.model_surface import ModelSurface
+from uuv.perception.registration.tracking import FrameFit, follow
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.messages import DepthImage, Measurement, ObjectMotion, StateEstimate, Target
+from uuv.sim.interfaces.spatial import Array, checked_pose, finite_number, inverse, log_so3, readonly, transform_points
+
+_SETTLING = 3  # frames whose mean is where the object was at first
+_ASTRAY = 0.1  # [m] error of the last pose, where a fit has lost the object
+_SURE = 1e-3  # probability of a false alarm in a frame, if errors are as stated
+_IN_A_ROW = 2  # frames that must say that the object has moved: one false alarm in a million
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class TrackerState:
+    """State of an ObjectTracker."""
+
+    X_WT: Array  # (4, 4) last pose
+    information: Array  # (6, 6) [1/m^2] of the mean of the first frames
+    weighted: Array  # (6,) [1/m] information times the twist from the given pose, summed over the first frames
+    frames: int = 0
+    alarms: int = 0  # frames in a row that say that the object has moved
+    last: FrameFit | None = None  # None: the object was not in view
+
+
+class ObjectTracker:
+    """Follows one known object in depth frames, from a pose at which it was found."""
+
+    def __init__(
+        self,
+        target: TargetModel | ModelSurface,
+        X_WT: ArrayLike,
+        *,
+        sensor: SensorModel | None = None,
+        drift: float = 0.001,
+    ) -> None:
+        """Prepare to follow `target`.
+
+        Args:
+            target: Model of the object.
+            X_WT: (4, 4) pose at which it was found.
+            sensor: Accuracy of the depth sensor; None: `SensorModel()`.
+            drift: [m] standard deviation by which the vehicle's own estimate may wander while it watches.
+
+        Raises:
+            ConfigurationError: For a malformed pose or drift.
+            MissingLibraryError: Without a ray caster.
+        """
+        self._surface = target if isinstance(target, ModelSurface) else ModelSurface.of(target)
+        self._X_WT = checked_pose(X_WT, "X_WT")
+        self._sensor = sensor or SensorModel()
+        self._drift = finite_number(drift, "drift [m]", least=0.0)
+
+    def init(self) -> TrackerState:
+        """Return the initial state: the object is where it was found."""
+        return TrackerState(X_WT=self._X_WT, information=np.zeros((6, 6)), weighted=np.zeros(6))
+
+    def step(
+        self, state: TrackerState, estimate: StateEstimate, image: Measurement
+    ) -> tuple[TrackerState, ObjectMotion | None]:
+        """Follow the object in one depth frame.
+
+        Args:
+            state: Of the last call, or of `init`.
+            estimate: State of the vehicle at the time of the frame.
+            image: The frame.
+
+        Returns:
+            The new state, and where the object is; None while it is out of view, hidden, or in the first frames.
+
+        Raises:
+            ConfigurationError: If `image` is not a depth frame.
+        """
+        if not isinstance(image, DepthImage):
+            raise ConfigurationError(f"object tracker: expected a DepthImage, got {type(image).__name__}")
+        X_WS = estimate.X_WB @ image.X_BC
+        sensor = replace(self._sensor, focal=float(image.K[0, 0]))
+        scan, X_ST = Scan.from_depth(image), inverse(X_WS) @ state.X_WT
+        fit = follow(scan, self._surface, X_ST, sensor)
+        if fit is not None and state.frames >= _SETTLING and self._looser(fit, state):
+            fit = self._found_again(scan, X_ST, sensor) or fit
+        if fit is None or fit.covariance is None:
+            return replace(state, frames=state.frames + 1, last=None, alarms=0), None
+        X_WT = X_WS @ fit.X_ST
+        twist, information = self._moved(X_WT), self._information(fit, X_WS[:3, :3])
+        state = replace(state, X_WT=readonly(X_WT), frames=state.frames + 1, last=fit)
+        if state.frames <= _SETTLING:
+            state = replace(
+                state, information=state.information + information, weighted=state.weighted + information @ twist
+            )
+            return state, None
+        P, at_first = _common(information, state.information)
+        mean = at_first @ state.weighted
+        difference = P @ (twist - mean)
+        covariance = P @ (np.linalg.pinv(information, hermitian=True) + at_first + self._drift**2 * np.eye(6)) @ P
+        excess = difference @ np.linalg.pinv(covariance, rcond=1e-9, hermitian=True) @ difference
+        alarms = state.alarms + 1 if excess > chdtri(round(np.trace(P)), _SURE) else 0
+        motion = ObjectMotion(
+            time=image.time,
+            X_WT=readonly(X_WT),
+            twist_W=readonly(difference),
+            covariance_W=readonly(covariance),
+            radius=self._surface.radius,
+            moved=alarms >= _IN_A_ROW,
+        )
+        return replace(state, alarms=alarms), motion
+
+    @staticmethod
+    def _looser(fit: FrameFit, state: TrackerState) -> bool:
+        """True if a fit leaves more directions free than the first frames did: it has slid off what held them."""
+        held = int(np.linalg.matrix_rank(state.information, rtol=1e-9, hermitian=True))
+        return fit.covariance is None or fit.covariance.degrees < held
+
+    def _found_again(self, scan: Scan, X_ST: Array, sensor: SensorModel) -> FrameFit | None:
+        """Search the frame for the object near where it is expected; None if it was not accepted."""
+        place = transform_points(X_ST, self._surface.center)
+        found = identify(scan, self._surface, place, X_ST[:3, :3], sensor=sensor, approach_error=_ASTRAY)
+        if not found.accepted or found.covariance is None:
+            return None
+        return FrameFit(X_ST=found.X_sensor_target, covariance=found.covariance, residual=0.0)
+
+    def _moved(self, X_WT: Array) -> Array:
+        """Twist (6,) [m] of the object from where it was found: of its centre, and rotation vector x radius."""
+        nearest = self._surface.symmetry.nearest_pose(X_WT, self._X_WT[:3, :3])
+        center = self._surface.center
+        off = transform_points(nearest, center) - transform_points(self._X_WT, center)
+        return np.concatenate([off, self._surface.radius * log_so3(nearest[:3, :3] @ self._X_WT[:3, :3].T)])
+
+    @staticmethod
+    def _information(fit: FrameFit, R_WS: Array) -> Array:
+        """Information (6, 6) [1/m^2] of a frame, in W; 0 along free twists."""
+        assert fit.covariance is not None
+        turn = np.zeros((6, 6))
+        turn[:3, :3] = turn[3:, 3:] = R_WS
+        return turn @ np.linalg.pinv(fit.covariance.matrix, rcond=1e-9, hermitian=True) @ turn.T
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class FollowerState:
+    """State of a FoundObjectFollower."""
+
+    tracker: ObjectTracker | None = None  # None: nothing was found yet
+    state: TrackerState | None = None
+
+
+class FoundObjectFollower:
+    """Follows the object that the target finder has found, from its first find on.
+
+    Implements `uuv.sim.interfaces.protocols.TargetFollower`.
+    """
+
+    def __init__(
+        self,
+        target: TargetModel | ModelSurface,
+        *,
+        sensor: SensorModel | None = None,
+        drift: float = 0.001,
+        period: float = 0.2,
+    ) -> None:
+        """Prepare to follow `target`.
+
+        Args:
+            target: Model of the object.
+            sensor: Accuracy of the depth sensor; None: `SensorModel()`.
+            drift: [m] standard deviation by which the vehicle's own estimate may wander while it watches.
+            period: [s] between frames.
+
+        Raises:
+            ConfigurationError: For a number out of range.
+            MissingLibraryError: Without a ray caster.
+        """
+        self.period = finite_number(period, "period [s]", above=0.0)
+        self._surface = target if isinstance(target, ModelSurface) else ModelSurface.of(target)
+        self._sensor, self._drift = sensor, finite_number(drift, "drift [m]", least=0.0)
+
+    def init(self) -> FollowerState:
+        """Return the initial state: nothing was found yet."""
+        return FollowerState()
+
+    def step(
+        self, state: FollowerState, estimate: StateEstimate, target: Target, measurement: Measurement
+    ) -> tuple[FollowerState, ObjectMotion | None]:
+        """Follow the object in one depth frame.
+
+        An object that went out of view, or moved farther than a frame's fit reaches, is looked for where the finder
+        found it last; its motion is still counted from where it was first.
+
+        Args:
+            state: Of the last call, or of `init`.
+            estimate: State of the vehicle at the time of the frame.
+            target: Last accepted find.
+            measurement: The frame.
+
+        Returns:
+            The new state, and where the object is; None while that is not known.
+
+        Raises:
+            ConfigurationError: If `measurement` is not a depth frame.
+        """
+        tracker, of_tracker = state.tracker, state.state
+        if tracker is None or of_tracker is None:
+            tracker = ObjectTracker(self._surface, target.X_WT, sensor=self._sensor, drift=self._drift)
+            of_tracker = tracker.init()
+        elif of_tracker.last is None:
+            of_tracker = replace(of_tracker, X_WT=target.X_WT)
+        of_tracker, motion = tracker.step(of_tracker, estimate, measurement)
+        return FollowerState(tracker=tracker, state=of_tracker), motion
+
+
+def _common(one: Array, other: Array) -> tuple[Array, Array]:
+    """Projection (6, 6) on the twists that both informations (6, 6) hold, and the inverse of the other one."""
+    held = np.eye(6)
+    for each in (one, other):
+        values, vectors = np.linalg.eigh(each)
+        free = vectors[:, values <= 1e-9 * values[-1]]
+        held = held - held @ free @ np.linalg.pinv(held @ free)
+    return np.asarray(held, dtype=np.float64), np.asarray(
+        np.linalg.pinv(other, rcond=1e-9, hermitian=True), dtype=np.float64
+    )

@@ -1,0 +1,314 @@
+"""Target finder: identifies a known object in depth frames or sonar scans and plans the tool path on it."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from uuv.models.objects.targets import ModelPath, TargetModel
+from uuv.perception.clouds.scan import Scan, SensorModel
+from uuv.perception.clouds.sonar_cloud import without_isolated_echoes
+from uuv.perception.finding.next_view import ranked_views, views_around
+from uuv.perception.registration.identification import Identification, Method, attempted
+from uuv.perception.registration.model_surface import ModelSurface
+from uuv.perception.toolpath.path_planner import plan_path
+from uuv.sim.interfaces.errors import ConfigurationError, PerceptionError
+from uuv.sim.interfaces.messages import DepthImage, Measurement, SonarScan, StateEstimate, Target, ToolPath
+from uuv.sim.interfaces.pose_covariance import PoseCovariance
+from uuv.sim.interfaces.spatial import Array, checked, finite_number, inverse, readonly, transform_points
+
+PATH_SPACING = 0.0015  # [m] between the samples of the tool path
+ATTITUDE_SIGMA = 3e-4  # [rad] of the hull's attitude: bias of an inertial unit with fibre-optic gyros
+LOOSE = 0.005  # [m] that an identification may be off (`uuv.sim.evaluation.metrics.Bounds`)
+_ASIDE = 0.15  # [m] between hull positions, below which they give the same view
+_SEEN = 0.4  # [-] share of the frames in which a pixel must have depth
+_MEDIAN = 1.25  # [-] standard deviation of a median of normal errors over that of their mean
+_FEW = 3  # frames from which on they are fused: a median of fewer removes nothing
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Frame:
+    """A scan with the pose of the sensor."""
+
+    scan: Scan
+    X_WS: Array  # (4, 4) pose of the sensor, in a frame W common to all frames
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class FinderState:
+    """State of KnownObjectFinder: frames that wait to be fused, and the last identification for the log."""
+
+    frames: int = 0  # measurements processed
+    looks: tuple[Frame, ...] = ()  # frames or pings collected so far, until the wanted number is there
+    last: Identification | None = None
+    X_WC: Array | None = None  # (4, 4) estimated pose of the camera for `last`
+    places: tuple[Array, ...] = ()  # (3,) [m] hull positions in W of the views so far
+
+    def in_world(self, points_C: Array) -> Array:
+        """Transform points of the last identification from the camera frame into W.
+
+        Args:
+            points_C: (n, 3) [m] cloud, model_before or model_after of `last`, in C.
+
+        Returns:
+            The same points (n, 3) [m] in W. Empty (0, 3) before the first identification.
+        """
+        return np.zeros((0, 3)) if self.X_WC is None else transform_points(self.X_WC, points_C)
+
+
+class KnownObjectFinder:
+    """Target finder for one known object near its coarse detection; plans the tool path on the scanned surface.
+
+    Implements `uuv.sim.interfaces.protocols.TargetFinder`.
+    """
+
+    method: ClassVar[Method] = "planes"
+
+    def __init__(
+        self,
+        target: TargetModel,
+        path: str | ModelPath | None,
+        approach_W: ArrayLike,
+        orientation_W: ArrayLike | None = None,
+        *,
+        sensor: SensorModel | None = None,
+        tool_radius: float = 0.0,
+        looks: int = 1,
+        seed: int = 0,
+        attitude_sigma: float = ATTITUDE_SIGMA,
+        loose: float = LOOSE,
+    ) -> None:
+        """Prepare the search for `target` around its coarse position.
+
+        Args:
+            target: Model of the object.
+            path: Name of one of the target's paths, a path in T, or None: no path is planned.
+            approach_W: (3,) [m] coarse position of the target's centre in W, at most `APPROACH_ERROR` off.
+            orientation_W: (3, 3) coarse rotation of T in W, wrong by up to about 30 deg; None: unknown.
+            sensor: Accuracy of the depth sensor; None: `SensorModel()`.
+            tool_radius: [m] of the ball at the end of the tool; 0: a point.
+            looks: Number of consecutive frames or pings whose median depth the path is planned on.
+            seed: Of all random samples.
+            attitude_sigma: [rad] standard deviation of the hull's attitude, about any axis, where the estimate states
+                none.
+            loose: [m] standard deviation, of the centre or of the surface under the path, above which an accepted find
+                asks for a look from another place.
+
+        Raises:
+            ConfigurationError: For an unknown path or malformed priors.
+            MissingLibraryError: Without a ray caster.
+        """
+        self._path = target.path(path) if isinstance(path, str) else path
+        self._approach_W = checked(approach_W, (3,), "approach_W")
+        self._R_WT = None if orientation_W is None else checked(orientation_W, (3, 3), "orientation_W")
+        if isinstance(looks, bool) or looks < 1:
+            raise ConfigurationError(f"looks: must be at least 1, got {looks}")
+        if not 0.0 <= tool_radius < np.inf:
+            raise ConfigurationError(f"tool_radius: must be >= 0 m, got {tool_radius}")
+        self._sensor = sensor or SensorModel()
+        self._tool_radius, self._count, self._seed = tool_radius, looks, seed
+        self._attitude_sigma = finite_number(attitude_sigma, "attitude_sigma [rad]", least=0.0)
+        self._loose = finite_number(loose, "loose [m]", above=0.0)
+        self._surface = ModelSurface.of(target, seed)
+
+    def init(self) -> FinderState:
+        """Return the initial state: no frames, no identification."""
+        return FinderState()
+
+    def step(
+        self, state: FinderState, estimate: StateEstimate, measurement: Measurement
+    ) -> tuple[FinderState, Target | None]:
+        """Search one depth frame or sonar scan for the target and plan the tool path.
+
+        Args:
+            state: Of the last call, or of `init`.
+            estimate: State of the vehicle at the time of `measurement`; X_WB places the sensor in W.
+            measurement: A DepthImage or a SonarScan.
+
+        Returns:
+            The new state, and the target in W. The target is None while more frames are wanted. It is not accepted, and
+            carries a reason, where the object or the surface on the path was not found.
+
+        Raises:
+            ConfigurationError: If `measurement` is of another type or malformed.
+        """
+        if isinstance(measurement, DepthImage):
+            seen, X_BC = Scan.from_depth(measurement), measurement.X_BC
+            sensor = replace(self._sensor, focal=float(measurement.K[0, 0]))
+        elif isinstance(measurement, SonarScan):
+            seen, X_BC, sensor = _scan_of(without_isolated_echoes(measurement.points)), measurement.X_BS, self._sensor
+        else:
+            raise ConfigurationError(
+                f"target finder: expected a DepthImage or a SonarScan, got {type(measurement).__name__}"
+            )
+        X_WC = estimate.X_WB @ X_BC
+        looks = state.looks
+        if isinstance(seen, Scan):
+            looks = (*looks, Frame(scan=seen, X_WS=X_WC))
+            if len(looks) < self._count:
+                return replace(state, frames=state.frames + 1, looks=looks), None
+        X_CW = inverse(X_WC)
+        attempt = attempted(
+            seen,
+            self._surface,
+            transform_points(X_CW, self._approach_W),
+            None if self._R_WT is None else X_CW[:3, :3] @ self._R_WT,
+            sensor=sensor,
+            seed=self._seed,
+            method=self.method,
+        )
+        found = attempt.widened().concluded(state.last)
+        if self._R_WT is None and state.last is not None and state.X_WC is not None and state.last.accepted:
+            # Without a coarse orientation: of all poses that look the same, the one next to the last find's.
+            R_CT = X_CW[:3, :3] @ state.X_WC[:3, :3] @ state.last.X_sensor_target[:3, :3]
+            alike = self._surface.symmetry.nearest_pose(found.X_sensor_target, R_CT)
+            found = replace(found, X_sensor_target=readonly(alike))
+        path, reason = None, found.reason
+        if found.accepted and self._path is not None:
+            try:
+                whole = with_fused_frames(found, looks)
+                path = plan_path(whole, self._path, spacing=PATH_SPACING, tool_radius=self._tool_radius)
+                path = _in_world(X_WC, path)
+            except PerceptionError as error:  # accepted, but the scan lacks the surface on the path
+                reason = str(error)
+        doubt, of_hull = self._doubt(found, estimate, X_WC)
+        target = Target(
+            time=measurement.time,
+            X_WT=readonly(X_WC @ found.X_sensor_target),
+            accepted=found.accepted if self._path is None else path is not None,
+            check_m=found.check.figure_m if found.check is not None else float("inf"),
+            range_m=float(np.linalg.norm(transform_points(found.X_sensor_target, self._surface.center))),
+            reason=reason,
+            path=path,
+            covariance=doubt,
+            hull_covariance=of_hull,
+        )
+        p_WB, places = estimate.X_WB[:3, 3], state.places
+        if all(np.linalg.norm(p_WB - place) > _ASIDE for place in places):
+            places = (*places, readonly(p_WB))
+        target = replace(target, next_X_WB=self._next_view(found, target, estimate.X_WB, X_WC, places))
+        return FinderState(frames=state.frames + 1, last=found, X_WC=readonly(X_WC), places=places), target
+
+    def _next_view(
+        self, found: Identification, target: Target, X_WB: Array, X_WC: Array, places: Sequence[Array]
+    ) -> Array | None:
+        """Hull pose (4, 4) of the next look, where none was taken yet; None if none is wanted, or can be chosen."""
+        if self.method != "planes" or (target.accepted and not self._is_loose(target)):
+            return None
+        center = transform_points(target.X_WT, self._surface.center)
+        motions = [
+            motion
+            for motion in views_around(center, np.array([0.0, 0.0, 1.0]))
+            if all(np.linalg.norm((motion @ X_WB)[:3, 3] - place) > _ASIDE for place in places)
+        ]
+        X_CW = inverse(X_WC)
+        ranked = ranked_views(found, [X_CW @ motion @ X_WC for motion in motions])
+        return readonly(motions[ranked[0]] @ X_WB) if ranked else None
+
+    def _is_loose(self, target: Target) -> bool:
+        """True if an accepted pose is less certain than the work on it asks for."""
+        if target.covariance is None:
+            return False
+        sigma = target.path_sigma
+        worst = target.covariance.position_sigma if sigma is None else float(sigma.max())
+        return worst > self._loose
+
+    def _doubt(
+        self, found: Identification, estimate: StateEstimate, X_WC: Array
+    ) -> tuple[PoseCovariance | None, Array]:
+        """Covariance of a find in W, and the hull pose's share (6, 6) [m^2] of it."""
+        if found.covariance is None:
+            return None, readonly(np.zeros((6, 6)))
+        doubt = found.covariance.in_frame(X_WC)
+        position = np.nan_to_num(estimate.position_sigma, nan=0.0)
+        attitude = self._attitude_sigma if np.isnan(estimate.attitude_sigma) else estimate.attitude_sigma
+        of_hull = doubt.of_carrier(estimate.X_WB[:3, 3], position, attitude)
+        both = doubt.plus(of_hull)
+        return both, readonly(both.matrix - doubt.matrix)
+
+
+class PublishedFinder(KnownObjectFinder):
+    """Target finder with the published ICP and the published threshold on Q [Konoplin 2022]."""
+
+    method: ClassVar[Method] = "paper-q"
+
+
+def _scan_of(echoes: Array) -> Scan | Array:
+    """Convert echoes (h, w, 3) [m] to a Scan, or return them unchanged for `identify` to report the reason."""
+    try:
+        return Scan.from_cloud(echoes)
+    except PerceptionError:
+        return echoes
+
+
+def _in_world(X_WC: Array, path: ToolPath) -> ToolPath:
+    R_WC = X_WC[:3, :3]
+    return replace(
+        path, p=readonly(transform_points(X_WC, path.p)), z=readonly(path.z @ R_WC.T), x=readonly(path.x @ R_WC.T)
+    )
+
+
+def fused(looks: Sequence[Frame]) -> Scan:
+    """Median depth of several frames in the grid and sensor frame of the last one; NaN where too few have depth.
+
+    A stereo matcher errs in patches, differently in every frame. A mean over the neighbours in one frame keeps this
+    error; a median over frames removes it, and what a single frame shows alone: flying pixels, a fish.
+    The frames may be taken from different places. Where one has no depth, or shows another surface, the others decide.
+
+    Args:
+        looks: Frames, in order of time.
+
+    Raises:
+        ConfigurationError: Without any frame.
+    """
+    if not looks:
+        raise ConfigurationError("fused: at least one look is needed")
+    last = looks[-1]
+    X_SW = inverse(last.X_WS)
+    depths = np.stack([*(_seen_from(last.scan, look.scan, X_SW @ look.X_WS) for look in looks[:-1]), last.scan.depth])
+    enough = np.isfinite(depths).sum(axis=0) >= max(1, _SEEN * len(looks))
+    depth = np.full(last.scan.depth.shape, np.nan)
+    depth[enough] = np.nanmedian(depths[:, enough], axis=0)
+    x, y = np.meshgrid(last.scan.tangent_x, last.scan.tangent_y)
+    return replace(last.scan, points=readonly(np.stack([depth * x, depth * y, depth], axis=-1)))
+
+
+def with_fused_frames(found: Identification, looks: Sequence[Frame]) -> Identification:
+    """Replace the scan of an identification by the median of several frames, for planning a path on it.
+
+    The pose and its PoseCheck stay those of the single frame, whose noise their limits were set for. With fewer than
+    three frames `found` is returned unchanged.
+
+    Args:
+        found: Identification in the last of `looks`.
+        looks: Frames, in order of time.
+    """
+    if found.evidence is None or len(looks) < _FEW:
+        return found
+    evidence, scan = found.evidence, fused(looks)
+    of_median = evidence.sensor.disparity_sigma * _MEDIAN / float(np.sqrt(len(looks)))
+    return replace(
+        found,
+        evidence=replace(
+            evidence,
+            scan=scan,
+            mask=evidence.mask & np.isfinite(scan.depth),
+            sensor=replace(evidence.sensor, disparity_sigma=of_median),
+        ),
+    )
+
+
+def _seen_from(grid: Scan, scan: Scan, X_GS: Array) -> Array:
+    """Depth (h, w) [m] of the points of `scan` in the pixels of `grid`, the nearest in each; NaN where there is none.
+
+    `X_GS` (4, 4): pose of the scan's sensor in the frame of the grid's.
+    """
+    points = scan.points.reshape(-1, 3)
+    points = transform_points(X_GS, points[np.isfinite(points[:, 2])])
+    row, column, inside = grid.pixels(points)
+    depth = np.full(grid.depth.shape, np.inf)
+    np.minimum.at(depth, (row[inside], column[inside]), points[inside, 2])
+    depth[np.isinf(depth)] = np.nan
+    return depth

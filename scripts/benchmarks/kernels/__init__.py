@@ -1,1 +1,0 @@
-"""List of the kernels that a job compiles."""

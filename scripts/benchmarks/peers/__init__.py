@@ -1,1 +1,0 @@
-"""Third-party solvers and simulators behind common interfaces, for the benchmarks only."""

@@ -1,1 +1,0 @@
-"""Benchmarks of the water: geometry, identification, pool trials, REMUS 100."""

@@ -1,0 +1,1 @@
+"""Tasks of dm_control: speed, scores, and a policy that learns."""

@@ -1,0 +1,184 @@
+"""Quick jobs of several vehicles in drawn seas, nothing failing: which faults are named, and what the gyro check does.
+
+Where a survey can, it tells the pose of the object, which halves the time of a run.
+
+A case is run once more without the check of the gyro where the check has named a fault, and where it is one of the
+`paired` cases. In all others the check has changed nothing as long as the paired ones agree to the bit.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from uuv.assembly import assemble
+from uuv.runner import run
+from uuv.scenario import Scenario
+from uuv.experiment import Row, Summary, Table
+from uuv.check.checked_jobs import ARM_JOBS
+from uuv.sim.interfaces.errors import UuvError
+from uuv.sim.interfaces.messages import FaultKind, WorkState
+
+CURRENT = 0.4  # [m/s] at most
+GUST = 0.05  # [m/s] standard deviation per axis, at most
+WAVE = 0.1  # [m/s] amplitude of the water's velocity, at most; two of three seas have waves
+FREQUENCY = (0.05, 0.3)  # [Hz]
+
+CHECKED = frozenset({FaultKind.GYRO.value, FaultKind.ATTITUDE.value})
+REFUSED, DONE, LATE = "refused", "done", "not done in time"
+TOUCHED = (WorkState.APPROACH, WorkState.PRESS, WorkState.WORK)
+BEFORE, AFTER = "before the contact", "in contact or later"
+COLUMNS = ("vehicle", "jobs", "done", f"left {BEFORE}", f"left {AFTER}", REFUSED, "gyro or attitude", "other faults")
+
+SEARCHING = frozenset({"insertion", "seabed-core"})  # jobs that a survey cannot tell the pose of their object
+
+
+@dataclass(frozen=True, kw_only=True)
+class Worker:
+    """A vehicle, and the jobs that `uuv check` promises of it."""
+
+    name: str
+    jobs: tuple[str, ...]  # of ARM_JOBS
+    options: Mapping[str, Any] = field(default_factory=dict)  # of these jobs
+
+
+WORKERS = (
+    Worker(name="uuv_puma", jobs=("barrel-longitudinal", "barrel-transverse", "tap", "insertion", "seabed-core")),
+    Worker(name="uuv_puma_side", jobs=("pile",)),
+    Worker(name="uuv_puma_two_sway", jobs=("barrel-longitudinal", "barrel-transverse", "tap", "insertion")),
+    Worker(name="rexrov2_arm7", jobs=("barrel-longitudinal", "barrel-transverse", "pile", "tap", "insertion")),
+    Worker(
+        name="bluerov2_heavy_alpha5",
+        jobs=("barrel-longitudinal", "tap"),
+        options={"tool": "small_pad", "forces": (8.0,)},
+    ),
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class SoundCase:
+    """One draw of a vehicle, its job and its sea."""
+
+    seed: int  # of the study
+    run: int
+    paired: bool  # run without the check in any case
+
+
+def draw(case: SoundCase) -> tuple[str, str, Scenario]:
+    """Vehicle, job and scenario of a case; vehicles come in turn, and so do the jobs of each."""
+    rng = np.random.default_rng([case.seed, case.run])
+    worker = WORKERS[case.run % len(WORKERS)]
+    job = worker.jobs[case.run // len(WORKERS) % len(worker.jobs)]
+
+    waves = rng.uniform(0.0, WAVE) if rng.random() < 2.0 / 3.0 else 0.0
+    options: dict[str, Any] = {
+        "seed": int(rng.integers(2**31)),
+        "current": _directed(rng, rng.uniform(0.0, CURRENT)),
+        "gust": rng.uniform(0.0, GUST),
+        "wave": _directed(rng, waves),
+        "wave_frequency": rng.uniform(*FREQUENCY),
+    }
+    if job not in SEARCHING:
+        options["target_pose"] = "known"
+    return worker.name, job, ARM_JOBS[job](vehicle=worker.name, quick=True, **options, **worker.options)
+
+
+def _directed(rng: np.random.Generator, size: float) -> tuple[float, float, float]:
+    """A vector of that size in a direction that is uniform on the sphere."""
+    way = rng.standard_normal(3)
+    x, y, z = (size * way / np.linalg.norm(way)).tolist()
+    return x, y, z
+
+
+def sound_run(case: SoundCase) -> dict[str, Any]:
+    """Row of a case: sea, end and faults; of the run without the check too, where there is one."""
+    vehicle, job, scenario = draw(case)
+    site, checked = scenario.site, outcome(scenario)
+    row = {
+        "run": case.run,
+        "vehicle": vehicle,
+        "job": job,
+        "current": float(np.linalg.norm(site.current)),
+        "gust": site.gust,
+        "wave": float(np.linalg.norm(site.wave)),
+        "wave_frequency": site.wave_frequency,
+        **checked,
+        "paired": case.paired or bool(CHECKED & {name.split()[0] for name in checked["faults"]}),
+    }
+    if row["paired"]:
+        unchecked = outcome(replace(scenario, control=replace(scenario.control, without=("gyro-check",))))
+        row |= {f"unchecked_{name}": value for name, value in unchecked.items()}
+    return row
+
+
+def outcome(scenario: Scenario) -> dict[str, Any]:
+    """How a run ended, when in its work, the faults that were named, and the digest of its trajectory."""
+    try:
+        done = run(assemble(scenario))
+    except UuvError as error:
+        return {"ended": REFUSED, "why": str(error), "touched": False, "faults": [], "digest": ""}
+    recording, final = done.recording, done.recording.final
+    ended = DONE if final.state is WorkState.DONE else LATE if final.abort is None else final.abort.value
+    return {
+        "ended": ended,
+        "why": final.note,
+        "touched": bool(recording.within(*TOUCHED).any()),
+        "faults": [f"{fault.kind.value} {fault.part}" for fault in done.result.last.command.faults],
+        "digest": done.assessment.metrics["run"]["trajectory_sha256"],
+    }
+
+
+def line(row: Row) -> str:
+    """Line about a run that named a fault."""
+    if not row["faults"]:
+        return ""
+    return f"run {row['run']}, {row['vehicle']}, {row['job']}: {', '.join(row['faults'])}; {row['ended']}: {row['why']}"
+
+
+def summarise(rows: list[Row]) -> Summary:
+    """How the runs of each vehicle ended and what was named; a gyro or an attitude that is named fails the study."""
+    vehicles = dict.fromkeys(row["vehicle"] for row in rows)
+    table = [_cells(name, [row for row in rows if row["vehicle"] == name]) for name in vehicles]
+    paired = [row for row in rows if row["paired"]]
+    same = sum(row["digest"] == row["unchecked_digest"] for row in paired)
+
+    named = [line(row) for row in rows if _names_one(row, checked=True)]
+    left, unchecked = _left(paired), _left(paired, "unchecked_")
+    pairs = f"{len(paired)} runs without the check: {same} the same to the bit; left {unchecked}, with it {left}"
+    return Summary(
+        metrics={
+            "runs": len(rows),
+            "named": len(named),
+            "other_faults": sum(_names_one(row, checked=False) for row in rows),
+            "left": _left(rows),
+            "paired": {"runs": len(paired), "same": same, "left": left, "left_without_check": unchecked},
+        },
+        tables=[Table(title="Nothing failed", columns=COLUMNS, rows=[*table, _cells("all", rows)], labels=1)],
+        lines=[pairs],
+        failed=named,
+    )
+
+
+def _names_one(row: Row, *, checked: bool) -> bool:
+    """True if a fault was named, of gyro or attitude if `checked`, else another one."""
+    return any((name.split()[0] in CHECKED) == checked for name in row["faults"])
+
+
+def _left(rows: Sequence[Row], prefix: str = "") -> int:
+    """How many runs ended neither done nor refused."""
+    return sum(row[f"{prefix}ended"] not in (DONE, REFUSED) for row in rows)
+
+
+def _cells(name: str, rows: Sequence[Row]) -> list[str]:
+    left = [row for row in rows if row["ended"] not in (DONE, REFUSED)]
+    counts = (
+        len(rows),
+        sum(row["ended"] == DONE for row in rows),
+        sum(not row["touched"] for row in left),
+        sum(row["touched"] for row in left),
+        sum(row["ended"] == REFUSED for row in rows),
+        sum(_names_one(row, checked=True) for row in rows),
+        sum(_names_one(row, checked=False) for row in rows),
+    )
+    return [name, *map(str, counts)]

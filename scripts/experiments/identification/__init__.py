@@ -1,0 +1,1 @@
+"""Identification of objects: errors, decisions, looks, sensors, and other libraries beside it."""

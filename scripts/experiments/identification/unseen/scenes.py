@@ -1,0 +1,370 @@
+"""Seeded scenes with an unseen object, or with something else in its place, as one frame of a sensor.
+
+    scene = build(present(seed=0, index=17))
+    found = identify(scene.scan, scene.target, scene.approach, sensor=scene.sensor.model)
+
+The world is the camera's frame C. Frame F stands under the object's centre with z up.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import mujoco
+import numpy as np
+
+from uuv.models.meshes.closed_shells import joined
+from uuv.models.objects.target_model import Symmetry, TargetModel
+from uuv.perception.clouds.scan import Scan
+from uuv.clouds.object_scenes import FOCAL, SENSORS, Camera, Imager
+from experiments.identification.unseen.grammar import KINDS, UnseenShape, any_rotation, unseen_shape
+from experiments.identification.unseen.likeness import Likeness
+from experiments.identification.unseen.placing import COARSE, Body, beside, heaped, hidden_by, resting_attitude, seabed, stone, veil
+from experiments.identification.unseen.solids import Solid3, moved
+from uuv.sim.interfaces.errors import ConfigurationError, PerceptionError
+from uuv.sim.interfaces.spatial import Array, exp_so3, inverse, pose, readonly, rotation_from_z, transform_points
+from uuv.sim.sensors.depth_camera import DepthCamera, Optics
+from uuv.sim.sensors.stereo_noise import StereoNoise
+
+Content = Literal["present", "absent", "other", "mirrored", "resized", "pile"]
+Around = Literal["alone", "clutter", "touching", "pile"]
+WRONG: tuple[Content, ...] = ("absent", "other", "mirrored", "resized")
+SURROUNDINGS: tuple[Around, ...] = ("alone", "clutter", "touching")
+HIDDEN: Mapping[str, tuple[float, float]] = {  # classes of occlusion: share of the object's image that others hide
+    "none": (0.0, 0.005),
+    "little": (0.005, 0.2),
+    "much": (0.2, 0.6),
+}
+DEPTH_SENSORS: Mapping[str, Camera | Imager] = {
+    "white": SENSORS["white"],
+    "stereo": SENSORS["stereo"],
+    "quantised": Camera(stereo=StereoNoise(disparity_sigma=0.1, correlation=1.0, disparity_step=0.25)),
+}
+UNSEEN_SENSORS: Mapping[str, Camera | Imager] = {**DEPTH_SENSORS, "sonar": SENSORS["sonar"]}
+PILE = 5  # objects of a pile
+RESIZED = 0.05  # [-] by which a resized object is larger or smaller
+_CONTENTS = ("present", *WRONG, "pile")
+_ORDER = ("none", "much", "little", "none", "little", "much", "none", "little", "much", "none")  # 40, 30, 30 %
+_HAND = 0.04  # [-] least share in which a shape differs from its mirror image, for a scene with that
+_RESTS = 0.5  # share of the objects that lie on the seabed where nothing touches them; others hang above it
+_HANGS = (0.03, 0.4)  # [m] above the seabed
+_GROUND = 0.8  # share of the scenes without neighbours that show a seabed
+_SIMILAR = 0.6  # share of the neighbours that are of the object's class
+_DECLARED = 0.5  # share of the targets that declare their geometric symmetry
+_OF_PILE = (0.2, 0.45)  # [m] extents of the objects of a pile
+_APPROACH = 0.3  # [m] largest error of the coarse position
+_TILT = np.deg2rad(45.0)  # [rad] largest error of the coarse attitude
+_RANGES = (1.0, 2.0)  # [m] from the camera to the object
+_VIEW = 2.3  # [radii] least distance, so that the object fits in the image
+_NEAR_SMALL = 6.0  # [extents] largest distance of a small object
+_CLIMB = (np.deg2rad(15.0), np.deg2rad(75.0))  # [rad] of the camera above the horizon
+_ROLL = np.deg2rad(15.0)  # [rad] largest roll of the camera, either way
+_ASIDE = 0.02  # [-] of the range, by which the camera looks beside the object, one standard deviation
+_IN_VIEW = 0.98  # [-] least share of the object's corners within the image
+_LEAST_PIXELS = 1200  # of the object's image, occluded parts included
+_ATTEMPTS = 40  # draws of a scene until it meets its conditions
+
+
+@dataclass(frozen=True, slots=True)
+class UnseenCase:
+    """All that a scene depends on; a case of the study."""
+
+    content: Content  # what stands in the object's place
+    kind: str  # class of the shape, a name in `grammar.KINDS`
+    hidden: str  # class of occlusion, a name in HIDDEN; of a pile: as it falls
+    sensor: str  # name in UNSEEN_SENSORS
+    around: Around  # what surrounds the object
+    seed: int  # of the study
+    index: int  # of the scene among those of this content
+    member: int = 0  # which object of a pile is searched for
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class UnseenScene:
+    """One frame with the truth, and what identification is given."""
+
+    case: UnseenCase
+    target: TargetModel  # the model that is searched for
+    likeness: Likeness  # of its shape to itself
+    there: UnseenShape | None  # what stands in its place; None: nothing
+    sensor: Camera | Imager
+    model: mujoco.MjModel  # of the scene in C
+    scan: Scan
+    exact: Array  # (h, w) [m] depth of the whole scene without noise, inf where there is nothing
+    seen: np.ndarray  # (h, w) pixels of an ideal camera that show what is in the object's place
+    X_CT: Array  # (4, 4) true pose of what is in its place
+    approach: Array  # (3,) [m] coarse position of the target's centre, in C
+    orientation: Array  # (3, 3) coarse rotation of T in C
+    range_m: float  # [m] from the camera to the object
+    hidden: float  # share of the object's image that is hidden, 0 if it is absent
+    declared: bool  # the target declares its geometric symmetry
+
+    @property
+    def shape(self) -> UnseenShape:
+        """The shape that is searched for."""
+        return self.likeness.shape
+
+
+def present(seed: int, index: int, sensor: str | None = None) -> UnseenCase:
+    """Case `index` with the object in its place: classes, occlusion, sensors and surroundings in turn."""
+    kinds, block = tuple(KINDS), index // len(KINDS)
+    k = index % len(kinds)
+    names = tuple(DEPTH_SENSORS)
+    return UnseenCase(
+        content="present",
+        kind=kinds[k],
+        hidden=_ORDER[(block + 3 * k) % len(_ORDER)],
+        sensor=sensor or names[(block + k) % len(names)],
+        around=SURROUNDINGS[(block // 3 + k // 3) % len(SURROUNDINGS)],
+        seed=seed,
+        index=index,
+    )
+
+
+def wrong(seed: int, index: int, sensor: str | None = None) -> UnseenCase:
+    """Case `index` with nothing, another object, the mirrored or the resized one in the object's place, in turn."""
+    case = present(seed, index // len(WRONG) + 3 * (index % len(WRONG)), sensor)
+    return replace(case, content=WRONG[index % len(WRONG)], index=index)
+
+
+def piled(seed: int, index: int) -> UnseenCase:
+    """Case `index` of the objects in piles of PILE: five cases in a row have the same pile and another member."""
+    pile, member = divmod(index, PILE)
+    case = present(seed, PILE * pile)
+    sensor = tuple(DEPTH_SENSORS)[pile % len(DEPTH_SENSORS)]
+    return replace(case, content="pile", hidden="", around="pile", sensor=sensor, index=pile, member=member)
+
+
+def build(case: UnseenCase) -> UnseenScene:
+    """The scene of a case; the same case always gives the same scene.
+
+    Raises:
+        ConfigurationError: A name in the case is unknown, or no draw of the scene meets its conditions.
+    """
+    if case.sensor not in UNSEEN_SENSORS:
+        raise ConfigurationError(f"no sensor {case.sensor!r}; there are {', '.join(UNSEEN_SENSORS)}")
+    if case.kind not in KINDS:
+        raise ConfigurationError(f"no class of shapes {case.kind!r}; there are {', '.join(KINDS)}")
+    if case.content != "pile" and case.hidden not in HIDDEN:
+        raise ConfigurationError(f"no class of occlusion {case.hidden!r}; there are {', '.join(HIDDEN)}")
+    for attempt in range(_ATTEMPTS):
+        drawn = _Draw(case, attempt).scene()
+        if drawn is not None:
+            return drawn
+    raise ConfigurationError(f"{case}: none of {_ATTEMPTS} draws meets its conditions")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Layout:
+    """Where everything is."""
+
+    likeness: Likeness  # of the shape that is searched for
+    there: UnseenShape | None  # in its place
+    body: Body  # the object, or where it is absent the one that was taken away
+    visible: Sequence[Solid3]  # everything in the scene, in F
+    X_CF: Array
+    X_FT: Array
+
+
+class _Draw:
+    """One draw of a scene, with a stream of random numbers for each part of it."""
+
+    def __init__(self, case: UnseenCase, attempt: int) -> None:
+        key = [case.seed, _CONTENTS.index(case.content), case.index, attempt]
+        kinds = tuple(KINDS)
+        self.case = case
+        # Not every class has shapes with a hand; after some attempts the next class is tried.
+        later = attempt // 4 if case.content == "mirrored" else 0
+        self.kind = kinds[(kinds.index(case.kind) + later) % len(kinds)]
+        streams = np.random.SeedSequence(key).spawn(5)
+        self.model, self.view, self.around, self.veil, self.noise = map(np.random.default_rng, streams)
+        self.start = np.random.default_rng([*key, case.member])
+
+    def scene(self) -> UnseenScene | None:
+        """The scene; None if it does not meet the conditions of its case."""
+        layout = self._pile() if self.case.content == "pile" else self._single()
+        return None if layout is None else self._taken(layout)
+
+    def _single(self) -> _Layout | None:
+        """An object, or what is in its place, with its surroundings."""
+        case, rng = self.case, self.model
+        shape, there = self._shapes()
+        likeness = Likeness(shape)
+        if case.content == "mirrored" and not likeness.has_hand(_HAND):
+            return None
+        stand_in = there or shape  # where nothing is, it is as if the object were taken away
+        rests = case.around == "touching" or rng.random() < _RESTS
+        R = resting_attitude(stand_in, rng) if rests else any_rotation(rng)
+        gap = 0.0 if rests else float(rng.uniform(*_HANGS))
+        body = Body.of((stand_in.vertices @ R.T, stand_in.triangles), self.around)
+        ground = float(body.solid[0][:, 2].min()) - gap
+        X_CF = self._camera(np.zeros(3), stand_in.radius, stand_in.extent)
+        if not _in_view(X_CF, body.solid[0]):
+            return None
+        others = self._neighbours(body, X_CF, ground) if case.around != "alone" else []
+        others += [stone(body, ground, self.around) for _ in range(int(self.around.integers(0, 4)))]
+        on_ground = case.around != "alone" or self.around.random() < _GROUND
+        occluders = veil(body, others, X_CF, HIDDEN[case.hidden], self.veil)
+        if occluders is None:
+            return None
+        floor = [seabed(ground, self.around)] if on_ground else []
+        return _Layout(
+            likeness=likeness,
+            there=there,
+            body=body,
+            visible=[*([] if there is None else [body.solid]), *(each.solid for each in (*others, *occluders)), *floor],
+            X_CF=X_CF,
+            X_FT=pose(R),
+        )
+
+    def _pile(self) -> _Layout | None:
+        """Touching objects of as many classes, the whole pile in view, and none of them hidden for the most part."""
+        rng = self.model
+        kinds = rng.permutation(tuple(KINDS))[:PILE]
+        shapes = [unseen_shape(str(kind), rng, _OF_PILE) for kind in kinds]
+        poses = heaped(shapes, self.around)
+        bodies = [
+            Body.of((transform_points(X, shape.vertices), shape.triangles), self.around)
+            for shape, X in zip(shapes, poses, strict=True)
+        ]
+        corners = np.vstack([body.solid[0] for body in bodies])
+        middle = 0.5 * (corners.min(axis=0) + corners.max(axis=0))
+        radius = float(np.linalg.norm(corners - middle, axis=1).max())
+        X_CF = self._camera(middle, radius, 2.0 * radius)
+        if not _in_view(X_CF, corners):
+            return None
+        for k, body in enumerate(bodies):
+            seen, hidden = hidden_by(body, [*bodies[:k], *bodies[k + 1 :]], X_CF)
+            if len(seen) * COARSE**2 < _LEAST_PIXELS or hidden.mean() > HIDDEN["much"][1]:
+                return None
+        k = self.case.member
+        return _Layout(
+            likeness=Likeness(shapes[k]),
+            there=shapes[k],
+            body=bodies[k],
+            visible=[*(body.solid for body in bodies), seabed(0.0, self.around)],  # the same order for all its members
+            X_CF=X_CF,
+            X_FT=poses[k],
+        )
+
+    def _shapes(self) -> tuple[UnseenShape, UnseenShape | None]:
+        """Shape that is searched for, and the one in its place, None if it is absent."""
+        shape, rng = unseen_shape(self.kind, self.model), self.model
+        match self.case.content:
+            case "absent":
+                return shape, None
+            case "other":
+                return shape, unseen_shape(self.kind, rng, (0.8 * shape.extent, 1.2 * shape.extent))
+            case "mirrored":
+                return shape, shape.mirrored()
+            case "resized":
+                return shape, shape.resized(1.0 + RESIZED * (1.0 if rng.random() < 0.5 else -1.0))
+        return shape, shape
+
+    def _camera(self, p_F: Array, radius: float, extent: float) -> Array:
+        """X_CF (4, 4) of a camera that looks at `p_F` (3,) [m], or a little beside it."""
+        rng, near = self.view, max(_RANGES[0], _VIEW * radius)
+        range_m = rng.uniform(near, max(near + 0.1, min(_RANGES[1], _NEAR_SMALL * extent)))
+        up = rng.uniform(*np.sin(_CLIMB))
+        heading, roll = rng.uniform([-np.pi, -_ROLL], [np.pi, _ROLL])
+        flat = np.sqrt(1.0 - up**2)
+        eye = p_F + range_m * np.array([flat * np.cos(heading), flat * np.sin(heading), up])
+        z = p_F + rng.normal(0.0, _ASIDE * range_m, 3) - eye
+        R = rotation_from_z(z, np.cross(z, [0.0, 0.0, 1.0])) @ exp_so3([0.0, 0.0, roll])
+        return inverse(pose(R, eye))
+
+    def _neighbours(self, body: Body, X_CF: Array, ground: float) -> list[Body]:
+        """Shapes of the same and other classes beside the object, on the ground; they touch it, or stand clear."""
+        rng, touching = self.around, self.case.around == "touching"
+        away = inverse(X_CF)[:2, 2]  # horizontally from the camera
+        # Beside and behind rather than in front, unless much is to be hidden.
+        spread = np.pi if self.case.hidden == "much" else 0.6 * np.pi
+        bodies: list[Body] = []
+        for _ in range(int(rng.integers(1, 4 if touching else 5))):
+            kind = self.kind if rng.random() < _SIMILAR else str(rng.choice(tuple(KINDS)))
+            size = float(np.clip(body.extent * rng.uniform(0.4, 1.0), 0.15, 0.8))
+            shape = unseen_shape(kind, rng, (size, size))
+            heading = float(np.arctan2(away[1], away[0]) + rng.uniform(-spread, spread))
+            gap = 0.0 if touching else float(rng.uniform(0.02, 0.25))
+            placed = beside(body, bodies, shape, heading, gap, ground, rng)
+            if placed is not None:
+                bodies.append(placed)
+        return bodies
+
+    def _taken(self, layout: _Layout) -> UnseenScene | None:
+        """The frame and its truth; None if it is empty, or not as the case wants it."""
+        case, X_CF, likeness, there = self.case, layout.X_CF, layout.likeness, layout.there
+        if not layout.visible:  # the object is absent, and so is everything else
+            return None
+        model = _compiled([moved(solid, X_CF) for solid in layout.visible])
+        exact, alone = _depth(model), _depth(_compiled([moved(layout.body.solid, X_CF)]))
+        image = np.isfinite(alone)
+        if case.content != "pile" and image.sum() < _LEAST_PIXELS:
+            return None
+        seen, hidden = np.zeros_like(image), 0.0
+        if there is not None:
+            seen = image & (exact > alone - 1e-4)
+            hidden = 1.0 - float(seen.sum() / image.sum())
+            low, high = HIDDEN.get(case.hidden, (0.0, 1.0))
+            if not low <= hidden <= high:
+                return None
+        data = mujoco.MjData(model)
+        mujoco.mj_kinematics(model, data)
+        sensor = UNSEEN_SENSORS[case.sensor]
+        try:
+            scan = sensor.look(model, data, self.noise)
+        except PerceptionError:  # an empty ping
+            return None
+        X_CT = X_CF @ layout.X_FT
+        declared = bool(self.start.random() < _DECLARED)
+        target = likeness.shape.target(likeness.symmetry if declared else Symmetry())
+        aside, axis = self.start.normal(size=(2, 3))
+        distance, angle = self.start.uniform(size=2) * (_APPROACH, _TILT)
+        approach = transform_points(X_CT, target.center) + distance * aside / np.linalg.norm(aside)
+        return UnseenScene(
+            case=case,
+            target=target,
+            likeness=likeness,
+            there=there,
+            sensor=sensor,
+            model=model,
+            scan=scan,
+            exact=readonly(exact),
+            seen=seen,
+            X_CT=readonly(X_CT),
+            approach=readonly(approach),
+            orientation=readonly(exp_so3(angle * axis / np.linalg.norm(axis)) @ X_CT[:3, :3]),
+            range_m=float(np.linalg.norm(X_CT[:3, 3])),
+            hidden=hidden,
+            declared=declared,
+        )
+
+
+def _in_view(X_CF: Array, vertices: Array) -> bool:
+    """Whether nearly all of `vertices` (V, 3) [m] in F lie within the image."""
+    p = transform_points(X_CF, vertices)
+    limits = np.array([319.5, 239.5]) / FOCAL
+    within = (p[:, 2] > 0.3) & (np.abs(p[:, :2]) < limits * p[:, 2:]).all(axis=1)
+    return bool(within.mean() >= _IN_VIEW)
+
+
+def _compiled(solids: Sequence[Solid3]) -> mujoco.MjModel:
+    """Model of visible meshes in C, fixed in the world."""
+    spec = mujoco.MjSpec()
+    vertices, triangles = joined(solids)
+    spec.add_mesh(
+        name="scene",
+        uservert=vertices.astype(np.float32).ravel(),
+        userface=triangles.astype(np.int32).ravel(),
+        inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL,
+    )
+    spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname="scene", contype=0, conaffinity=0)
+    return spec.compile()
+
+
+def _depth(model: mujoco.MjModel) -> np.ndarray:
+    """Depth (480, 640) [m] that an ideal camera sees, inf where there is nothing."""
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    camera = DepthCamera(model, "world", np.eye(4), optics=Optics(focal=FOCAL), noise=None)
+    return camera.render(data.xpos, data.xmat)[0]

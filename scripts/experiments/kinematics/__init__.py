@@ -1,0 +1,1 @@
+"""Inverse kinematics: success, time, and other solvers beside it."""

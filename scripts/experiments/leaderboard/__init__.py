@@ -1,0 +1,1 @@
+"""Table of the benchmark UUV contact."""

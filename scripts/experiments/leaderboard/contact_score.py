@@ -1,0 +1,126 @@
+"""Benchmark "UUV contact": scores one controller by the truth, in a process of its own that gets estimates only.
+
+    ./uvw run scripts/experiments/leaderboard/contact_score.py                                   # the default, 100 public cases
+    ./uvw run scripts/experiments/leaderboard/contact_score.py --entry mymodule:MyController --cases 10
+    echo 4711 | ./uvw run scripts/experiments/leaderboard/contact_score.py --fresh      # fresh cases, of a seed that a pipe brings
+
+The result file is metrics.json in the folder of results; contact_leaderboard.py makes a table of several.
+docs/benchmark.md says what is scored and how to enter a controller.
+"""
+
+from uuv.start import parse, run_scenario  # isort: skip
+
+import secrets
+import sys
+import time
+from contextlib import ExitStack
+from dataclasses import dataclass, replace
+
+from uuv.assembly import Assembly
+from uuv.command import command
+from uuv.benchmark.cases import CASES, PUBLIC_SEED, VERSION, BenchmarkCase, cases, digest
+from uuv.benchmark.door import close_memory
+from uuv.benchmark.entries import Entry
+from uuv.benchmark.score import ScoredCase, entered, line, score, summary
+from uuv.scenario import Scenario
+from uuv.experiment import Study, StudyOptions
+from uuv.experiment.harness import key_of
+from uuv.experiment.loaded_code import digests, loaded_files
+from uuv.experiment.options import at_least
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.spatial import shown, whole_number
+from uuv.sim.runs.command_line import RunOptions
+
+_LONGEST = 100  # [characters] that standard input may bring
+
+
+@dataclass(kw_only=True)
+class Options(StudyOptions):
+    """Score of a controller on the benchmark "UUV contact"."""
+
+    entry: str = "default"
+    """default, normal-force-law, "without METHOD", "joint PD", a registered controller, or MODULE:CLASS."""
+    estimator: str = ""
+    """MODULE:CLASS of an estimator that the entry brings; empty: navigation is given, as to all others."""
+    cases: int = CASES
+    """Number of cases, from the first on."""
+    only: int | None = None
+    """Do only the case of this number, with all its logs, in a folder of its own; its row is left as it is."""
+    fresh: bool = False
+    """Fresh cases, of the seed that a pipe to standard input brings: an entry can read a command line, but no pipe of
+    its parent. Without one the seed is drawn, and told at the end."""
+    in_process: bool = False
+    """Run the controller in the simulation's process: faster, and no entry, for it could read the truth."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        at_least(self, only=0)
+
+
+def main() -> int:
+    """Runs or resumes the benchmark, or does a single case; returns the exit code."""
+    started, options = time.perf_counter(), parse(Options)
+    close_memory()
+    entry, seed = Entry.of(options.entry, options.estimator), seed_of_cases() if options.fresh else PUBLIC_SEED
+    name = "contact_score-" + "".join(c if c.isalnum() else "-" for c in entry.name)
+    if options.only is not None:
+        case = BenchmarkCase(seed=seed, index=options.only)
+        return with_report(ScoredCase(case=case, entry=entry, in_process=options.in_process), name, options, started)
+    chosen = cases(options.cases, seed=seed)
+    about = {
+        "version": VERSION,
+        "seed": seed,
+        "public": seed == PUBLIC_SEED,
+        "cases": len(chosen),
+        "cases_digest": digest(chosen),
+        "code": key_of(digests(loaded_files())),
+        "entry": entry.name,
+        "source": entry.source,
+        "in_process": options.in_process,
+    }
+    study = Study(
+        cases=[ScoredCase(case=case, entry=entry, in_process=options.in_process) for case in chosen],
+        run_one=score,
+        summarise=lambda rows: summary(rows, about),
+        line=line,
+        code=entry.code(),
+        of={
+            "--entry": options.entry,
+            "--estimator": options.estimator,
+            "--in-process": options.in_process,
+            "cases of digest": key_of([VERSION, seed]),  # study.json is there while entries run: not the seed itself
+        },
+    )
+    return study.carry_out(name, options, f"UUV contact, version {VERSION}: {entry.name}")
+
+
+def seed_of_cases() -> int:
+    """Seed that standard input brings; a new one of 63 bits where it is a terminal or brings nothing.
+
+    Raises:
+        ConfigurationError: It brings something else.
+    """
+    stream = sys.stdin  # None where a process was started without
+    told = "" if stream is None or stream.isatty() else stream.read(_LONGEST).strip()
+    if not told:
+        return secrets.randbits(63)
+    if not (told.isascii() and told.isdigit()):
+        raise ConfigurationError(f"--fresh: standard input must bring one whole number, got {shown(told)}")
+    return whole_number(int(told), "--fresh", most=2**63 - 1)
+
+
+def with_report(scored: ScoredCase, study: str, options: Options, started: float) -> int:
+    """Does a single case with all its output; returns the exit code."""
+    scenario = scored.case.scenario(scored.entry.control)
+    scenario = replace(scenario, name=f"{study}/case_{scored.case.index:04d}")
+    with ExitStack() as stack:
+
+        def assembled(_: Scenario, *, full: bool) -> Assembly:
+            return stack.enter_context(entered(scored, full=full))[0]
+
+        after = f", case {scored.case.index} by {scored.entry.name}"
+        return command(scenario, RunOptions(out=options.out), started, after, assembled)
+
+
+if __name__ == "__main__":
+    run_scenario(main)

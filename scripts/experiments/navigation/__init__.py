@@ -1,0 +1,1 @@
+"""Error model of the camera on the arm."""

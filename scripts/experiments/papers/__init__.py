@@ -1,0 +1,1 @@
+"""What the papers state, and what is measured here."""

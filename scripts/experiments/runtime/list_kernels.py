@@ -1,0 +1,103 @@
+"""Lists anew which kernels a contact job compiles, into first_start.json: after a change of kernels.
+
+    ./uvw run scripts/experiments/runtime/list_kernels.py
+
+Slow, for it compiles all of them, into a store of its own.
+"""
+
+from uuv.start import run_scenario  # isort: skip
+
+import json
+import os
+import tempfile
+import time
+from dataclasses import asdict
+from typing import Any
+
+from numba.core import event
+
+from uuv import assemble, barrel
+from uuv.first_start import CALLS, LIST, ROOMS, Job, decoded, encoded, kernels
+from uuv.runner import run_through
+from uuv.sim.interfaces.errors import UuvError
+from uuv.sim.interfaces.kernels import store
+from uuv.sim.interfaces.kernels.stored import StoredKernel
+
+
+class _Stopwatch(event.Listener):
+    """Seconds of each compilation, without those of the project's kernels within it."""
+
+    def __init__(self) -> None:
+        self.spent: dict[tuple[int, Any], float] = {}  # by dispatcher and arguments
+        self._open: list[tuple[float, list[float]]] = []
+
+    def on_start(self, event: event.Event) -> None:
+        self._open.append((time.process_time(), []))
+
+    def on_end(self, event: event.Event) -> None:
+        began, inner = self._open.pop()
+        data: Any = event.data
+        whole, kernel = time.process_time() - began, data["dispatcher"]
+        ours = kernel.py_func.__module__.partition(".")[0] in ROOMS
+        self.spent[id(kernel), data["args"]] = whole - sum(inner)
+        if self._open:
+            self._open[-1][1].extend([whole] if ours else inner)
+
+
+def _can_be_told(args: Any) -> bool:
+    """True if types can be listed; a kernel with others, such as the water's, is compiled with those that call it."""
+    try:
+        return all(decoded(json.loads(json.dumps(encoded(each)))) == each for each in args)
+    except UuvError:
+        return False
+
+
+def listed() -> list[Job]:
+    """What a job of clean_barrel.py compiles; slow, and it needs an empty cache."""
+    watch = _Stopwatch()
+    with event.install_listener("numba:compile", watch):
+        for name, given, *_ in CALLS:
+            Job(name, None, given, (), 0.0).do()
+        run_through(assemble(barrel(quick=True)))
+    made = [
+        (name, args, kernel)
+        for name, kernel in kernels()
+        for args in kernel.overloads
+        if isinstance(kernel._cache, StoredKernel) and kernel._can_compile and _can_be_told(args)
+    ]
+    rows = {id(kernel.overloads[args].library): row for row, (_, args, kernel) in enumerate(made)}
+
+    def called(library: Any) -> set[int]:
+        found = set[int]()
+        for each in library._linking_libraries:
+            found |= {rows[id(each)]} if id(each) in rows else called(each)
+        return found
+
+    after = [called(kernel.overloads[args].library) - {row} for row, (_, args, kernel) in enumerate(made)]
+    order: list[int] = []
+    while len(order) < len(made):  # those that a job calls before it
+        order += [row for row in range(len(made)) if row not in order and after[row].issubset(order)]
+    found: list[Job] = []
+    for row in order:
+        name, args, kernel = made[row]
+        before = tuple(sorted(order.index(each) for each in after[row]))
+        seconds = round(watch.spent.get((id(kernel), args), 0.0), 2)
+        found.append(Job(name, [encoded(each) for each in args], (), before, seconds))
+    for name, given, seconds, needs in CALLS:
+        before = tuple(row for row, job in enumerate(found) if job.kernel.startswith(needs))
+        found.append(Job(name, None, given, before, seconds))
+    return found
+
+
+def main() -> int:
+    """Compiles a job in an empty store, writes what that took, and returns the exit code."""
+    with tempfile.TemporaryDirectory() as empty:
+        os.environ[store.FOLDER] = empty
+        rows = [json.dumps(asdict(job)) for job in listed()]
+    LIST.write_text("[\n" + ",\n".join(rows) + "\n]\n", encoding="utf-8")
+    print(f"{len(rows)} kernels listed in {LIST}")
+    return 0
+
+
+if __name__ == "__main__":
+    run_scenario(main)

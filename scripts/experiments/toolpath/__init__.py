@@ -1,0 +1,1 @@
+"""Tool paths on surfaces that are fouled or dented."""

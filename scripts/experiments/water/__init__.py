@@ -1,0 +1,1 @@
+"""Water: from geometry, from logs, from pool trials, and REMUS 100."""

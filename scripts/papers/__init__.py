@@ -1,1 +1,0 @@
-"""Reproduced figures and tables of the papers."""

@@ -1,1 +1,0 @@
-"""Studies of single parts of the control stack: cases, one run, summary."""

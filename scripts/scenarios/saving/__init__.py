@@ -1,1 +1,0 @@
-"""Saved runs: what a run needs to go on from a phase."""

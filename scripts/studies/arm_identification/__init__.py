@@ -1,1 +1,0 @@
-"""Studies of what a calibration makes of its inputs."""

@@ -1,1 +1,0 @@
-"""Studies of what sensors and thrusters do wrong."""

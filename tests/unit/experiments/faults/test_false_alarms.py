@@ -1,0 +1,48 @@
+"""Study of the faults that are named while nothing fails: what it draws, what it counts, and the check switched off."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from uuv import assemble, barrel
+from experiments.faults.quiet_runs import CURRENT, GUST, WAVE, WORKERS, SoundCase, draw, summarise
+from uuv.sim.interfaces.messages import FaultKind
+
+
+def row(run: int, *faults: str, **more):
+    """Row of a run of the default vehicle that was done, not repeated without the check."""
+    usual = {"vehicle": "uuv_puma", "job": "tap", "ended": "done", "why": "", "touched": True}
+    return {"run": run, **usual, "faults": [*faults], "digest": "a", "paired": False, **more}
+
+
+def test_the_draw_takes_every_job_of_every_vehicle_within_its_seas():
+    drawn = [draw(SoundCase(seed=7, run=i, paired=False)) for i in range(25)]
+    assert {(vehicle, job) for vehicle, job, _ in drawn} == {(each.name, job) for each in WORKERS for job in each.jobs}
+
+    sites = [scenario.site for _, _, scenario in drawn]
+    speeds, waves = (
+        [float(np.linalg.norm(v)) for v in vs] for vs in zip(*((s.current, s.wave) for s in sites), strict=True)
+    )
+    assert 0.5 * CURRENT < max(speeds) <= CURRENT
+    assert 0.5 * WAVE < max(waves) <= WAVE
+    assert min(waves) == 0.0
+    assert max(site.gust for site in sites) <= GUST
+    assert draw(SoundCase(seed=7, run=3, paired=True))[2] == drawn[3][2]
+
+
+def test_a_gyro_or_an_attitude_that_is_named_fails_the_study_and_another_fault_is_counted():
+    sound = summarise([row(0), row(1, "thruster sway", ended="thruster lost")])
+    assert sound.accepted
+    assert sound.metrics["other_faults"] == 1
+    assert sound.metrics["left"] == 1
+    for kind in (FaultKind.GYRO, FaultKind.ATTITUDE):
+        named = row(2, f"{kind.value} x", paired=True, unchecked_ended="done", unchecked_digest="b")
+        summary = summarise([row(0), named | {"ended": "attitude wrong"}])
+        assert not summary.accepted
+        assert summary.metrics["paired"] == {"runs": 1, "same": 0, "left": 1, "left_without_check": 0}
+
+
+def test_navigation_does_without_the_check_where_it_is_left_out():
+    scenario = barrel(quick=True, seed=4)
+    without = replace(scenario, control=replace(scenario.control, without=("gyro-check",)))
+    assert [assemble(each).parts.estimator.check_gyro for each in (scenario, without)] == [True, False]

@@ -1,0 +1,311 @@
+"""Campaigns: what is drawn follows its distribution and its seed alone, and a mistake in a file is one line."""
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+
+from uuv.campaigns import campaign_report
+from uuv.campaigns.campaign import Campaign, CampaignRun, one_run, read_campaign
+from uuv.campaigns.distributions import DESIGNS, Design, Distribution, drawn
+from uuv.jobs import barrel
+from uuv.perturbations.pad import Pad
+from uuv.experiment import Summary
+from uuv.experiment.row_table import SCHEMA_VERSION, RowTable
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.runs.provenance import versions
+from uuv.sim.runs.run_folder import alone_in
+
+FILE = """
+base = "barrel"
+quick = true
+cases = 4
+
+[set]
+"belief.water_error" = 0.0
+
+[distributions]
+"site.current" = { direction = [0.1, 0.4] }
+"perturbations.Pad.stiffness" = { log_uniform = [1e4, 1e6] }
+
+[metrics]
+names = ["contact.force_error_rms_n"]
+
+[bounds]
+"contact.lost_s" = 0.0
+"""
+
+
+def distribution(**given: Any) -> Distribution:
+    return Distribution.of(given)
+
+
+def values_of(one: Distribution, n: int, design: Design = "random") -> np.ndarray:
+    return np.array([each["x"] for each in drawn({"x": one}, n, 0, design)])
+
+
+# -- distributions -----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("design", DESIGNS)
+@pytest.mark.parametrize(
+    ("given", "cumulative"),
+    [
+        ({"uniform": [-1.0, 3.0]}, lambda x: (x + 1.0) / 4.0),
+        ({"log_uniform": [1e4, 1e6]}, lambda x: np.log(x / 1e4) / math.log(100.0)),
+        ({"reciprocal": [5.0, 20.0]}, lambda x: 1.0 - (1.0 / x - 5.0) / 15.0),
+    ],
+)
+def test_values_follow_their_distribution(design, given, cumulative):
+    """Greatest distance of the empirical from the true distribution; at random 1.63 / sqrt(n) at 99 %."""
+    n = 1024
+    u = np.sort(cumulative(values_of(distribution(**given), n, design)))
+    distance = np.abs(u - (np.arange(n) + 0.5) / n).max()
+    assert distance < {"random": 1.63 / math.sqrt(n), "sobol": 2.0 / n, "latin-hypercube": 1.0 / n}[design]
+
+
+def test_directions_are_uniform_on_the_sphere():
+    vectors = values_of(distribution(direction=[0.1, 0.4]), 2048, "sobol")
+    length = np.linalg.norm(vectors, axis=1)
+    assert length.min() >= 0.1
+    assert length.max() <= 0.4
+    unit = vectors / length[:, None]
+    assert np.abs(unit.mean(axis=0)).max() < 0.01  # measured 8e-4
+    assert np.abs(unit.T @ unit / len(unit) - np.eye(3) / 3.0).max() < 0.01  # measured 1e-3
+
+
+def test_a_step_and_categories():
+    steps = values_of(distribution(uniform=[0.0, 0.01], step=0.002), 200) / 0.002
+    assert {*np.round(steps).astype(int).tolist()} == {1, 2, 3, 4, 5}
+    assert np.array_equal(steps, np.round(steps))
+    assert {*values_of(distribution(categorical=["a", "b"]), 20)} == {"a", "b"}
+
+
+def test_neither_more_cases_nor_another_parameter_change_what_is_drawn():
+    one, other = distribution(uniform=[0.0, 1.0]), distribution(uniform=[0.0, 2.0])
+    few = drawn({"x": one}, 5, 3, "random")
+    more = drawn({"y": other, "x": one}, 9, 3, "random")
+    assert [each["x"] for each in more[:5]] == [each["x"] for each in few]
+    assert drawn({"x": one, "y": other}, 9, 3, "sobol")[:5] == drawn({"x": one, "y": other}, 5, 3, "sobol")
+    assert drawn({"x": one}, 5, 4, "random") != few
+
+
+# -- campaigns ---------------------------------------------------------------------------------------------------------
+
+
+def read(folder: Path, text: str) -> Campaign:
+    file = folder / "mine.toml"
+    file.write_text(text)
+    return read_campaign(file)
+
+
+def test_a_file_gives_the_scenarios_of_its_runs(tmp_path):
+    campaign = read(tmp_path, FILE)
+    runs = campaign.runs()
+    assert [run.case for run in runs] == [0, 1, 2, 3]
+    scenarios = [run.scenario() for run in runs]
+    assert len({one.seed for one in scenarios}) == len({one.perturbation_seed for one in scenarios}) == 4
+    for run, one in zip(runs, scenarios, strict=True):
+        assert one.belief.water_error == 0.0
+        assert one.perturbation(Pad).stiffness == run.values["perturbations.Pad.stiffness"]
+        assert list(one.site.current) == run.values["site.current"]
+        assert one.site.object == barrel(quick=True).site.object
+    assert campaign.name == scenarios[0].name == "mine"
+    assert campaign.runs(2) == runs[:2]
+
+
+def test_a_scenario_file_may_be_the_base(tmp_path):
+    from uuv import write_scenario
+
+    write_scenario(barrel(quick=True, path="transverse"), tmp_path / "base.toml")
+    text = FILE.replace('"barrel"', '"base.toml"').replace("quick = true\n", "")
+    assert read(tmp_path, text).runs()[0].scenario().task == barrel(quick=True, path="transverse").task
+
+
+@pytest.mark.parametrize("name", ["contact", "contact_quick"])
+def test_examples_can_be_read(root, name):
+    campaign = read_campaign(root / f"scripts/campaigns/{name}.toml")
+    assert campaign.name == name
+    assert len(campaign.runs()) == campaign.cases
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ('"site.current" =', '"site.curent" =', r"\[site\] has no 'curent'; it has"),
+        ('"site.current" =', '"wind.speed" =', r"has no 'wind'"),
+        ("perturbations.Pad.stiffness", "perturbations.Pat.stiffness", r"unknown perturbation 'Pat'"),
+        ("perturbations.Pad.stiffness", "perturbations.Pad.softness", r"has no 'softness'"),
+        ("perturbations.Pad.stiffness", "perturbations.Pad", r"perturbations.KIND.FIELD"),
+        ("perturbations.Pad.stiffness", "seed", r"'seed' cannot be drawn"),
+        ("log_uniform", "normal", r"distributions: .*stiffness: no distribution 'normal'; there are uniform, log_"),
+        ("log_uniform = [1e4, 1e6]", "log_uniform = [0, 1e6]", r"two numbers above 0 that rise"),
+        ("log_uniform = [1e4, 1e6]", "log_uniform = [1e6, 1e4]", r"two numbers above 0 that rise"),
+        ("{ log_uniform = [1e4, 1e6] }", "3", r"must be one of \{ uniform = \[...\] \}"),
+        ("log_uniform = [1e4, 1e6]", "categorical = []", r"categorical: needs values"),
+        ("contact.force_error_rms_n", "contact.luck", r"no metric 'contact.luck'; this task has"),
+        ("contact.lost_s", "timings.wall_s", r"no metric 'timings.wall_s'"),
+        ("names = [", "name = [", r"metrics: no key 'name'; there is names"),
+        ("cases = 4", "cases = 0", r"cases"),
+        ("cases = 4", "", r"cases is missing"),
+        ("cases = 4", "cases = 4\nworkers = 2", r"no key 'workers'; there are"),
+        ("cases = 4", 'cases = 4\ndesign = "grid"', r"design: allowed random, sobol, latin-hypercube, got 'grid'"),
+        ("cases = 4", "cases = 4\nkept = 2.0", r"kept"),
+        ('"barrel"', '"ship"', r"base: allowed barrel, .* got 'ship'"),
+        ('"barrel"', '"gone.toml"', r"quick: only with a base by name"),
+        ("[set]", "[limits]\ntime = 3\n[set]", r"limits: no key 'time'; there are time_s"),
+        ("[set]", "[set", r"cannot be read"),
+    ],
+)
+def test_a_mistake_is_one_line(tmp_path, old, new, said):
+    assert old in FILE
+    with pytest.raises(ConfigurationError, match=said) as caught:
+        read(tmp_path, FILE.replace(old, new))
+    assert str(caught.value).startswith("campaign ")
+    assert "\n" not in str(caught.value)
+
+
+def test_a_run_that_cannot_be_set_up_has_a_row(tmp_path):
+    (run, *_) = read(tmp_path, FILE).runs()
+    bad = CampaignRun(case=7, base=run.base, values={**run.values, "vehicle.vehicle": "boat"}, metrics=run.metrics)
+    row = one_run(bad)
+    assert (row["case"], row["state"], row["accepted"], row["metrics"]) == (7, "not set up", False, {})
+    assert "boat" in row["failed"][0]
+
+
+def test_outcomes_are_counted_by_code(tmp_path):
+    campaign = read(tmp_path, FILE)
+
+    def row(case: int, state: str = "done", code: str = "", lost: float | None = 0.0) -> dict[str, Any]:
+        metrics: Mapping[str, Any] = {"contact.force_error_rms_n": 1.0 + case, "contact.lost_s": lost}
+        draws = {"values": {"x": float(case)}, "drawn": {}}
+        return {"case": case, "state": state, "code": code, "accepted": True, "metrics": metrics, **draws}
+
+    rows = [row(0), row(1), row(2, lost=0.1), row(3, "abort", "jammed"), row(4, lost=None)]
+    summary = campaign_report.summarise(rows, campaign, "mine.toml")
+    assert summary.metrics["outcomes"] == {"kept": 2, "missed: contact.lost_s": 2, "abort: jammed": 1}
+    kept = summary.metrics["kept"]
+    # Wilson's interval in closed form
+    z, n, p = 1.959963984540054, 5, 0.4
+    middle, half = (p + z * z / (2 * n)), z * math.sqrt(p * (1 - p) / n + z * z / (4 * n * n))
+    assert kept["low"] == pytest.approx((middle - half) / (1 + z * z / n), rel=1e-9)
+    assert kept["high"] == pytest.approx((middle + half) / (1 + z * z / n), rel=1e-9)
+    assert summary.metrics["metrics"]["contact.force_error_rms_n"]["median"] == 3.0
+    assert any("--replay 3" in cell for line in summary.tables[0].rows for cell in line)
+    assert summary.failed is None
+
+
+def test_shares_and_quantiles_of_many_runs(tmp_path):
+    """21 runs with 0 to 20 N: quantiles fall on runs. A share that is just the wanted one does not fail."""
+    campaign = replace(read(tmp_path, FILE), kept=20.0 / 21.0)
+
+    def summed(lost: float) -> Summary:
+        rows = [
+            {
+                "case": case,
+                "state": "done",
+                "code": "",
+                "accepted": True,
+                "metrics": {"contact.force_error_rms_n": float(case), "contact.lost_s": lost if case < 2 else 0.0},
+                "values": {"x": float(case)},
+                "drawn": {},
+            }
+            for case in range(21)
+        ]
+        rows[0]["metrics"]["contact.lost_s"] = 0.1
+        return campaign_report.summarise(rows, campaign, "mine.toml")
+
+    found = summed(0.0)
+    force = found.metrics["metrics"]["contact.force_error_rms_n"]
+    assert force == {"runs": 21, "low": 1.0, "median": 10.0, "high": 19.0, "largest": 20.0}
+    assert found.metrics["kept"]["runs"] == 20
+    assert found.failed == []
+    assert summed(0.1).failed == ["90.5% of the runs kept the bounds, not 95.2%"]
+
+
+def test_the_page_shows_what_explains_the_misses(tmp_path):
+    """Contact is lost in stiff runs only; the ranking, the reasons and the page say so."""
+    campaign = read(tmp_path, FILE)
+    rows = [
+        {
+            "case": run.case,
+            "values": run.values,
+            "drawn": {"arm_mass": 1.0 + 0.01 * (run.case * 7 % 11)},
+            "state": "done" if run.case % 9 else "abort",
+            "code": "" if run.case % 9 else "jammed",
+            "accepted": True,
+            "metrics": {
+                "contact.force_error_rms_n": 1.0 + (run.case * 5 % 13),
+                "contact.lost_s": max(0.0, run.values["perturbations.Pad.stiffness"] / 3e5 - 1.0),
+            },
+        }
+        for run in replace(campaign, cases=60, bounds={"contact.lost_s": 0.5}).runs()
+    ]
+    campaign = replace(campaign, bounds={"contact.lost_s": 0.5})
+    summary = campaign_report.summarise(rows, campaign, "mine.toml")
+    found = summary.metrics["sensitivity"]
+    assert found["responses"]["worst ratio to a bound"]["parameters"][0]["name"] == "perturbations.Pad.stiffness"
+    moved = {(one["reason"], one["parameter"]): one for one in found["reasons"]}
+    assert moved["contact.lost_s", "perturbations.Pad.stiffness"]["median_rank"] > 0.8
+    assert moved["contact.lost_s", "perturbations.Pad.stiffness"]["p"] < 1e-4
+    assert {"contact.lost_s", "abort: jammed", "any reason"} == {reason for reason, _ in moved}
+    summary.write_page(tmp_path / "report.html", "T", {}, "")
+    assert (tmp_path / "report.html").read_text().count("<img") == 3
+
+
+# -- the command -------------------------------------------------------------------------------------------------------
+
+
+def refused(done: Any) -> str:
+    """The only line that a command printed before it ended with code 2."""
+    assert done.returncode == 2
+    assert done.stderr.startswith("error: ")
+    assert done.stderr.count("\n") == 1
+    return done.stderr
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ('"site.current" =', '"site.curent" =', "[site] has no 'curent'"),
+        ("log_uniform", "normal", "no distribution 'normal'; there are uniform"),
+        ("contact.force_error_rms_n", "contact.luck", "no metric 'contact.luck'"),
+    ],
+)
+def test_the_command_refuses_a_mistake_in_one_line(script, tmp_path, old, new, said):
+    file = tmp_path / "mine.toml"
+    file.write_text(FILE.replace(old, new))
+    out = tmp_path / "out"
+    assert said in refused(script("run_campaign", file, "--out", out, "--workers", 1))
+    assert not out.exists()
+
+
+def test_the_command_refuses_rows_of_another_version(script, tmp_path):
+    file, out = tmp_path / "mine.toml", tmp_path / "out"
+    file.write_text(FILE)
+    table = RowTable(out)
+    out.mkdir()
+    table.extend([{"case": 0}])
+    rows = out / "rows" / "000000.parquet"
+    about = {"schema": SCHEMA_VERSION, "settings": {}, "versions": versions(), "code": {}}
+    (out / "study.json").write_text(json.dumps(about))
+    pq.write_table(pq.read_table(rows).replace_schema_metadata({"uuv_arm.schema_version": "99"}), rows)
+    said = refused(script("run_campaign", file, "--out", out, "--workers", 1))
+    assert "version" in said
+    assert "99" in said
+
+
+def test_two_commands_do_not_share_a_folder(script, tmp_path):
+    file, out = tmp_path / "mine.toml", tmp_path / "out"
+    file.write_text(FILE)
+    out.mkdir()
+    with alone_in(out):
+        said = refused(script("run_campaign", file, "--out", out, "--workers", 1))
+    assert f"{out}: process" in said
+    assert "is at work in it" in said

@@ -1,0 +1,158 @@
+"""The scenario layer as others import it: under one name, from any folder, from the installed wheel."""
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+TWICE = """
+import sys
+from uuv import assemble, barrel, read_scenario, run, show
+from uuv.scenario_file import from_dict, as_dict
+assert from_dict(as_dict(barrel(seed=1))) == barrel(seed=1)
+names = {}
+for name, module in list(sys.modules.items()):
+    if getattr(module, "__file__", None):
+        names.setdefault(module.__file__, []).append(name)
+rooms = {"models", "sim", "perception", "controllers", "calib", "scenarios", "scripts"}
+ours = {
+    file: found
+    for file, found in names.items()
+    if file.startswith("HOME") and any(name.partition(".")[0] in rooms for name in found)
+}
+assert len(ours) > 100, len(ours)
+print({file: found for file, found in ours.items() if len(found) > 1})
+"""
+MAIN_JOB = """
+from uuv import barrel, run, show
+r = run(barrel(seed=0, quick=True))
+show(r, "my_run")
+print(r.assessment.accepted, r.assessment.failed)
+"""
+TABLES = {"events", "series_loop", "series_poses", "series_slow", "series_slow_late"}
+LEFT = {"metrics.json", "report.html", "scenario.toml", *(f"{name}.parquet" for name in TABLES)}
+FALL = """
+import mujoco
+from uuv import models
+from uuv.sim import hydrodynamics
+hydrodynamics.install()
+model = hydrodynamics.compile(models.load("uuv_puma"))
+data = mujoco.MjData(model)
+mujoco.mj_step(model, data, nstep=500)
+print(abs(data.qvel[2]) < 0.1)
+"""
+
+
+def python(program: str | Path, code: str, folder: Path) -> subprocess.CompletedProcess[str]:
+    env = {name: value for name, value in os.environ.items() if name != "PYTHONSAFEPATH"}  # which a command has set
+    return subprocess.run([program, "-c", code], cwd=folder, env=env, capture_output=True, text=True, check=False)
+
+
+def test_no_module_is_loaded_twice_and_a_folder_without_modules_hides_nothing(root: Path, tmp_path: Path):
+    (tmp_path / "calib").mkdir()
+    (tmp_path / "calib" / "readme.txt").write_text("")
+    ran = python(sys.executable, TWICE.replace("HOME", str(root)), tmp_path)
+    assert ran.returncode == 0, ran.stderr
+    assert ran.stdout.strip() == "{}"
+
+
+@pytest.mark.parametrize("foreign", ["models/__init__.py", "sim.py"])
+def test_a_folder_of_ones_own_that_hides_a_package_is_named(foreign: str, root: Path, tmp_path: Path):
+    file = tmp_path / foreign
+    file.parent.mkdir(exist_ok=True)
+    file.write_text("")
+    ran = python(sys.executable, "from uuv import barrel", tmp_path)
+    assert ran.returncode == 1
+    room = foreign.partition("/")[0].removesuffix(".py")
+    assert ran.stderr.splitlines()[-1] == (
+        f"ImportError: {file} hides the package {root / room}; rename it, or run from another folder"
+    )
+
+
+def call_uv(root: Path, *words: object) -> None:
+    """Calls uv. Needs the network, or uv's cache."""
+    uv = shutil.which("uv") or str(root / ".uv" / "bin" / "uv")
+    ran = subprocess.run([uv, *map(str, words)], capture_output=True, text=True, check=False)
+    assert ran.returncode == 0, ran.stderr
+
+
+@pytest.fixture(scope="module")
+def wheel(root: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The project as others install it."""
+    folder = tmp_path_factory.mktemp("wheel")
+    call_uv(root, "build", "--wheel", "--out-dir", folder, root)
+    return next(folder.glob("*.whl"))
+
+
+@pytest.fixture(scope="module")
+def environment(root: Path, wheel: Path) -> Path:
+    """Python of an environment with the wheel, its extras for a job, and a notebook kernel."""
+    own = wheel.parent / "environment" / "bin" / "python"
+    call_uv(root, "venv", "--python", sys.executable, own.parents[1])
+    call_uv(root, "pip", "install", "--python", own, f"{wheel}[perception,log]", "nbclient", "ipykernel")
+    return own
+
+
+@pytest.mark.long
+def test_what_is_installed_works_and_what_is_missing_is_named(root: Path, wheel: Path, tmp_path: Path):
+    own = wheel.parent / "minimal" / "bin" / "python"
+
+    def uuv(*words: str) -> subprocess.CompletedProcess[str]:
+        return subprocess.run([own.with_name("uuv"), *words], cwd=tmp_path, capture_output=True, text=True, check=False)
+
+    call_uv(root, "venv", "--python", sys.executable, own.parents[1])
+    call_uv(root, "pip", "install", "--python", own, wheel)
+    assert sum(file.stat().st_size for file in own.parents[1].rglob("*") if file.is_file()) < 0.5e9
+    assert python(own, FALL, tmp_path).stdout.strip() == "True"
+    said = uuv("run", "clean-barrel", "--quick")
+    assert said.returncode == 2
+    assert said.stderr == "error: cameras and sonars need the package embreex: pip install 'uuv-arm[perception]'\n"
+    call_uv(root, "pip", "install", "--python", own, f"{wheel}[perception]")
+    said = uuv("run", "clean-barrel", "--quick", "--out", "plain")
+    assert said.returncode == 0, said.stderr
+    assert "no run.rrd and report.html, series as .npz: pip install 'uuv-arm[log]'" in said.stdout
+    assert {file.stem for file in (tmp_path / "plain").glob("*.npz")} == TABLES
+    for verb, lacks in (("report", "report: needs matplotlib"), ("picture", "this needs the package PIL")):
+        said = uuv(verb, "plain")
+        assert said.returncode == 2
+        assert said.stderr.startswith(f"error: {lacks}")
+        assert "'uuv-arm[log]'" in said.stderr
+
+
+@pytest.mark.long
+def test_the_wheel_runs_the_main_job_from_any_folder(environment: Path, tmp_path: Path):
+    ran = python(environment, MAIN_JOB, tmp_path)
+    assert ran.returncode == 0, ran.stderr
+    assert ran.stdout.splitlines()[-1] == "True ()"
+    assert {file.name for file in (tmp_path / "my_run").iterdir()} == LEFT
+    twice = python(environment, TWICE.replace("HOME", str(environment.parents[1])), tmp_path)
+    assert twice.returncode == 0, twice.stderr
+
+
+NOTEBOOK = """
+import nbclient, nbformat
+cells = [nbformat.v4.new_code_cell(text) for text in CELLS]
+notebook = nbformat.v4.new_notebook(cells=cells)
+nbclient.NotebookClient(notebook, timeout=500).execute()
+print([each.get("text", "") for cell in notebook.cells for each in cell.outputs if each.get("name") == "stdout"][-1])
+"""
+LOGGED = """
+from uuv.sim.reporting.rerun_log import RerunLog
+from uuv import assemble
+made = assemble(barrel(seed=0, quick=True), full=True)
+with RerunLog("run.rrd", made.plant.model, timestep=made.plant.timestep) as log:
+    r = run(made, observers=[log], longest=1.0)
+print(r.assessment.accepted)
+"""
+
+
+@pytest.mark.long
+def test_a_notebook_runs_the_main_job_and_leaves_a_visual_log(environment: Path, tmp_path: Path):
+    ran = python(environment, NOTEBOOK.replace("CELLS", repr([MAIN_JOB, LOGGED])), tmp_path)
+    assert ran.returncode == 0, ran.stderr
+    assert ran.stdout.splitlines()[0] == "False"  # of the second run, that was cut short
+    assert {file.name for file in (tmp_path / "my_run").iterdir()} == LEFT
+    assert (tmp_path / "run.rrd").stat().st_size > 10_000

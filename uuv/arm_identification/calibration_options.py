@@ -1,0 +1,106 @@
+"""Options of the calibration of an arm, and its inputs, which are read before anything is compiled."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from uuv.catalogue import things
+from uuv.sim.interfaces.errors import ConfigurationError, did_you_mean
+from uuv.sim.runs.command_line import ScenarioOptions
+
+COMMAND = "calibrate_arm"  # name in the results
+Touching = Literal["noise", "clamped", "hovering"]
+
+
+@dataclass(kw_only=True)
+class CalibrationOptions(ScenarioOptions):
+    """Calibrate an arm by touching fixed points."""
+
+    arm: str = "ur10e"
+    """A published arm (ur10e, panda, ...), the arm of a vehicle (uuv_puma), or a file: .csv, .yaml, .urdf, .xml
+    (MJCF)."""
+    touches: tuple[Path, ...] = ()
+    """CSV files of touches or folders of them, one file for each point; none: touching is simulated."""
+    held_out: tuple[Path, ...] = ()
+    """Touches for validation only, not used by the fit."""
+    distance: tuple[tuple[str, str, float], ...] = ()
+    """Known distances between points: POINT POINT METRES, repeatable."""
+    base: str | None = None
+    """Base link or body of a URDF or MJCF."""
+    tip: str | None = None
+    """Tip link or site of a URDF or MJCF."""
+    units: Literal["auto", "rad", "deg"] = "auto"
+    """Unit of the angles in the touches."""
+    limits: Literal["arm", "encoders"] = "arm"
+    """Touches beyond the arm's joint limits: arm refuses those that do not coincide either, encoders believes all."""
+    touching: Touching = "noise"
+    """Simulated touching: noise (by hand), or by contact with the hull clamped or hovering."""
+    points: int | None = None
+    """Number of simulated points; default 3, by contact 4."""
+    poses: int | None = None
+    """Simulated touches of each point; default 21, by contact 10."""
+    noise: float = 0.092e-3
+    """Standard deviation of the simulated hand [m], along each axis."""
+    pin: Literal["straight", "off-axis"] | None = None
+    """Tool for simulated touches by hand. Default: straight for a vehicle, at its own tool; off-axis for other arms."""
+    known_length: bool | None = None
+    """Give the distance between the two farthest simulated points; default: yes, except for the UR10e [Yukhimets
+    2023]."""
+    arm_errors: int | None = None
+    """Seed of the workshop errors; default: --seed."""
+    free: tuple[str, ...] = ()
+    """Free parameters: theta d a alpha beta tcp, or single ones such as a2; default: all."""
+    prior: tuple[tuple[str, float], ...] = ()
+    """Prior standard deviations about the nominal values [rad], [m]: NAME VALUE, repeatable; default: from the data."""
+    compliance: bool = False
+    """Also identify joint compliances, from the sag under the links' weight and --payload. The base is upright; that
+    of a vehicle's arm hangs."""
+    link_mass: tuple[float, ...] = ()
+    """Masses of the links [kg]; default: spread evenly along the links, so that compliances are relative to that."""
+    payload: tuple[float, ...] = ()
+    """Payload at the tool [kg] during the touches of each point."""
+    true_compliance: float = 0.0
+    """Compliance of the simulated arm's joints [rad/(N m)]."""
+    true_gears: float = 0.0
+    """Eccentricity of the simulated arm's gears: spread of the amplitudes [rad]."""
+    true_seating: float = 0.0
+    """Seating errors of the ball in the simulated sockets: spread along each axis [m], repeats with the direction."""
+    method: Literal["map", "paper"] = "map"
+    """map: maximum a posteriori fit; paper: three iterations on all parameters [Yukhimets 2023]."""
+    plan: int | None = None
+    """Plan this number of touches instead: those that would tell most, after those of --touches or from the start."""
+
+
+def check_inputs(options: CalibrationOptions) -> None:
+    """Refuses an arm that there is not, and files that hold neither touches nor an arm.
+
+    Raises:
+        ConfigurationError: Which one, what is allowed, and what was given.
+    """
+    from uuv.calib.touch_files import check_touches
+
+    check_touches((*options.touches, *options.held_out))
+    check_arm(options.arm)
+    if is_file(options.arm):
+        from uuv.calib.arm_files import read_arm
+
+        read_arm(options.arm, base=options.base, tip=options.tip)
+
+
+def check_arm(name: str) -> None:
+    """Refuses a name that is none of an arm; a file is only seen to have an ending.
+
+    Published arms are known by the list of their names: their module compiles kernels when it is imported.
+    """
+    from uuv import models
+
+    known = (*(arm for arm, _ in things("arm")), *models.available())
+    if name not in known and not is_file(name):
+        raise ConfigurationError(
+            f"--arm: unknown {name!r}; there are {', '.join(known)}, or a file{did_you_mean(name, known)}"
+        )
+
+
+def is_file(name: str) -> bool:
+    """True for what has an ending, such as arm.urdf."""
+    return bool(Path(name).suffix)

@@ -1,0 +1,241 @@
+"""Plan of touches: those of many candidate postures that would tell most about an arm, with the expected error."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from uuv.calib import Arm, Calibration, identify
+from uuv.calib.arm_files import ArmSource
+from uuv.calib.parameters import DEFAULT_FREE
+from uuv.calib.planner import Plan, design, plan, random_merits
+from uuv.calib.simulation import Postures, touch
+from uuv.calib.touch_files import write_touch_list
+from uuv.arm_identification.calibration_input import LOOKING_DOWN, TOOLS, CalibrationCase, moves
+from uuv.components.deck_calibration import CONE, DOWN, touched
+from uuv.sim.interfaces.spatial import Array, whole_number
+from uuv.sim.runs.saving import write_json
+from uuv.sim.runs.terminal import verdict
+
+NOT_ACCEPTED = 1  # exit code
+FILE = "plan.csv"
+MOST = 200  # largest number of planned touches
+_CANDIDATES, _PER_TOUCH = 60, 3  # least candidates of each point; candidates of all points for each planned touch
+_RANDOM = 50  # random choices to compare with
+_TARGETS = 20  # flange points of the moves whose error is expected
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class TouchPlan:
+    """Planned touches with the expected RMS error of relative moves of the flange, scale left aside."""
+
+    names: tuple[str, ...]  # of the points
+    points: Array  # (S, 3) [m] in the arm's base
+    so_far: tuple[int, ...]  # touches already made of each point
+    tcp: Array  # (3,) [m] tool point in the flange
+    found: Plan
+    random: Array  # (k,) [m] expected errors of as many random touches
+
+    @property
+    def order(self) -> list[tuple[int, Array]]:
+        """Point and joint values (n,) of each planned touch, point by point."""
+        return [(i, q) for i, series in enumerate(self.found.series) for q in series]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NewPoints:
+    """Points to draw where none was touched yet, and how they will be touched."""
+
+    count: int
+    pin: str | None  # name in TOOLS; None: the file's own tool point, of a DH table the off-axis pin
+    noise: float  # [m] standard deviation of a touch along each axis
+
+
+def planned(
+    source: ArmSource,
+    so_far: CalibrationCase | NewPoints,
+    count: int,
+    *,
+    free: Sequence[str],
+    prior: dict[str, float],
+    rng: np.random.Generator,
+) -> TouchPlan:
+    """Plans touches of the points touched so far by the arm identified from them, else of drawn points.
+
+    Args:
+        source: Nominal arm.
+        so_far: Touches already made, or the points to draw.
+        count: Number of touches to plan.
+        free: Free parameters; empty: all.
+        prior: Prior standard deviations by name; empty: from the data, else `uuv.calib.parameters.DEFAULT_PRIOR`.
+        rng: Draws points, candidates, moves and random choices.
+
+    Raises:
+        UuvError: The touches so far cannot be identified from, or the arm does not reach enough postures.
+    """
+    whole_number(count, "--plan", least=1, most=MOST)
+    hangs = source.kind == "mjcf"
+    how: dict[str, Any] = {"free": list(free) or DEFAULT_FREE, "prior": prior or None}
+    if isinstance(so_far, NewPoints):
+        arm, tcp, points = source.arm, _tool(source, so_far.pin), so_far.count
+        each = max(_CANDIDATES, -(-_PER_TOUCH * count // points))
+        way = DOWN if hangs else LOOKING_DOWN
+        candidates, places = touched(arm, tcp, source.arm.limits, rng, points=points, touches=each, noise=0.0, way=way)
+        model: Calibration | Arm = arm
+        names, done = tuple(f"point{k + 1}" for k in range(points)), [np.zeros((0, arm.n))] * points
+        how |= {"tcp": tcp, "noise": so_far.noise}
+    else:
+        model = identify(
+            so_far.touches.series, source.arm, free=list(free) or None, prior=prior or None, distances=so_far.distances
+        )
+        arm, tcp, names = model.arm, model.tcp, so_far.touches.names
+        done = _without_outliers(model, so_far.touches.series)
+        each = max(_CANDIDATES, -(-_PER_TOUCH * count // len(names)))
+        candidates, places = _candidates(model, done, source.arm.limits, each, rng)
+        how = {"free": model.names, "prior": dict(zip(model.names, model.estimate.prior, strict=True)), "done": done}
+    targets = moves(arm, source.arm.limits, hangs, candidates, rng, _TARGETS)
+    choice = design(model, candidates, targets=targets, **how)
+    return TouchPlan(
+        names=names,
+        points=places,
+        so_far=tuple(len(q) for q in done),
+        tcp=np.array(tcp),
+        found=plan(choice, count),
+        random=random_merits(choice, count, rng, _RANDOM),
+    )
+
+
+def _tool(source: ArmSource, pin: str | None) -> Array:
+    """Tool point (3,) [m] in the flange, as the simulated touches take it."""
+    if source.kind == "mjcf":  # the tip site is the tip of the vehicle's own tool
+        return np.array([TOOLS[pin or "straight"][0], 0.0, 0.0])
+    if pin is None and source.kind != "dh":
+        return np.array(source.tcp)
+    return np.array(TOOLS[pin or "off-axis"])
+
+
+def _without_outliers(found: Calibration, series: Sequence[Array]) -> list[Array]:
+    return [
+        np.delete(q, [one.touch for one in found.outliers if one.series == i], axis=0) for i, q in enumerate(series)
+    ]
+
+
+def _candidates(
+    found: Calibration, done: Sequence[Array], limits: Array, each: int, rng: np.random.Generator
+) -> tuple[list[Array], Array]:
+    """Postures that touch the same points, with the flange within CONE of its mean direction so far.
+
+    Returns:
+        Joint values (each, n) per point; the points (S, 3) [m] in the arm's base.
+    """
+    bounds = np.clip(limits, -np.pi, np.pi)
+    places = np.array([found.tips(q).mean(axis=0) for q in done])
+    series: list[Array] = []
+    for q, place in zip(done, places, strict=True):
+        way = found.arm.flange(q)[:, :3, 2].mean(axis=0)
+        series += touch(
+            found.arm,
+            found.tcp,
+            rng,
+            points=place[None],
+            touches=each,
+            noise=0.0,
+            postures=Postures(approach=way / np.linalg.norm(way), cone=CONE, limits=bounds),
+        )
+    return series, places
+
+
+def run(made: TouchPlan, source: ArmSource, seed: int, provenance: dict[str, Any], folder: Path, out: Console) -> int:
+    """Prints a plan, writes plan.csv and metrics.json, and returns the exit code.
+
+    Args:
+        made: The plan.
+        source: Nominal arm.
+        seed: Seed of the run.
+        provenance: Options and versions.
+        folder: Folder of results.
+        out: Terminal.
+    """
+    count, planned_m = len(made.order), made.found.merit[-1]
+    random_m, accepted = float(np.median(made.random)), planned_m < float(np.median(made.random))
+    title = f"Plan of {count} touches for {source.path.stem}"
+    out.print(Text(title, style="bold"), f"with the tool point at {_mm(made.tcp)} mm")
+    out.print(_points(made))
+    out.print(_touches(made, source))
+    out.print(_errors(made))
+    out.print("Postures keep the joint limits; collisions are not checked.")
+    if not any(made.so_far):
+        out.print("The points are examples within reach: touch yours in these postures, as nearly as they allow.")
+    point_names = [made.names[i] for i, _ in made.order]
+    q = np.array([values for _, values in made.order])
+    write_touch_list(folder / FILE, point_names, q, source.arm.joint_names, source.arm.joint_types)
+    figures = {
+        "expected_error_m": {
+            "before": made.found.before,
+            "planned": planned_m,
+            "random_median": random_m,
+            "random_least": float(made.random.min()),
+        },
+        "tool_point_m": made.tcp.tolist(),
+        "points": [
+            {"name": name, "position_m": place.tolist(), "so_far": before, "planned": len(series)}
+            for name, place, before, series in zip(made.names, made.points, made.so_far, made.found.series, strict=True)
+        ],
+    }
+    content = {"title": title, "seed": seed, "accepted": accepted}
+    write_json(folder / "metrics.json", {**content, "plan": figures, "provenance": provenance})
+    told = "these touches tell no more than random ones; plan more of them"
+    out.print(verdict("" if accepted else told))
+    out.print(f"written to {folder}/: {FILE}", highlight=False)
+    return 0 if accepted else NOT_ACCEPTED
+
+
+def _mm(p: Array) -> str:
+    return "(" + ", ".join(f"{1e3 * value:.0f}" for value in p) + ")"
+
+
+def _points(made: TouchPlan) -> Table:
+    table = Table(title="points in the arm's base", title_justify="left")
+    table.add_column("point")
+    for column in ("x [m]", "y [m]", "z [m]", "touches so far", "planned"):
+        table.add_column(Text(column), justify="right")
+    for name, place, before, series in zip(made.names, made.points, made.so_far, made.found.series, strict=True):
+        table.add_row(name, *(f"{value:.3f}" for value in place), str(before), str(len(series)))
+    return table
+
+
+def _touches(made: TouchPlan, source: ArmSource) -> Table:
+    slides = np.asarray(source.arm.slides)
+    units = "[deg], slides [mm]" if slides.any() else "[deg]"
+    table = Table(title=Text(f"planned touches {units}"), title_justify="left")
+    table.add_column("point")
+    for name in source.arm.joint_names:
+        table.add_column(name, justify="right")
+    last = len(made.order) - 1
+    for k, (i, q) in enumerate(made.order):
+        cells = np.where(slides, 1e3 * q, np.degrees(q))
+        ends = k == last or made.order[k + 1][0] != i
+        table.add_row(made.names[i], *(f"{value:.1f}" for value in cells), end_section=ends)
+    return table
+
+
+def _errors(made: TouchPlan) -> Table:
+    table = Table(title="expected error of moves of the flange", title_justify="left")
+    table.add_column("RMS, scale left aside, after")
+    table.add_column(Text("[mm]"), justify="right")
+    before = f"the {sum(made.so_far)} touches so far" if any(made.so_far) else "none: the nominal arm, by its prior"
+    count, planned_m, random_m = len(made.order), made.found.merit[-1], float(np.median(made.random))
+    for words, value in (
+        (before, made.found.before),
+        (f"{count} random touches, median of {len(made.random)} choices", random_m),
+        ("the best of these choices", float(made.random.min())),
+        (f"the {count} planned touches", planned_m),
+    ):
+        table.add_row(words, f"{1e3 * value:.4f}")
+    table.add_row("planned against random", f"{100.0 * (planned_m / random_m - 1.0):+.0f} %")
+    return table

@@ -1,0 +1,149 @@
+"""Cases of the benchmark: seeded scenarios of contact work, public under a version number or drawn afresh.
+
+The sea, sensors, vehicle and pad of case i are those of run i of the contact study
+(`uuv.campaigns.contact_study.draw`, its default ranges). The job is of the family i modulo the number of
+families; its variant and numbers are drawn from the seed and i alone.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from uuv.controllers.planning.promise import MOST_THRUST
+from uuv.campaigns.contact_study import Ranges, RunTask, draw
+from uuv.jobs import BarrelOptions, InsertionOptions, ObjectOptions, PileOptions
+from uuv.perturbations.loop import MisplacedSurface
+from uuv.perturbations.pad import Pad
+from uuv.scenario import Control, Scenario
+from uuv.experiment.harness import as_json, key_of
+from uuv.sim.interfaces.spatial import whole_number
+
+VERSION = 1  # of cases, briefing and score; what changes one of them gets a new number
+PUBLIC_SEED = 20261123  # of the public cases
+CASES = 100  # number of the public cases
+_CLEARANCE = (1.0, 3.0)  # [mm] radial, between sampler and hole
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BenchmarkCase:
+    """One case: the procedure, the seed and the index determine its scenario."""
+
+    version: int = VERSION
+    seed: int = PUBLIC_SEED
+    index: int
+
+    def __post_init__(self) -> None:
+        whole_number(self.index, "case", least=0)
+        whole_number(self.seed, "seed", least=0)
+
+    @property
+    def family(self) -> str:
+        """Name of the family of jobs."""
+        return tuple(FAMILIES)[self.index % len(FAMILIES)]
+
+    def scenario(self, control: Control) -> Scenario:
+        """The scenario of the case under that control."""
+        task = RunTask(study=self.seed, run=self.index, path="longitudinal", ranges=Ranges(), quick=True)
+        sea = draw(task)
+        job = FAMILIES[self.family](np.random.default_rng([self.seed, self.index, 1]))
+        rigid = self.family == INSERTION  # its tool has no pad, and its finder no path
+        perturbations = tuple(
+            each for each in sea.perturbations if not (rigid and isinstance(each, Pad | MisplacedSurface))
+        )
+        return replace(
+            sea,
+            name="contact_benchmark",
+            task=job.task,
+            vehicle=job.vehicle,
+            site=replace(sea.site, object=job.site.object),
+            control=control,
+            perturbations=perturbations,
+        )
+
+
+def _barrel(rng: np.random.Generator) -> Scenario:
+    """Along the barrel's top or around it."""
+    if rng.random() < 0.5:
+        return BarrelOptions(path="longitudinal", quick=True).scenario()
+    return BarrelOptions(path="transverse", quick=True).scenario()
+
+
+def _pile(rng: np.random.Generator) -> Scenario:
+    """Up the pile, around it, or both."""
+    choices = (
+        PileOptions(path="vertical", quick=True),
+        PileOptions(path="ring", quick=True),
+        PileOptions(path="helix", quick=True),
+    )
+    return choices[rng.integers(len(choices))].scenario()
+
+
+def _rock(_: np.random.Generator) -> Scenario:
+    return ObjectOptions(object="rock", quick=True).scenario()
+
+
+def _plate(rng: np.random.Generator) -> Scenario:
+    """Over the free middle of a stiffened plate, along or across it, or beside a stiffener."""
+    paths = ("middle", "along_bar", "across")
+    return ObjectOptions(object="plate", path=paths[rng.integers(len(paths))], quick=True).scenario()
+
+
+def _insertion(rng: np.random.Generator) -> Scenario:
+    """A sampler into one of two holes, with a drawn clearance."""
+    clearance = float(rng.uniform(*_CLEARANCE))
+    if rng.random() < 0.5:
+        return InsertionOptions(hole="a", clearance=clearance, quick=True).scenario()
+    return InsertionOptions(hole="b", clearance=clearance, quick=True).scenario()
+
+
+INSERTION = "insertion"
+FAMILIES: dict[str, Callable[[np.random.Generator], Scenario]] = {
+    "barrel": _barrel,
+    "pile": _pile,
+    "rock": _rock,
+    "plate": _plate,
+    INSERTION: _insertion,
+}
+
+
+def cases(count: int = CASES, *, seed: int = PUBLIC_SEED) -> tuple[BenchmarkCase, ...]:
+    """The first `count` cases of a seed; the default seed gives the public ones.
+
+    Raises:
+        ConfigurationError: The count or the seed is out of range.
+    """
+    whole_number(count, "--cases", least=1)
+    return tuple(BenchmarkCase(seed=seed, index=index) for index in range(count))
+
+
+def digest(chosen: tuple[BenchmarkCase, ...]) -> str:
+    """Digest of the scenarios of these cases under default control."""
+    return key_of([[type(part).__name__ for part in _kinds(case)] + [_described(case)] for case in chosen])
+
+
+def _described(case: BenchmarkCase) -> dict[str, Any]:
+    """Scenario of a case under default control, with the keys that there were when the cases were pinned."""
+    scenario = case.scenario(Control())
+    described = as_json(scenario)
+    if not scenario.sensing.follow:
+        del described["sensing"]["follow"]
+    of = described["site"]["object"]
+    for later in ("line", "scale"):
+        if of.get(later, ...) is None:
+            del of[later]
+    for later in ("tool", "parts"):
+        if described["vehicle"].get(later, ...) is None:
+            del described["vehicle"][later]
+    promised = described["task"].get("promise", {})
+    for later, usual in (("stops", None), ("most_thrust", MOST_THRUST)):
+        if promised.get(later, ...) == usual:
+            del promised[later]
+    return described
+
+
+def _kinds(case: BenchmarkCase) -> tuple[object, ...]:
+    """Parts whose class is not told by their fields."""
+    scenario = case.scenario(Control())
+    return (scenario.task, scenario.site.object, *scenario.perturbations)

@@ -1,0 +1,252 @@
+"""Door of the benchmark: a controller, and an estimator, that ask an entry in a process of its own.
+
+The entry's process is a fresh interpreter. It gets a `Briefing`, then estimates and set points, and nothing else; one
+with an estimator gets the measurements too. Its arguments, environment and working folder tell nothing of the case. A
+crash, a silence beyond the limits or a wrong answer raises `EntryError` in the simulation.
+"""
+
+import ctypes
+import json
+import os
+import pickle
+import socket
+import struct
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Sequence
+from multiprocessing.connection import Connection
+from typing import Any, Self
+
+from uuv.models.vehicle import Vehicle
+from uuv.benchmark.wire import FAILED, LOADED, MEASURED, READY, START_CONTROLLER, START_ESTIMATOR, Briefing, CommandCodec, EntryError, EstimateCodec
+from uuv.experiment.loaded_code import told_by_another
+from uuv.sim.interfaces.errors import one_line
+from uuv.sim.interfaces.messages import Command, Measurement, Reference, StateEstimate
+from uuv.sim.interfaces.spatial import finite_number
+
+START_LIMIT = 180.0  # [s] wall, to import and make the entry
+STEP_LIMIT = 60.0  # [s] wall, to answer one estimate; a machine with more work than cores makes every entry slow
+RUN_LIMIT = 1800.0  # [s] wall, to answer all estimates of a run
+_MODULE = "uuv.benchmark.entry_process"
+_KEPT = ("PATH", "HOME", "LANG", "LC_ALL", "TMPDIR", "XDG_CACHE_HOME", "LD_LIBRARY_PATH")  # of the environment
+_KEPT_GROUPS = ("UUV_", "NUMBA_", "OMP_", "OPENBLAS_", "MKL_")  # and what begins so: kernels and threads
+_PR_SET_DUMPABLE = 4  # of Linux's prctl
+_FAREWELL = 5.0  # [s] wall, for a process that has closed its connection to end
+_TAIL = 4096  # bytes of the entry's output that are read for its last line
+
+
+class EntryProcess:
+    """Process of an entry, with one connection for its controller and its estimator; a context manager."""
+
+    def __init__(self, briefing: Briefing, *, step_limit: float = STEP_LIMIT, run_limit: float = RUN_LIMIT) -> None:
+        """Start the process and brief the entry.
+
+        Args:
+            briefing: What the entry is told.
+            step_limit: [s] wall time for one answer.
+            run_limit: [s] wall time for all answers.
+
+        Raises:
+            EntryError: The entry cannot be made.
+        """
+        self.vehicle = Vehicle.of(briefing.model)
+        self._step_limit, self._run_limit = step_limit, run_limit
+        self.steps, self.waited, self.longest = 0, 0.0, 0.0  # number of answers, [s] in all, [s] longest
+        number, name = tempfile.mkstemp()
+        self._output = os.fdopen(number, "w+b")
+        os.unlink(name)  # it lives until it is closed
+        close_memory()
+        self._folder = tempfile.TemporaryDirectory(prefix="entry_")  # empty: where the benchmark runs, its files are
+        here, there = socket.socketpair()
+        with there:
+            self._process = subprocess.Popen(
+                [sys.executable, "-P", "-m", _MODULE, str(there.fileno())],
+                pass_fds=[there.fileno()],
+                stdin=subprocess.DEVNULL,
+                stdout=self._output,
+                stderr=subprocess.STDOUT,
+                cwd=self._folder.name,
+                env=_environment(),
+            )
+        self._socket, self._limit = here, 0.0  # [s] that an answer is waited for, set in the socket; 0: not set yet
+        self._connection = Connection(os.dup(here.fileno()))
+        try:
+            told = self._ready(self._told(_pickled(briefing), START_LIMIT)).partition(" ")
+            self.controller_period = self._period(told[0])
+            self.estimator_period = self._period(told[2]) if briefing.estimator else None  # [s]; None: it has none
+        except BaseException:
+            self.close()
+            raise
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Ends the entry's process."""
+        self._connection.close()
+        self._socket.close()
+        self._process.kill()
+        self._process.wait()
+        self._output.close()
+        self._folder.cleanup()
+
+    def start(self, message: bytes) -> None:
+        """Lets the entry make a state, which stays with it. Raises EntryError."""
+        self._ready(self._told(message, START_LIMIT))  # it may compile its code here
+
+    def answer(self, message: bytes, *, first: bool) -> bytes:
+        """The entry's answer at a tick.
+
+        Args:
+            message: Measurements, or estimate and set points.
+            first: It is the first of its kind, which loads compiled code: its time is not counted.
+
+        Raises:
+            EntryError: The entry crashed, or was silent for too long.
+        """
+        began = time.perf_counter()
+        reply = self._told(message, START_LIMIT if first else self._step_limit)
+        took = time.perf_counter() - began
+        self.steps += 1
+        if not first:
+            self.waited, self.longest = self.waited + took, max(self.longest, took)
+        if self.waited > self._run_limit:
+            raise EntryError(f"the entry took more than {self._run_limit:g} s for its steps")
+        return reply
+
+    def _told(self, message: bytes, limit: float) -> bytes:
+        """The reply to a message."""
+        if limit != self._limit:
+            seconds = int(limit)
+            wait = struct.pack("ll", seconds, int(1e6 * (limit - seconds)))
+            self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, wait)
+            self._limit = limit
+        try:
+            self._connection.send_bytes(message)
+            reply = self._connection.recv_bytes()
+            while reply[:1] == LOADED:
+                told_by_another(_digests(reply[1:]))
+                reply = self._connection.recv_bytes()
+        except BlockingIOError as error:
+            raise EntryError(f"the entry gave no answer for {limit:g} s") from error
+        except (OSError, EOFError) as error:
+            raise EntryError(f"the entry's process ended{self._last_words()}") from error
+        if reply[:1] == FAILED:
+            raise EntryError(f"the entry raised {one_line(reply[1:].decode(errors='replace'))}")
+        return reply
+
+    @staticmethod
+    def _ready(reply: bytes) -> str:
+        """Text of a reply that says ready."""
+        if reply[:1] != READY:
+            raise EntryError("the entry answered before it was asked")
+        return reply[1:].decode(errors="replace")
+
+    @staticmethod
+    def _period(told: str) -> float:
+        """Period [s] that the entry states."""
+        try:
+            return finite_number(float(told), "period [s]", above=0.0)
+        except ValueError as error:
+            raise EntryError(f"the entry stated no period: {one_line(told)}") from error
+
+    def _last_words(self) -> str:
+        """Exit code and last line of output of the entry's process."""
+        try:
+            code = self._process.wait(_FAREWELL)
+        except subprocess.TimeoutExpired:
+            return " the connection, and still runs"
+        size = self._output.seek(0, os.SEEK_END)
+        self._output.seek(max(0, size - _TAIL))
+        lines = self._output.read().decode(errors="replace").strip().splitlines()
+        return f" with code {code}" + (f": {one_line(lines[-1])}" if lines else "")
+
+
+class RemoteController:
+    """Controller of an entry (`uuv.sim.interfaces.protocols.Controller`); its state stays in the entry's process."""
+
+    def __init__(self, process: EntryProcess) -> None:
+        vehicle = process.vehicle
+        self._process, self.period = process, process.controller_period
+        self._commands = CommandCodec(len(vehicle.joints), len(vehicle.thruster_names))
+        self._estimates = EstimateCodec(len(vehicle.joints))
+        self._reference: Reference | None = None
+
+    def init(self, estimate: StateEstimate) -> None:
+        """The entry's state at the first estimate. Raises EntryError."""
+        self._reference = None
+        self._process.start(START_CONTROLLER + _pickled(estimate))
+
+    def step(self, state: None, estimate: StateEstimate, reference: Reference) -> tuple[None, Command]:
+        """The entry's command for the estimate.
+
+        Raises:
+            EntryError: It crashed, was silent for too long, or answered what is no command.
+        """
+        first, changed = self._reference is None, None if reference is self._reference else reference
+        self._reference = reference
+        reply = self._process.answer(self._estimates.encode(estimate, changed), first=first)
+        return state, self._commands.decode(reply, estimate.time)
+
+
+class RemoteEstimator:
+    """Estimator of an entry (`uuv.sim.interfaces.protocols.Estimator`); its state stays in the entry's process."""
+
+    def __init__(self, process: EntryProcess) -> None:
+        """Ask a process whose briefing names an estimator.
+
+        Raises:
+            EntryError: The entry has no estimator.
+        """
+        if process.estimator_period is None:
+            raise EntryError("the entry has no estimator")
+        self._process, self.period = process, process.estimator_period
+        self._estimates = EstimateCodec(len(process.vehicle.joints))
+        self._first = True
+
+    def init(self, first: Sequence[Measurement]) -> None:
+        """The entry's state from the first measurements. Raises EntryError."""
+        self._first = True
+        self._process.start(START_ESTIMATOR + _pickled(list(first)))
+
+    def step(self, state: None, measurements: Sequence[Measurement]) -> tuple[None, StateEstimate]:
+        """The entry's estimate from the measurements that arrived since the last step.
+
+        Raises:
+            EntryError: It crashed, was silent for too long, or answered what is no estimate.
+        """
+        reply = self._process.answer(MEASURED + _pickled(list(measurements)), first=self._first)
+        self._first = False
+        return state, self._estimates.decode_reply(reply)
+
+
+def close_memory() -> None:
+    """Closes memory, environment and open files of this process to others of the same user; Linux alone.
+
+    The superuser reads them all the same, and anyone the command line: no case may be told there.
+    """
+    if sys.platform == "linux":
+        ctypes.CDLL(None).prctl(_PR_SET_DUMPABLE, 0, 0, 0, 0)
+
+
+def _environment() -> dict[str, str]:
+    """Environment of an entry: where it finds programs, libraries and modules, and how many threads they take."""
+    kept = {name: value for name, value in os.environ.items() if name in _KEPT or name.startswith(_KEPT_GROUPS)}
+    return {**kept, "PYTHONPATH": os.pathsep.join(map(os.path.abspath, filter(None, sys.path)))}
+
+
+def _digests(told: bytes) -> dict[str, str]:
+    """Digests of files, by name, that an entry's process has told."""
+    try:
+        return {str(name): str(digest) for name, digest in json.loads(told).items()}
+    except (ValueError, AttributeError) as error:
+        raise EntryError("the entry answered before it was asked") from error
+
+
+def _pickled(message: Any) -> bytes:
+    return pickle.dumps(message, pickle.HIGHEST_PROTOCOL)

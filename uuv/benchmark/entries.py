@@ -1,0 +1,70 @@
+"""Entries of the benchmark: controllers by name, those that it begins with, and those of users with estimators."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import get_args
+
+from uuv.methods import Method
+from uuv.scenario import Control
+from uuv.experiment.loaded_code import digests, file_of
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.spatial import shown
+
+ENTRIES: Mapping[str, Control] = {
+    "default": Control(),
+    "normal-force-law": Control(published=("normal-force-law",)),
+    **{f"without {method}": Control(without=(method,)) for method in get_args(Method)},
+    "joint PD": Control(controller="uuv.controllers.whole_body.joint_force_controller:JointForceController"),
+}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Entry:
+    """A controller that is scored, with the estimator that it brings."""
+
+    name: str
+    control: Control
+    estimator: str = ""  # MODULE:CLASS; empty: the estimates are the ones that all other entries get
+    source: str = ""  # digests of the files of its classes; the results of a changed one are not taken for its own
+
+    @classmethod
+    def of(cls, name: str, estimator: str = "") -> "Entry":
+        """The entry of a name of ENTRIES, a registered name or MODULE:CLASS.
+
+        Args:
+            name: Of the controller.
+            estimator: MODULE:CLASS of the estimator that it brings; empty: none.
+
+        Raises:
+            ConfigurationError: The name is empty, or there is no such module.
+        """
+        control = ENTRIES.get(name) or Control(controller=name)
+        module, colon, word = control.controller.partition(":")
+        if not module or (colon and not word):
+            known = ", ".join(ENTRIES)
+            raise ConfigurationError(f"--entry: allowed {known}, a registered name or MODULE:CLASS, got {shown(name)}")
+        if estimator:
+            home, _, brought = estimator.partition(":")
+            if not (home and brought):
+                raise ConfigurationError(f"--estimator: expected MODULE:CLASS, got {shown(estimator)}")
+            name += f" with {estimator}"
+        code = _code(control, estimator)
+        return cls(name=name, control=control, estimator=estimator, source="".join(code.values()))
+
+    def code(self) -> dict[str, str]:
+        """Digests of the files of its classes, by name as of `uuv.experiment.loaded_code.loaded_files`."""
+        return _code(self.control, self.estimator)
+
+
+def _code(control: Control, estimator: str) -> dict[str, str]:
+    """Digests of the files of the modules, which are not imported here."""
+    found: dict[str, str] = {}
+    for option, named in (("--entry", control.controller), ("--estimator", estimator)):
+        module, colon, _ = named.partition(":")
+        if not colon:
+            continue
+        try:
+            found |= digests([file_of(module)])
+        except ImportError as error:
+            raise ConfigurationError(f"{option}: there is no module {shown(module)}") from error
+    return found

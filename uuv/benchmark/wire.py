@@ -1,0 +1,193 @@
+"""What goes through the door: a briefing, estimates and set points to the entry, commands as plain numbers back.
+
+A message to the entry at a tick is the estimate as plain numbers, followed by the set points, pickled, where they are
+new. An entry with an estimator of its own gets the measurements first, pickled, and sends the estimate as plain
+numbers. Replies of the entry are never unpickled: a reply is a letter, then text or numbers of fixed count.
+"""
+
+import pickle
+from dataclasses import dataclass
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from uuv.scenario import Control
+from uuv.sim.interfaces.errors import ConfigurationError, UuvError
+from uuv.sim.interfaces.messages import Command, ContactEstimate, HullLoad, Reference, StateEstimate
+from uuv.sim.interfaces.spatial import Array, checked_pose
+
+READY, COMMAND, ESTIMATE, FAILED = b"R", b"C", b"S", b"F"  # first letter of a reply
+LOADED = b"L"  # of the files that the entry has loaded, in JSON, before the reply to its briefing
+START_ESTIMATOR, START_CONTROLLER, MEASURED = b"I", b"J", b"M"  # first letter of a message that is pickled
+_NO_LOAD, _SAME_LOAD, _NEW_LOAD = 0.0, 1.0, 2.0
+_REST = 2 + 7 + 1 + 9  # numbers beside torques and thrusters
+_PLAIN, _PICKLED = b"E", b"P"  # first letter of a message: an estimate as numbers; one with entries that are rare
+# Fields of an estimate in their order, with the shapes of those that do not depend on the number of joints.
+_FIELDS: dict[str, tuple[int, ...]] = {
+    "X_WB": (4, 4),
+    "v_WB_B": (3,),
+    "w_WB_B": (3,),
+    "a_WB_B": (3,),
+    "position_sigma": (3,),
+    "object_moved_W": (3,),
+    "gyro_off_B": (3,),
+    "attitude_off_B": (3,),
+    "q": (),
+    "qd": (),
+    "tau": (),
+}
+_NUMBERS = ("time", "attitude_sigma", "vision_age", "dvl_age", "imu_age", "imu_jump_age")
+
+
+class EntryError(UuvError):
+    """An entry crashed, did not answer in time, or answered what is no command."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Briefing:
+    """What an entry is told before the work begins."""
+
+    model: mujoco.MjModel  # the vehicle as it is believed; the object is not in it
+    water_error: float  # [-] share by which the controller's coefficients are to be wrong
+    control: Control  # the entry: name or MODULE:CLASS, and methods replaced
+    estimator: str  # the entry's estimator, MODULE:CLASS; empty: navigation runs beside the simulation
+    task: str  # name of the family of jobs
+    seed: int  # for the entry's own random numbers; the same in every case, so that it tells nothing about one
+
+
+class EstimateCodec:
+    """Estimates of one vehicle, with the set points where they are new, as bytes and back."""
+
+    def __init__(self, joints: int) -> None:
+        shapes = {name: shape or (joints,) for name, shape in _FIELDS.items()}
+        ends = len(_NUMBERS) + np.cumsum([np.prod(shape, dtype=int) for shape in shapes.values()])
+        self._numbers = np.zeros(ends[-1])  # of the message that is being made
+        starts = (len(_NUMBERS), *ends[:-1].tolist())
+        self._parts = [
+            (name, slice(start, end), shape)
+            for (name, shape), start, end in zip(shapes.items(), starts, ends.tolist(), strict=True)
+        ]
+        self._size = 1 + self._numbers.nbytes
+
+    def encode(self, estimate: StateEstimate, reference: Reference | None) -> bytes:
+        """The message of a tick.
+
+        Args:
+            estimate: Of the tick.
+            reference: New set points; None: those of the last message.
+        """
+        if estimate.tau_doubt is not None or estimate.ground is not None:
+            return _PICKLED + pickle.dumps((estimate, reference), pickle.HIGHEST_PROTOCOL)
+        more = b"" if reference is None else pickle.dumps(reference, pickle.HIGHEST_PROTOCOL)
+        return _PLAIN + self._packed(estimate) + more
+
+    def decode(self, message: bytes) -> tuple[StateEstimate, Reference | None]:
+        """The estimate of a message, in arrays of its own, and its set points; None: there are no new ones."""
+        if message[:1] == _PICKLED:
+            return pickle.loads(message[1:])
+        more = message[self._size :]
+        return self._unpacked(message[1 : self._size]), pickle.loads(more) if more else None
+
+    def encode_reply(self, estimate: StateEstimate) -> bytes:
+        """The reply of an entry's estimator; `tau_doubt` and `ground` are left out.
+
+        Raises:
+            TypeError: It is no estimate, or has arrays of another size.
+        """
+        if not isinstance(estimate, StateEstimate):
+            raise TypeError(f"step gave {type(estimate).__name__} in place of a StateEstimate")
+        for name, _, shape in self._parts:
+            if np.shape(getattr(estimate, name)) != shape:
+                raise TypeError(f"{name}: expected shape {shape}, got {np.shape(getattr(estimate, name))}")
+        return ESTIMATE + self._packed(estimate)
+
+    def decode_reply(self, reply: bytes) -> StateEstimate:
+        """The estimate in a reply.
+
+        Raises:
+            EntryError: The reply is no estimate, or its `X_WB` is no pose.
+        """
+        if reply[:1] != ESTIMATE or len(reply) != self._size:
+            raise EntryError("the entry answered what is no estimate")
+        estimate = self._unpacked(reply[1:])
+        try:
+            checked_pose(estimate.X_WB, "X_WB of the entry's estimate")
+        except ConfigurationError as error:
+            raise EntryError(str(error)) from error
+        return estimate
+
+    def _packed(self, estimate: StateEstimate) -> bytes:
+        numbers = self._numbers
+        numbers[: len(_NUMBERS)] = [getattr(estimate, name) for name in _NUMBERS]
+        for name, part, _ in self._parts:
+            numbers[part] = np.ravel(getattr(estimate, name))
+        return numbers.tobytes()
+
+    def _unpacked(self, packed: bytes) -> StateEstimate:
+        numbers = np.frombuffer(packed).copy()
+        values: dict[str, Any] = dict(zip(_NUMBERS, numbers[: len(_NUMBERS)].tolist(), strict=True))
+        values |= {name: numbers[part].reshape(shape) for name, part, shape in self._parts}
+        return StateEstimate(**values)
+
+
+class CommandCodec:
+    """Commands of one vehicle as bytes and back; log entries (`Command.believed`) and faults are left out."""
+
+    def __init__(self, joints: int, thrusters: int) -> None:
+        self._joints, self._thrusters = joints, thrusters
+        self._sent: HullLoad | None = None
+        self._got: HullLoad | None = None
+        self._numbers = np.zeros(_REST + joints + thrusters)  # of the reply that is being made
+
+    def encode(self, command: Command) -> bytes:
+        """The command as bytes.
+
+        Raises:
+            TypeError: It is no command, or has arrays of another size.
+        """
+        if not isinstance(command, Command):
+            raise TypeError(f"step gave {type(command).__name__} in place of a Command")
+        for name, size in (("joint_torque", self._joints), ("thrusters", self._thrusters)):
+            if np.shape(getattr(command, name)) != (size,):
+                raise TypeError(f"{name}: expected shape ({size},), got {np.shape(getattr(command, name))}")
+        load, contact, numbers = command.hull_load, command.contact, self._numbers
+        kind = _NO_LOAD if load is None else _SAME_LOAD if load is self._sent else _NEW_LOAD
+        self._sent = load
+        n, m = 2 + self._joints, 2 + self._joints + self._thrusters
+        numbers[:2] = command.time, float(command.scan)
+        numbers[2:n], numbers[n:m] = command.joint_torque, command.thrusters
+        numbers[m : m + 3], numbers[m + 3], numbers[m + 4 : m + 7] = contact.force_W, contact.normal, contact.sigma_G
+        numbers[m + 7] = kind
+        if kind == _NEW_LOAD and load is not None:
+            numbers[m + 8 : m + 14], numbers[m + 14 :] = load.arm_wrench_B, load.current_W
+        return COMMAND + numbers.tobytes()
+
+    def decode(self, reply: bytes, time: float) -> Command:
+        """The command in a reply to an estimate of that time [s].
+
+        Raises:
+            EntryError: The reply is no command, or one for another time.
+        """
+        n, m = self._joints, self._thrusters
+        if reply[:1] != COMMAND or len(reply) != 1 + 8 * (_REST + n + m):
+            raise EntryError("the entry answered what is no command")
+        numbers: Array = np.frombuffer(reply[1:]).copy()
+        if numbers[0] != time:
+            raise EntryError(f"the entry's command is of {numbers[0]:g} s; asked was one of {time:g} s")
+        torque, thrusters = numbers[2 : 2 + n], numbers[2 + n : 2 + n + m]
+        contact, load = numbers[2 + n + m : 9 + n + m], numbers[9 + n + m :]
+        if load[0] == _NEW_LOAD:
+            self._got = HullLoad(arm_wrench_B=load[1:7], current_W=load[7:])
+        elif load[0] == _NO_LOAD:
+            self._got = None
+        elif load[0] != _SAME_LOAD or self._got is None:
+            raise EntryError("the entry answered what is no command")
+        return Command(
+            time=time,
+            joint_torque=torque,
+            thrusters=thrusters,
+            scan=bool(numbers[1] == 1.0),
+            contact=ContactEstimate(force_W=contact[:3], normal=float(contact[3]), sigma_G=contact[4:]),
+            hull_load=self._got,
+        )

@@ -1,0 +1,312 @@
+"""Campaign: a base scenario, distributions of its parameters, and the metrics of each run; as a value and as a file.
+
+    name = "contact_quick"
+    base = "barrel"                 # or a scenario file, relative to this one
+    quick = true
+    cases = 4
+
+    [set]
+    "belief.water_error" = 0.0
+
+    [distributions]
+    "site.current" = { direction = [0.0, 0.4] }
+    "perturbations.Pad.stiffness" = { log_uniform = [1e4, 1e6] }
+
+    [metrics]
+    names = ["contact.force_error_rms_n"]
+
+docs/campaigns.md lists all keys.
+"""
+
+import copy
+import traceback
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from uuv.campaigns.distributions import DESIGNS, Design, Distribution, drawn
+from uuv.jobs import BarrelOptions, InsertionOptions, InspectionOptions, ObjectOptions, PileOptions, SeabedOptions
+from uuv.scenario import Scenario
+from uuv.scenario_file import KIND, as_dict, assigned, from_dict, put, read_scenario, refuse_code
+from uuv.experiment.worker import Limits
+from uuv.sim.evaluation import schema_files
+from uuv.sim.interfaces.errors import ConfigurationError, UuvError
+from uuv.sim.interfaces.files import folder_name
+from uuv.sim.interfaces.spatial import finite_number, shown, whole_number
+from uuv.sim.interfaces.tables import TableReader, toml_of
+
+BASES: Mapping[str, Any] = {
+    "barrel": BarrelOptions,
+    "pile": PileOptions,
+    "object": ObjectOptions,
+    "insertion": InsertionOptions,
+    "seabed": SeabedOptions,
+    "inspection": InspectionOptions,
+}
+_SCHEMAS = {"Insertion": "insertion", "Inspection": "inspection", "SeabedSampling": "seabed_work"}  # others: metrics
+_MOST_CASES = 10_000_000  # runs of a campaign: 10 GB of rows
+_TRACE = 2000  # characters of a traceback that a row keeps
+FAILED, CRASHED = "not set up", "crashed"  # states of a run that ended with an error
+
+
+@dataclass(frozen=True, kw_only=True)
+class Campaign:
+    """Many runs of one scenario with drawn parameters."""
+
+    name: str
+    base: Scenario
+    distributions: Mapping[str, Distribution]  # by dotted key of a scenario file; perturbations.KIND.field
+    metrics: tuple[str, ...]  # dotted names of metrics.json
+    cases: int
+    seed: int = 0
+    design: Design = "random"
+    bounds: Mapping[str, float] = field(default_factory=dict)  # of metrics, at most; none: the verdict of the run
+    kept: float | None = None  # share of the runs that must keep them; None: no verdict
+    limits: Limits = field(default_factory=Limits)
+
+    def __post_init__(self) -> None:
+        whole_number(self.cases, "cases", least=1, most=_MOST_CASES)
+        whole_number(self.seed, "seed")
+        if self.design not in DESIGNS:
+            raise ConfigurationError(f"design: allowed {', '.join(DESIGNS)}, got {shown(self.design)}")
+        if self.kept is not None:
+            finite_number(self.kept, "kept", least=0.0, most=1.0)
+        allowed = metric_names(self.base)
+        for name in (*self.metrics, *self.bounds):
+            if name not in allowed:
+                raise ConfigurationError(f"no metric {shown(name)}; this task has {', '.join(sorted(allowed))}")
+        for name, bound in self.bounds.items():
+            finite_number(bound, f"bounds: {name}")
+        for name in self.distributions:
+            _checked_key(self.base, name)
+        self.runs(1)[0].scenario()
+
+    def runs(self, cases: int | None = None) -> list["CampaignRun"]:
+        """The runs of the campaign, or those of its first `cases`."""
+        count = self.cases if self.design == "latin-hypercube" or cases is None else cases
+        values = drawn(self.distributions, count, self.seed, self.design)
+        nested, metrics = as_dict(self.base), tuple(dict.fromkeys((*self.metrics, *self.bounds)))
+        made = []
+        for case, own in enumerate(values[:cases]):
+            rng = np.random.default_rng([self.seed, case])
+            seeds = {"perturbation_seed": int(rng.integers(2**31)), "seed": int(rng.integers(2**31))}
+            made.append(CampaignRun(case=case, base=nested, values={**seeds, **own}, metrics=metrics))
+        return made
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CampaignRun:
+    """One run of a campaign; a small value that a worker can be sent."""
+
+    case: int
+    base: Mapping[str, Any]  # tables of the scenario
+    values: Mapping[str, Any]  # by dotted key
+    metrics: tuple[str, ...]  # dotted names
+
+    def scenario(self) -> Scenario:
+        """Its scenario.
+
+        Raises:
+            ConfigurationError: A value is not allowed.
+        """
+        nested = copy.deepcopy(dict(self.base))
+        for name, value in self.values.items():
+            put(nested, name, value)
+        return from_dict(nested)
+
+
+def read_campaign(file: str | Path, changed: Sequence[str] = (), *, trust: bool = False) -> Campaign:
+    """The campaign in a TOML file.
+
+    Args:
+        file: The file.
+        changed: As for `scenario_file.assigned`, beside the values of its table [set], and in place of draws.
+        trust: Import the classes MODULE:CLASS that it or its base names, which runs their code.
+
+    Raises:
+        ConfigurationError: The file cannot be read, names code without `trust`, or a key or value is none of those
+            allowed; the message names them.
+    """
+    path = Path(file)
+    given, what = toml_of(path, "campaign"), f"campaign {shown(str(path))}"
+    refuse_code(given, what, trust=trust)
+    try:
+        entries = assigned(changed)
+        if "distributions" in given:  # a value that is set is no longer drawn
+            given["distributions"] = {k: v for k, v in _table(given, "distributions").items() if k not in entries}
+        return _campaign({**given, "set": {**_table(given, "set"), **entries}}, path, trust=trust)
+    except ConfigurationError as error:
+        raise ConfigurationError(f"{what}: {str(error).removeprefix('--')}") from error
+
+
+def one_run(task: CampaignRun) -> dict[str, Any]:
+    """Row of a run; an error of the run is part of the row."""
+    from uuv.assembly import assemble
+    from uuv.runner import run
+
+    row = failed_row(task, "")
+    try:
+        built = assemble(task.scenario())
+        row["drawn"] = dict(built.drawn)
+        metrics = run(built).assessment.metrics
+    except UuvError as error:
+        return row | {"code": type(error).__name__, "failed": [str(error)]}
+    except Exception as error:
+        trace = traceback.format_exc()[-_TRACE:]
+        return row | {"state": CRASHED, "code": type(error).__name__, "failed": [trace]}
+    own = metrics["run"]
+    return row | {
+        "state": own["state"],
+        "code": own["abort"] or "",
+        "accepted": metrics["accepted"],
+        "failed": list(metrics["failed"]),
+        "trajectory_sha256": own["trajectory_sha256"],
+        "metrics": {name: _at(metrics, name) for name in task.metrics},
+    }
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _CampaignRow:
+    """Entries of a row of a campaign that a summary or a comparison reads."""
+
+    case: int
+    values: Mapping[str, Any]
+    state: str
+    metrics: Mapping[str, float | None]
+    drawn: Mapping[str, Any] = field(default_factory=dict)
+    code: str = ""
+    accepted: bool = False
+    failed: list[str] = field(default_factory=list)
+
+
+def checked_row(row: Mapping[str, Any]) -> Mapping[str, Any]:
+    """A row of a campaign as it was read from a file.
+
+    Raises:
+        ConfigurationError: It is none.
+    """
+    verdicts_as_numbers = {
+        name: float(value) if isinstance(value, bool) else value for name, value in _table(row, "metrics").items()
+    }
+    TableReader("a row of a campaign", passes_unknown=True).made(_CampaignRow, {**row, "metrics": verdicts_as_numbers})
+    return row
+
+
+def crashed_row(task: CampaignRun, reason: str) -> dict[str, Any]:
+    """Row of a run that was ended from outside for `reason`: time, memory, death of its process."""
+    return failed_row(task, reason) | {"state": CRASHED}
+
+
+def failed_row(task: CampaignRun, reason: str) -> dict[str, Any]:
+    """Row of a run that could not be begun for `reason`."""
+    return {
+        "case": task.case,
+        "values": dict(task.values),
+        "drawn": {},
+        "state": FAILED,
+        "code": reason,
+        "accepted": False,
+        "failed": [reason] if reason else [],
+        "trajectory_sha256": None,
+        "metrics": {},
+    }
+
+
+@cache
+def _schema(task: str) -> Mapping[str, Any]:
+    return schema_files.GENERATED[_SCHEMAS.get(task, "metrics")]()
+
+
+def metric_names(scenario: Scenario) -> frozenset[str]:
+    """Dotted names of the numbers and verdicts that metrics.json of a run of `scenario` holds."""
+    return frozenset(_numbers(_schema(as_dict(scenario)["task"][KIND])["properties"], ""))
+
+
+def _numbers(properties: Mapping[str, Any], before: str) -> list[str]:
+    found: list[str] = []
+    for name, entry in properties.items():
+        if "properties" in entry:
+            found += _numbers(entry["properties"], f"{before}{name}.")
+        elif {"number", "integer", "boolean"} & set(np.atleast_1d(entry.get("type", ())).tolist()):
+            found.append(before + name)
+    return [name for name in found if not name.startswith("timings.")]  # they differ between repetitions
+
+
+def _at(nested: Any, name: str) -> Any:
+    """Value at a dotted name; None where the run gave none."""
+    for key in name.split("."):
+        nested = nested.get(key) if isinstance(nested, Mapping) else None
+    return nested
+
+
+def _checked_key(base: Scenario, name: str) -> None:
+    """Refuses a parameter that the campaign sets itself, or that lies in no table of the scenario."""
+    if name in ("seed", "perturbation_seed", "name"):
+        raise ConfigurationError(f"{name!r} cannot be drawn: the campaign's seed gives it")
+    put(as_dict(base), name, None)
+
+
+def _campaign(given: dict[str, Any], path: Path, *, trust: bool) -> Campaign:
+    allowed = ("name", "base", "quick", "cases", "seed", "design", "set", "distributions", "metrics", "bounds", "kept")
+    for key in given:
+        if key not in (*allowed, "limits"):
+            raise ConfigurationError(f"no key {shown(key)}; there are {', '.join((*allowed, 'limits'))}")
+    for key in ("base", "cases"):
+        if key not in given:
+            raise ConfigurationError(f"{key} is missing")
+    base = _base(given["base"], given.get("quick", False), path.parent, trust=trust)
+    name = folder_name(given.get("name", path.stem), "name")
+    nested = as_dict(base)
+    for key, value in _table(given, "set").items():
+        put(nested, key, value)
+    distributions = {}
+    for key, value in _table(given, "distributions").items():
+        try:
+            distributions[key] = Distribution.of(value)
+        except ConfigurationError as error:
+            raise ConfigurationError(f"distributions: {key}: {error}") from error
+    kept = _table(given, "metrics")
+    for key in kept:
+        if key != "names":
+            raise ConfigurationError(f"metrics: no key {shown(key)}; there is names")
+    names = kept.get("names", [])
+    if not isinstance(names, list) or not all(isinstance(each, str) for each in names):
+        raise ConfigurationError(f"metrics.names: must be a list of names, got {shown(names)}")
+    known = [each.name for each in fields(Limits)]
+    for key in (limits := _table(given, "limits")):
+        if key not in known:
+            raise ConfigurationError(f"limits: no key {shown(key)}; there are {', '.join(known)}")
+    more = {key: given[key] for key in ("seed", "design", "kept") if key in given}
+    return Campaign(
+        name=name,
+        base=replace(from_dict(nested), name=name),
+        distributions=distributions,
+        metrics=tuple(names),
+        cases=given["cases"],
+        bounds=_table(given, "bounds"),
+        limits=Limits(**limits),
+        **more,
+    )
+
+
+def _table(given: Mapping[str, Any], key: str) -> dict[str, Any]:
+    table = given.get(key, {})
+    if not isinstance(table, dict):
+        raise ConfigurationError(f"{key}: must be a table, got {shown(table)}")
+    return table
+
+
+def _base(given: Any, quick: Any, beside: Path, *, trust: bool) -> Scenario:
+    if not isinstance(quick, bool):
+        raise ConfigurationError(f"quick: must be true or false, got {shown(quick)}")
+    if isinstance(given, str) and given in BASES:
+        return BASES[given](quick=quick).scenario()
+    if not isinstance(given, str) or not given.endswith(".toml"):
+        raise ConfigurationError(f"base: allowed {', '.join(BASES)} or a scenario file (.toml), got {shown(given)}")
+    if quick:
+        raise ConfigurationError("quick: only with a base by name; a scenario file says itself how long its job is")
+    return read_scenario(beside / given, trust=trust)

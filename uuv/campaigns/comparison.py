@@ -1,0 +1,254 @@
+"""Comparison of two campaigns of the same draws, run by run: metrics, share kept, changed verdicts."""
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+from scipy.stats import binomtest, wilcoxon
+
+from uuv.campaigns.campaign import checked_row
+from uuv.campaigns.campaign_report import KEPT, outcome
+from uuv.campaigns.sensitivity import LEVEL, RESAMPLES
+from uuv.campaigns.sensitivity_report import shown_p
+from uuv.experiment import Row, Summary, Table, read_rows
+from uuv.experiment.row_log import METRICS
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.spatial import Array, shown
+from uuv.sim.interfaces.tables import TableReader, json_of
+from uuv.sim.reporting.palette import BLUE, FAINT, INK, WIDTH
+
+_PART = 1_000_000  # values drawn at a time: bounds the memory
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Finished:
+    """A campaign that is done, from its folder."""
+
+    folder: Path
+    rows: Mapping[int, Row]  # by case
+    bounds: Mapping[str, float]
+    replay: str  # command, without the number of the case
+
+    @classmethod
+    def read(cls, folder: Path) -> "Finished":
+        """The campaign in a folder.
+
+        Raises:
+            ConfigurationError: It holds none, or one that has not come to its end.
+        """
+        rows = read_rows(folder)
+        if not rows:
+            raise ConfigurationError(f"{folder}: holds no rows of a campaign")
+        try:
+            for row in rows:
+                checked_row(row)
+            file = folder / METRICS
+            about = TableReader(METRICS, passes_unknown=True).made(_About, json_of(file, "metrics of a campaign"))
+        except ConfigurationError as error:
+            raise ConfigurationError(f"{folder}: holds no campaign that came to its end: {error}") from error
+        by_case = {row["case"]: row for row in rows}
+        if len(by_case) < len(rows):
+            raise ConfigurationError(f"{folder}: holds several campaigns, {len(rows)} rows of {len(by_case)} cases")
+        return cls(folder=folder, rows=by_case, bounds=about.bounds, replay=about.replay)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _About:
+    """Entries of a campaign's metrics.json that a comparison needs."""
+
+    bounds: Mapping[str, float]
+    replay: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PairedMetric:
+    """A metric in the runs that both campaigns have, B less A."""
+
+    name: str
+    pairs: int  # runs with a value in both
+    median_a: float
+    median_b: float
+    median: float  # of the differences
+    low: float
+    high: float  # bootstrap interval of it
+    p: float  # Wilcoxon's signed ranks, two-sided; 1 if nothing differs
+    less: int  # runs in which B is below A
+    equal: int
+    more: int
+
+    @classmethod
+    def of(cls, name: str, a: Array, b: Array, rng: np.random.Generator) -> "PairedMetric":
+        """The metric from its values (pairs,) in both campaigns, at least one."""
+        change = b - a
+        medians, at_once = np.empty(RESAMPLES), max(1, _PART // len(change))
+        for begin in range(0, RESAMPLES, at_once):
+            here = medians[begin : begin + at_once]
+            here[:] = np.median(rng.choice(change, (len(here), len(change))), axis=1)
+        low, high = np.quantile(medians, [(1.0 - LEVEL) / 2.0, (1.0 + LEVEL) / 2.0])
+        return cls(
+            name=name,
+            pairs=len(change),
+            median_a=float(np.median(a)),
+            median_b=float(np.median(b)),
+            median=float(np.median(change)),
+            low=float(low),
+            high=float(high),
+            p=float(wilcoxon(change).pvalue) if change.any() else 1.0,
+            less=int((change < 0.0).sum()),
+            equal=int((change == 0.0).sum()),
+            more=int((change > 0.0).sum()),
+        )
+
+
+def mcnemar(a: Iterable[bool], b: Iterable[bool]) -> tuple[int, int, float]:
+    """Pairs that are true in A alone, in B alone, and the exact two-sided p that they differ by chance only."""
+    pairs = list(zip(a, b, strict=True))
+    only_a, only_b = sum(x and not y for x, y in pairs), sum(y and not x for x, y in pairs)
+    p = float(binomtest(only_a, only_a + only_b).pvalue) if only_a + only_b else 1.0
+    return only_a, only_b, p
+
+
+def compared(a: Finished, b: Finished) -> Summary:
+    """Comparison of two campaigns over the cases that both have.
+
+    Raises:
+        ConfigurationError: No case is in both, or the draws, metrics or bounds differ.
+    """
+    cases = _checked(a, b)
+    outcomes = {case: (outcome(a.rows[case], a.bounds), outcome(b.rows[case], b.bounds)) for case in cases}
+    kept = [[said[i] == KEPT for said in outcomes.values()] for i in (0, 1)]
+    only_a, only_b, p = mcnemar(*kept)
+    figures, found = _paired(a, b, cases), []
+    for name, (left, right) in figures.items():
+        if len(left):
+            found.append(PairedMetric.of(name, left, right, np.random.default_rng(len(cases))))
+    changed = [case for case, (one, other) in outcomes.items() if (one == KEPT) != (other == KEPT)]
+    alone = [len(each.rows) - len(cases) for each in (a, b)]
+    unpaired = [f"without a partner: {alone[0]} runs of A, {alone[1]} of B"] if any(alone) else []
+    return Summary(
+        metrics={
+            "a": str(a.folder),
+            "b": str(b.folder),
+            "pairs": len(cases),
+            "without_partner": {"a": alone[0], "b": alone[1]},
+            "kept": {"a": sum(kept[0]), "b": sum(kept[1]), "only_a": only_a, "only_b": only_b, "p": p},
+            "metrics": found,
+            "changed": [{"case": case, "a": outcomes[case][0], "b": outcomes[case][1]} for case in changed],
+        },
+        tables=[*_tables(found), *_changes(a, b, changed, outcomes)],
+        lines=[
+            f"kept: {sum(kept[0])} of {len(cases)} in A, {sum(kept[1])} in B; {only_a} in A alone, {only_b} in B "
+            f"alone, p {shown_p(p)} (McNemar, exact)",
+            *unpaired,
+        ],
+        pictures=_pictures({name: pair for name, pair in figures.items() if len(pair[0])}),
+        caption=f"A: {a.folder}. B: {b.folder}. {len(cases)} pairs of the same draw.",
+    )
+
+
+def _checked(a: Finished, b: Finished) -> list[int]:
+    """The cases that both have, after a check that they can be compared."""
+    cases = sorted(a.rows.keys() & b.rows.keys())
+    if not cases:
+        raise ConfigurationError(f"{a.folder} and {b.folder}: no case is in both")
+    for case in cases:
+        left, right = a.rows[case]["values"], b.rows[case]["values"]
+        for name in dict.fromkeys((*left, *right)):
+            if name not in left or name not in right or left[name] != right[name]:
+                here, there = shown(left.get(name)), shown(right.get(name))
+                raise ConfigurationError(f"the draws differ: case {case}, {name}: {here} in A, {there} in B")
+    if missing := _metrics_of(a, cases) ^ _metrics_of(b, cases):
+        raise ConfigurationError(f"metrics that one campaign alone has: {', '.join(sorted(missing))}")
+    if a.bounds != b.bounds:
+        raise ConfigurationError(f"the bounds differ: {shown(dict(a.bounds))} in A, {shown(dict(b.bounds))} in B")
+    return cases
+
+
+def _metrics_of(campaign: Finished, cases: Sequence[int]) -> set[str]:
+    return {name for case in cases for name in campaign.rows[case]["metrics"]}
+
+
+def _paired(a: Finished, b: Finished, cases: Sequence[int]) -> dict[str, tuple[Array, Array]]:
+    """Values of each metric in A and B, of the runs with a value in both."""
+    names = dict.fromkeys(name for case in cases for name in a.rows[case]["metrics"])
+    found = {}
+    for name in names:
+        both = [(a.rows[case]["metrics"].get(name), b.rows[case]["metrics"].get(name)) for case in cases]
+        values = np.array([pair for pair in both if None not in pair], dtype=np.float64).reshape(-1, 2)
+        found[name] = (values[:, 0], values[:, 1])
+    return found
+
+
+def _tables(found: Sequence[PairedMetric]) -> Iterator[Table]:
+    if found:
+        yield Table(
+            title="Metrics, B less A",
+            columns=(
+                "metric",
+                "pairs",
+                "median A",
+                "median B",
+                "median B - A",
+                "95 % interval",
+                "p",
+                "less/equal/more",
+            ),
+            rows=[
+                (
+                    one.name,
+                    str(one.pairs),
+                    f"{one.median_a:.4g}",
+                    f"{one.median_b:.4g}",
+                    f"{one.median:+.3g}",
+                    f"{one.low:+.3g} to {one.high:+.3g}",
+                    shown_p(one.p),
+                    f"{one.less}/{one.equal}/{one.more}",
+                )
+                for one in found
+            ],
+            caption="Median of the differences with its bootstrap interval; p of Wilcoxon's signed ranks; runs in "
+            "which B is less than, equal to and more than A.",
+        )
+
+
+def _changes(
+    a: Finished, b: Finished, changed: Sequence[int], outcomes: Mapping[int, tuple[str, str]]
+) -> Iterator[Table]:
+    if changed:
+        yield Table(
+            title="Changed verdicts",
+            columns=("case", "in A", "in B", "replay of A", "replay of B"),
+            rows=[(str(case), *outcomes[case], f"{a.replay} {case}", f"{b.replay} {case}") for case in changed],
+            labels=5,
+        )
+
+
+def _pictures(figures: Mapping[str, tuple[Array, Array]]) -> Iterator[tuple[str, str, Figure]]:
+    if figures:
+        yield ("Run by run", "One dot a run, by its value in A and in B; on the line both are equal.", _dots(figures))
+
+
+def _dots(figures: Mapping[str, tuple[Array, Array]]) -> Figure:
+    """Scatter plot of each metric, B over A."""
+    columns = min(4, len(figures))
+    lines = -(-len(figures) // columns)
+    figure = Figure(figsize=(WIDTH, WIDTH / 4 * lines + 0.3), layout="constrained")
+    panels = figure.subplots(lines, columns, squeeze=False)
+    for axes in panels.flat[len(figures) :]:
+        axes.set_visible(False)
+    for axes, (name, (left, right)) in zip(panels.flat, figures.items(), strict=False):
+        low, high = min(left.min(), right.min()), max(left.max(), right.max())
+        ends = np.array([low, high]) + (0.05 * (high - low) or 1.0) * np.array([-1.0, 1.0])
+        axes.plot(ends, ends, color=FAINT, linewidth=0.8)
+        axes.scatter(left, right, s=12, color=BLUE, linewidths=0, alpha=0.8)
+        axes.set(xlim=ends, ylim=ends, box_aspect=1.0)
+        axes.set_title(name, fontsize=8, color=INK)
+        axes.set_xlabel("A", fontsize=8)
+        axes.spines[["top", "right"]].set_visible(False)
+        axes.locator_params(nbins=4)
+        axes.tick_params(labelsize=7)
+    for axes in panels[:, 0]:
+        axes.set_ylabel("B", fontsize=8)
+    return figure

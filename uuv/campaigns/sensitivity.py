@@ -1,0 +1,239 @@
+"""Sensitivity of results to drawn parameters: partial rank correlations, their intervals, and failures by parameter."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import beta, mannwhitneyu, rankdata
+
+from uuv.sim.interfaces.spatial import Array
+
+SEEDS = ("seed", "perturbation_seed", "variation_seed")  # drawn, but of no order
+LEVEL = 0.95  # of intervals, and of the null level
+RESAMPLES = 1000  # of the bootstrap
+FIRST = 5  # parameters that a ranking names
+ANY = "any reason"  # beside the single ones
+FEWEST_FAILED = 3  # runs of one reason that are compared with the others
+_PART = 500_000  # weights of runs at a time: bounds the memory
+_RIDGE = 1e-10  # added to correlations: a column that is constant in a resample then has coefficient 0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Factor:
+    """A drawn parameter as columns of a regression: one for a number, one less than its categories for a category."""
+
+    name: str
+    columns: Array  # (runs, m); NaN where the run has no value
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Sensitivity:
+    """Sensitivity of one response to all parameters; arrays are in the order of `names`."""
+
+    names: tuple[str, ...]
+    runs: int  # used
+    coefficient: Array  # (k,) partial rank correlation; of a parameter with several columns its modulus
+    low: Array  # (k,) lower end of the bootstrap interval
+    high: Array  # (k,) upper end
+    null: Array  # (k,) modulus that a parameter without effect exceeds in 5 % of the tables
+    p: Array  # (k,) probability of this modulus or more without effect
+    place: Array  # (k, 2) interval of its place in the ranking by modulus, from 1
+    explained: float  # R^2 of the ranks on all parameters
+    adjusted: float  # the same, adjusted for the number of columns
+    explained_by_first: float  # R^2 on the first parameters of the ranking alone
+
+    @property
+    def ranking(self) -> list[int]:
+        """Indices of the parameters, the largest modulus first."""
+        return np.argsort(-np.abs(self.coefficient), kind="stable").tolist()
+
+    def as_metrics(self) -> dict[str, Any]:
+        """Content for metrics.json, the parameters in the order of the ranking."""
+        return {
+            "runs": self.runs,
+            "explained": self.explained,
+            "explained_adjusted": self.adjusted,
+            "explained_by_first": self.explained_by_first,
+            "parameters": [
+                {
+                    "name": self.names[i],
+                    "coefficient": float(self.coefficient[i]),
+                    "low": float(self.low[i]),
+                    "high": float(self.high[i]),
+                    "null": float(self.null[i]),
+                    "p": float(self.p[i]),
+                    "place": self.place[i].tolist(),
+                }
+                for i in self.ranking
+            ],
+        }
+
+
+def factors_of(draws: Sequence[Mapping[str, Any]]) -> list[Factor]:
+    """Parameters that vary, from the drawn values of all runs.
+
+    A number is a column. A vector gives its length and each component. Text and booleans give a column for each
+    category but the first in the alphabet, so two categories are one column with a sign. Seeds are left out.
+
+    Args:
+        draws: Drawn values by name, for each run; a run may lack some.
+    """
+    found: list[Factor] = []
+    for name in dict.fromkeys(name for draw in draws for name in draw if name not in SEEDS):
+        values = [draw.get(name) for draw in draws]
+        given = [value for value in values if value is not None]
+        if given and all(isinstance(value, list) and len(value) == len(given[0]) for value in given):
+            vectors = np.array([value or [np.nan] * len(given[0]) for value in values], dtype=np.float64)
+            axes = "xyz" if vectors.shape[1] == 3 else [str(i) for i in range(vectors.shape[1])]
+            found.append(Factor(f"{name} (length)", np.linalg.norm(vectors, axis=1)[:, None]))
+            found += [Factor(f"{name} ({axis})", vectors[:, [i]]) for i, axis in enumerate(axes)]
+        elif all(isinstance(value, (int, float)) and not isinstance(value, bool) for value in given):
+            found.append(Factor(name, np.array(values, dtype=np.float64)[:, None]))
+        else:
+            words = [None if value is None else str(value) for value in values]
+            kinds = sorted({word for word in words if word is not None})
+            columns = [[np.nan if word is None else float(word == kind) for word in words] for kind in kinds[1:]]
+            label = f"{name} = {kinds[1]}" if len(kinds) == 2 else name
+            found.append(Factor(label, np.array(columns, dtype=np.float64).reshape(-1, len(draws)).T))
+    return [one for one in found if len({*map(tuple, one.columns[~np.isnan(one.columns).any(axis=1)].tolist())}) > 1]
+
+
+def fewest_runs(factors: Sequence[Factor]) -> int:
+    """Runs that `sensitivity` needs: a resample holds 63 % of them, and must still determine all columns."""
+    return 2 * (sum(one.columns.shape[1] for one in factors) + 1)
+
+
+def sensitivity(
+    factors: Sequence[Factor], response: Array, rng: np.random.Generator, resamples: int = RESAMPLES
+) -> Sensitivity | None:
+    """Partial rank correlation of each parameter with a response [Marino 2008]; None with too few runs, or no spread.
+
+    Columns and response become ranks, and the coefficient of a parameter is the correlation of what the linear
+    regression on all others leaves of both. That of a parameter with several columns is the root of their partial R^2.
+    Intervals are percentiles of a bootstrap over the runs with the ranks held. Without an effect the squared
+    coefficient follows a beta distribution, exact for normal residuals, which gives `null` and `p`.
+
+    Args:
+        factors: Parameters, from `factors_of`.
+        response: (runs,) values; NaN: the run is left out; infinite ones rank last.
+        rng: Of the bootstrap.
+        resamples: Of the bootstrap.
+    """
+    if not factors:
+        return None
+    columns = np.hstack([one.columns for one in factors])
+    used = ~np.isnan(response) & ~np.isnan(columns).any(axis=1)
+    n, k = int(used.sum()), columns.shape[1]
+    if n < fewest_runs(factors) or len({*response[used].tolist()}) < 2:
+        return None
+    table = rankdata(np.column_stack([columns[used], response[used]]), axis=0)
+    owner = np.repeat(np.arange(len(factors)), [one.columns.shape[1] for one in factors])
+    coefficients, explained = _coefficients(table, np.ones((1, n)), owner)
+    drawn, at_once = np.empty((resamples, len(factors))), max(1, _PART // n)
+    for begin in range(0, resamples, at_once):
+        here = drawn[begin : begin + at_once]
+        here[:] = _coefficients(table, rng.multinomial(n, np.full(n, 1.0 / n), size=len(here)), owner)[0]
+    tails = [(1.0 - LEVEL) / 2.0, (1.0 + LEVEL) / 2.0]
+    low, high = np.quantile(drawn, tails, axis=0)
+    places = rankdata(-np.abs(drawn), axis=1, method="ordinal")
+    sizes, left = np.bincount(owner) / 2.0, (n - 1 - k) / 2.0
+    value = coefficients[0]
+    first = np.argsort(-np.abs(value), kind="stable")[:FIRST]
+    alone = np.isin(owner, first)
+    _, by_first = _coefficients(table[:, [*np.flatnonzero(alone), k]], np.ones((1, n)), np.arange(alone.sum()))
+    return Sensitivity(
+        names=tuple(one.name for one in factors),
+        runs=n,
+        coefficient=value,
+        low=low,
+        high=high,
+        null=np.sqrt(beta.ppf(LEVEL, sizes, left)),
+        p=beta.sf(value**2, sizes, left),
+        place=np.quantile(places, tails, axis=0, method="nearest").T.astype(int),
+        explained=float(explained[0]),
+        adjusted=float(1.0 - (1.0 - explained[0]) * (n - 1) / (n - 1 - k)),
+        explained_by_first=float(by_first[0]),
+    )
+
+
+def _coefficients(table: Array, weights: NDArray[Any], owner: NDArray[np.int_]) -> tuple[Array, Array]:
+    """Partial correlations (samples, parameters) and R^2 (samples,), from inverses of correlation matrices.
+
+    Args:
+        table: (n, k + 1) columns and response.
+        weights: (samples, n) times that a row is in a sample.
+        owner: (k,) parameter of each column.
+    """
+    centred = table - (weights @ table / weights.sum(axis=1)[:, None])[:, None, :]
+    covariance = np.matmul((centred * weights[:, :, None]).transpose(0, 2, 1), centred)
+    scale = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
+    scale[scale == 0.0] = 1.0
+    correlation = covariance / scale[:, :, None] / scale[:, None, :]
+    inverse = np.linalg.inv(correlation + _RIDGE * np.eye(table.shape[1]))
+    last = inverse[:, -1, -1]
+    found = np.empty((len(weights), owner.max() + 1))
+    for number in range(found.shape[1]):
+        own = np.flatnonzero(owner == number)
+        across = inverse[:, own, -1]
+        if len(own) == 1:
+            found[:, number] = -across[:, 0] / np.sqrt(inverse[:, own[0], own[0]] * last)
+        else:
+            solved = np.linalg.solve(inverse[:, own[:, None], own], across[:, :, None])[:, :, 0]
+            found[:, number] = np.sqrt(np.maximum(0.0, (across * solved).sum(axis=1) / last))
+    return np.clip(found, -1.0, 1.0), np.clip(1.0 - 1.0 / last, 0.0, 1.0)
+
+
+def worst_ratio(values: Mapping[str, float | None], bounds: Mapping[str, float]) -> float:
+    """Largest ratio of a metric to its bound; infinite where a metric is missing, or beyond a bound of 0 or less."""
+    ratios = [0.0]
+    for name, most in bounds.items():
+        value = values.get(name)
+        if value is None:
+            return np.inf
+        ratios.append(value / most if most > 0.0 else (np.inf if value > most else 0.0))
+    return max(ratios)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ReasonShift:
+    """Where the runs that failed for one reason lie in the range of a parameter."""
+
+    reason: str
+    parameter: str
+    runs: int  # with that reason
+    median_rank: float  # of these runs among all, 0 lowest, 1 highest
+    p: float  # Mann-Whitney, two-sided, against all other runs
+
+
+def shifts(factors: Sequence[Factor], reasons: Sequence[Sequence[str]]) -> list[ReasonShift]:
+    """Where the runs that failed for a reason lie in the range of each parameter with one column.
+
+    For each reason of at least three runs, and for all reasons together.
+
+    Args:
+        factors: Parameters, such as the first five of a ranking.
+        reasons: Why each run failed: none, one or several.
+    """
+    found = []
+    named = dict.fromkeys(reason for several in reasons for reason in several)
+    for reason in (*named, *((ANY,) if len(named) > 1 else ())):
+        having = np.array([bool(several) if reason == ANY else reason in several for several in reasons])
+        for one in factors:
+            known = ~np.isnan(one.columns).any(axis=1)
+            inside = having[known]
+            if one.columns.shape[1] > 1 or inside.sum() < FEWEST_FAILED or inside.all():
+                continue
+            value = one.columns[known, 0]
+            rank = (rankdata(value) - 1.0) / (len(value) - 1.0)
+            found.append(
+                ReasonShift(
+                    reason=reason,
+                    parameter=one.name,
+                    runs=int(inside.sum()),
+                    median_rank=float(np.median(rank[inside])),
+                    p=float(mannwhitneyu(value[inside], value[~inside]).pvalue),
+                )
+            )
+    return found

@@ -1,0 +1,185 @@
+"""Sensitivity on a page: which parameters explain the failures and each figure, in tables and pictures."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from uuv.campaigns.sensitivity import FIRST, LEVEL, RESAMPLES, Factor, ReasonShift, Sensitivity, factors_of, fewest_runs, sensitivity, shifts
+from uuv.experiment import Table
+from uuv.sim.interfaces.spatial import Array
+from uuv.sim.reporting.palette import BLUE, FAINT, INK, WIDTH
+
+MISSED, WORST = "missed", "worst ratio to a bound"  # responses that rank the parameters
+_ORIGIN = "perturbations."  # left out of labels
+_CHANCE = 1.0 - LEVEL  # share of the parameters without effect that leave the null level
+_SMALLEST = 1e-4  # of a p that is shown
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SensitivityReport:
+    """Sensitivities of the responses of a table of runs; empty where the runs do not allow any."""
+
+    found: Mapping[str, Sensitivity]  # by response
+    factors: Sequence[Factor]
+    shifts: Sequence[ReasonShift]  # of the parameters that explain the failures best
+    runs: int
+    needed: int
+
+    @classmethod
+    def of(
+        cls, draws: Sequence[Mapping[str, Any]], responses: Mapping[str, Array], reasons: Sequence[Sequence[str]]
+    ) -> "SensitivityReport":
+        """The report of a table of runs.
+
+        Args:
+            draws: Drawn values by name, of each run.
+            responses: (runs,) values by response; the first that allows it ranks the parameters.
+            reasons: Why each run failed: none, one or several.
+        """
+        factors = factors_of(draws)
+        found = {}
+        for name, values in responses.items():
+            one = sensitivity(factors, values, np.random.default_rng(len(draws)))
+            if one is not None:
+                found[name] = one
+        first: list[Factor] = []
+        if found:
+            first = [factors[i] for i in next(iter(found.values())).ranking[:FIRST]]
+        moved = shifts(first, reasons)
+        return cls(found=found, factors=factors, shifts=moved, runs=len(draws), needed=fewest_runs(factors))
+
+    @property
+    def metrics(self) -> dict[str, Any]:
+        """Content for metrics.json."""
+        return {
+            "responses": {name: one.as_metrics() for name, one in self.found.items()},
+            "reasons": [asdict(one) for one in self.shifts],
+        }
+
+    @property
+    def lines(self) -> list[str]:
+        """Sentence where there is no result."""
+        if self.found or not self.factors:
+            return []
+        why = f"needs {self.needed} runs, there are {self.runs}" if self.runs < self.needed else "no figure varies"
+        return [f"no sensitivity to the {len(self.factors)} drawn parameters: {why}"]
+
+    def tables(self) -> Iterator[Table]:
+        """The ranking, and the reasons of failures against it."""
+        if not self.found:
+            return
+        name, main = next(iter(self.found.items()))
+        second = self.found.get(MISSED) if name != MISSED else None
+        yield Table(
+            title=f"Parameters that explain: {name}",
+            columns=("parameter", "coefficient", "95 % interval", "p", "place", *(("with missed",) if second else ())),
+            rows=[
+                (
+                    label(main.names[i]),
+                    f"{main.coefficient[i]:+.2f}",
+                    f"{main.low[i]:+.2f} to {main.high[i]:+.2f}",
+                    shown_p(main.p[i]),
+                    f"{main.place[i, 0]} to {main.place[i, 1]}",
+                    *((f"{second.coefficient[i]:+.2f}",) if second else ()),
+                )
+                for i in main.ranking[:FIRST]
+            ],
+            caption=f"Partial rank correlation over {main.runs} runs, {len(main.names)} parameters. These "
+            f"{min(FIRST, len(main.names))} explain {main.explained_by_first:.0%} of the variance of the ranks, all "
+            f"{main.explained:.0%}, adjusted for their number {main.adjusted:.0%}.",
+        )
+        if self.shifts:
+            yield self._reasons()
+
+    def _reasons(self) -> Table:
+        parameters = list(dict.fromkeys(one.parameter for one in self.shifts))
+        rows = []
+        for reason in dict.fromkeys(one.reason for one in self.shifts):
+            own = {one.parameter: one for one in self.shifts if one.reason == reason}
+            cells = [
+                f"{one.median_rank:.2f} (p {shown_p(one.p)})" if (one := own.get(each)) else "" for each in parameters
+            ]
+            rows.append((reason, str(max(one.runs for one in own.values())), *cells))
+        return Table(
+            title="Reasons of the failures against these parameters",
+            columns=("reason", "runs", *map(label, parameters)),
+            rows=rows,
+            caption="Median rank of the parameter among the runs with this reason: 0 the least of all runs, 1 the "
+            "largest; p by Mann and Whitney, against all other runs.",
+        )
+
+    def pictures(self) -> Iterator[tuple[str, str, Figure]]:
+        """Bars of the responses that tell kept from missed, and the matrix of all."""
+        ranked = {name: one for name, one in self.found.items() if name in (WORST, MISSED)}
+        if ranked:
+            yield (
+                "Which parameter costs what",
+                "Partial rank correlation with 95 % interval: percentiles of a bootstrap of "
+                f"{RESAMPLES} samples. Grey band: what a parameter without effect stays in, 19 times of 20; of "
+                f"{len(self.factors)} parameters without effect {_CHANCE * len(self.factors):.1f} would leave it.",
+                bar_figure(ranked),
+            )
+        if self.found:
+            yield (
+                "Sensitivity of all figures",
+                "Partial rank correlation of each figure with each parameter; bold: beyond what a parameter without "
+                "effect stays in, 19 times of 20.",
+                matrix_figure(self.found),
+            )
+
+
+def label(name: str) -> str:
+    """Name of a parameter without the table that all perturbations share."""
+    return name.removeprefix(_ORIGIN)
+
+
+def shown_p(p: float) -> str:
+    """A probability as text."""
+    return f"{p:.2g}" if p >= _SMALLEST else f"< {_SMALLEST:g}"
+
+
+def bar_figure(found: Mapping[str, Sensitivity]) -> Figure:
+    """Bars with intervals, a panel for each response; the parameters in the order of the first."""
+    main = next(iter(found.values()))
+    order = main.ranking[::-1]
+    place = np.arange(len(order))
+    figure = Figure(figsize=(WIDTH, 1.0 + 0.27 * len(order)), layout="constrained")
+    panels = figure.subplots(1, len(found), sharey=True, squeeze=False)[0]
+    for axes, (name, one) in zip(panels, found.items(), strict=True):
+        value = one.coefficient[order]
+        beyond = np.abs(value) > one.null[order]
+        axes.barh(place, 2.0 * one.null[order], left=-one.null[order], height=1.0, color="#eeeeee")
+        axes.barh(place, value, height=0.62, color=[BLUE if each else "#a9c7de" for each in beyond])
+        axes.hlines(place, one.low[order], one.high[order], color=INK, linewidth=1.1)
+        axes.axvline(0.0, color=FAINT, linewidth=0.8)
+        axes.set_xlim(-1.0, 1.0)
+        axes.set_ylim(-0.5, len(order) - 0.5)
+        axes.set_title(f"{name} (R² {one.explained:.2f}, adjusted {one.adjusted:.2f})", fontsize=9)
+        axes.set_xlabel("partial rank correlation", fontsize=9)
+        axes.spines[["top", "right", "left"]].set_visible(False)
+        axes.tick_params(labelsize=8, left=False)
+    panels[0].set_yticks(place, [label(main.names[i]) for i in order])
+    return figure
+
+
+def matrix_figure(found: Mapping[str, Sensitivity]) -> Figure:
+    """Matrix of the coefficients: responses by parameters."""
+    names = next(iter(found.values())).names
+    matrix = np.array([one.coefficient for one in found.values()])
+    beyond = np.array([np.abs(one.coefficient) > one.null for one in found.values()])
+    figure = Figure(figsize=(WIDTH, 2.2 + 0.34 * len(found)), layout="constrained")
+    axes = figure.subplots()
+    axes.imshow(matrix, cmap="RdBu_r", vmin=-1.0, vmax=1.0, aspect="auto")
+    for (i, j), value in np.ndenumerate(matrix):
+        strong = "white" if abs(value) > 0.6 else INK
+        weight = "bold" if beyond[i, j] else "normal"
+        color = strong if beyond[i, j] else FAINT
+        axes.text(j, i, f"{value:.2f}", ha="center", va="center", fontsize=7, color=color, weight=weight)
+    axes.set_xticks(range(len(names)), list(map(label, names)), rotation=40, ha="right", fontsize=8)
+    axes.set_yticks(range(len(found)), list(found), fontsize=8)
+    axes.tick_params(length=0)
+    axes.spines[:].set_visible(False)
+    return figure

@@ -1,0 +1,206 @@
+"""What there is, one line each: `uuv list [KIND]`.
+
+Nothing of it is imported, which takes seconds: names and first lines of docstrings are read from the sources.
+"""
+
+import ast
+import shutil
+import sys
+import textwrap
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cache
+from importlib.metadata import entry_points
+from pathlib import Path
+
+HOME = Path(__file__).resolve().parents[2]  # of the installed packages; in a checkout `scripts`
+ROOT = HOME if (HOME / "sim").is_dir() else HOME.parent
+JOBS = {  # `uuv run`: name and class of its options in `uuv.jobs`
+    "clean-barrel": "BarrelOptions",
+    "clean-pile": "PileOptions",
+    "clean-object": "ObjectOptions",
+    "insert-sampler": "InsertionOptions",
+    "sample-seabed": "SeabedOptions",
+    "inspect-object": "InspectionOptions",
+}
+_GROUP = "uuv_arm"  # of entry points, as in `uuv.models.registry`
+_WIDTH = 120  # characters of a line where the output is no terminal
+_LEAST = 40  # characters of what is said about a thing, in a narrow terminal
+
+
+@dataclass(frozen=True, slots=True)
+class Shelf:
+    """One kind of thing, and how it is used."""
+
+    kind: str
+    use: str
+
+
+SHELVES = (
+    Shelf("job", "uuv run NAME"),
+    Shelf("study", "./uvw run scripts/experiments/NAME.py, in a clone"),
+    Shelf("vehicle", "--vehicle NAME"),
+    Shelf("arm", "uuv.models.arms.published_arms.load(NAME)"),
+    Shelf("object", "uuv run clean-object --object NAME"),
+    Shelf("tool", "--tool NAME"),
+    Shelf("soil", "uuv run sample-seabed --soil NAME"),
+    Shelf("sensor", "--sensor NAME"),
+    Shelf("controller", "--controller NAME"),
+    Shelf("task", "kind of [task] in a scenario file; --task MODULE:CLASS"),
+    Shelf("perturbation", "kind of [[perturbations]] in a scenario file"),
+)
+
+
+def main(verb: str, args: Sequence[str]) -> int:
+    """Prints all kinds, or those named; returns the exit code."""
+    del verb
+    kinds = [shelf.kind for shelf in SHELVES]
+    wanted = [arg.removesuffix("s") if arg.removesuffix("s") in kinds else arg for arg in args]
+    wanted = ["study" if one == "studies" else one for one in wanted]
+    if "--help" in args or "-h" in args:
+        print(f"usage: uuv list [KIND ...]\n\nWhat there is. Kinds: {', '.join(kinds)}.")
+        return 0
+    for one in wanted:
+        if one not in kinds:
+            from uuv.sim.interfaces.errors import did_you_mean
+
+            print(f"error: no kind {one!r}; there are {', '.join(kinds)}{did_you_mean(one, kinds)}", file=sys.stderr)
+            return 2
+    columns = shutil.get_terminal_size((_WIDTH, 0)).columns
+    blocks = []
+    for shelf in SHELVES:
+        if not wanted or shelf.kind in wanted:
+            names = list(things(shelf.kind))
+            wide = max((len(name) for name, _ in names), default=0)
+            lines = [_entry(f"  {name:<{wide}}  ", said, columns) for name, said in names]
+            plural = {"study": "studies"}.get(shelf.kind, shelf.kind + "s")
+            blocks.append("\n".join([f"{plural}  ({shelf.use})", *lines]))
+    print("\n\n".join(blocks))
+    return 0
+
+
+def things(kind: str) -> Iterator[tuple[str, str]]:
+    """Name and one line about each thing of a kind, those of other packages last."""
+    match kind:
+        case "job":
+            classes = _definitions(HOME / "scenarios" / "options.py")
+            yield from ((name, classes[made]) for name, made in JOBS.items())
+        case "study":
+            for file in sorted((ROOT / "scripts" / "studies").glob("[!_]*.py")):
+                yield file.stem, _first_line(_tree(file)).removeprefix("Study: ")
+        case "vehicle":
+            yield from _vehicles()
+        case "arm":
+            yield from _arms(ROOT / "models" / "arms" / "published_arms.py")
+        case "object":
+            for name in _keys(ROOT / "models" / "objects" / "targets.py", "OBJECTS"):
+                file = ROOT / "models" / "objects" / f"{name}.py"
+                yield name, _definitions(file).get(name, "") if file.exists() else ""
+        case "tool":
+            yield from _documented(ROOT / "models" / "tools" / "tools.py", "TOOLS")
+        case "soil":
+            yield from _documented(ROOT / "models" / "site" / "soil.py", "SOILS")
+        case "sensor":
+            documented = _definitions(HOME / "scenarios" / "contact_parts.py")
+            for name in _keys(HOME / "scenarios" / "kinds.py", "SENSORS"):
+                yield name, documented.get(name, "")
+        case "controller":
+            classes = _definitions(ROOT / "controllers" / "work_controller.py")
+            for name in _keys(HOME / "scenarios" / "kinds.py", "CONTROLLERS"):
+                yield name, classes["WorkController"]
+        case "task" | "perturbation":
+            folder = HOME / "scenarios" / f"{kind}s"
+            documented = {}
+            for file in (*folder.glob("*.py"), HOME / "scenarios" / "arm_identification" / "friction_run.py"):
+                documented |= _definitions(file)
+            listed = folder / ("registry.py" if kind == "task" else "perturbation.py")
+            for name, made in _kinds(listed):
+                yield name, documented.get(made, "")
+    yield from ((point.name, f"of {point.value}") for point in entry_points(group=f"{_GROUP}.{kind}"))
+
+
+def _vehicles() -> Iterator[tuple[str, str]]:
+    """Built-in vehicles with their sources."""
+    file = ROOT / "models" / "__init__.py"
+    table = next(node for node in ast.walk(_assigned(file, "_MODELS")) if isinstance(node, ast.Dict))
+    for key, entry in zip(table.keys, table.values, strict=True):
+        if isinstance(key, ast.Constant) and isinstance(entry, ast.Call):
+            said = next(word.value for word in entry.keywords if word.arg == "source")
+            yield _word(key), _word(said)
+
+
+def _arms(file: Path) -> Iterator[tuple[str, str]]:
+    """Arms with their titles: entries of a dictionary, and some that are added to it one by one."""
+    table = _assigned(file, "_ARMS")
+    entries = list(zip(table.keys, table.values, strict=True)) if isinstance(table, ast.Dict) else []
+    for node in _tree(file).body:
+        if isinstance(node, ast.Assign) and isinstance(at := node.targets[0], ast.Subscript):
+            entries.append((at.slice, node.value))
+    for key, made in entries:
+        if isinstance(key, ast.Constant) and isinstance(made, ast.Call):
+            title = made.args[0] if made.args else None
+            yield _word(key), _word(title)
+
+
+def _documented(file: Path, registry: str) -> Iterator[tuple[str, str]]:
+    documented = _definitions(file)
+    yield from ((name, documented.get(name, "")) for name in _keys(file, registry))
+
+
+@cache
+def _tree(file: Path) -> ast.Module:
+    return ast.parse(file.read_text(encoding="utf-8"))
+
+
+def _definitions(file: Path) -> dict[str, str]:
+    """First line of the docstring of each class and function of a module."""
+    kinds = (ast.ClassDef, ast.FunctionDef)
+    return {node.name: _first_line(node) for node in _tree(file).body if isinstance(node, kinds)}
+
+
+def _first_line(node: ast.Module | ast.ClassDef | ast.FunctionDef) -> str:
+    return (ast.get_docstring(node) or "").partition("\n")[0]
+
+
+def _keys(file: Path, variable: str) -> list[str]:
+    """Keys of the dictionary that a module-level variable is, or is made of."""
+    for inner in ast.walk(_assigned(file, variable)):
+        if isinstance(inner, ast.Dict):
+            named = [_assigned(file, key.id) if isinstance(key, ast.Name) else key for key in inner.keys]
+            return [_word(key) for key in named if isinstance(key, ast.Constant)]
+    return []
+
+
+def _assigned(file: Path, variable: str) -> ast.expr:
+    """Value of a module-level variable."""
+    for node in _tree(file).body:
+        if not isinstance(node, ast.Assign | ast.AnnAssign) or node.value is None:
+            continue
+        names = node.targets if isinstance(node, ast.Assign) else [node.target]
+        if any(isinstance(name, ast.Name) and name.id == variable for name in names):
+            return node.value
+    raise LookupError(f"{file} has no {variable}")
+
+
+def _kinds(file: Path) -> list[tuple[str, str]]:
+    """Names of the things that a function's dictionary lists, and of their classes, which it has as MODULE:CLASS."""
+    for inner in ast.walk(_tree(file)):
+        if isinstance(inner, ast.Dict) and inner.keys:
+            return [
+                (_word(key), _word(value).rpartition(":")[2])
+                for key, value in zip(inner.keys, inner.values, strict=True)
+                if isinstance(key, ast.Constant)
+            ]
+    return []
+
+
+def _word(node: ast.expr | None) -> str:
+    """Value of a text in the source; empty for anything else."""
+    return node.value if isinstance(node, ast.Constant) and isinstance(node.value, str) else ""
+
+
+def _entry(begin: str, said: str, columns: int) -> str:
+    """A thing and what is said about it, in as many lines as that takes."""
+    room = max(_LEAST, columns - len(begin))
+    lines = textwrap.wrap(said, room, break_long_words=False, break_on_hyphens=False) or [""]
+    return f"\n{' ' * len(begin)}".join([f"{begin}{lines[0]}".rstrip(), *lines[1:]])

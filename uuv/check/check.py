@@ -1,0 +1,266 @@
+"""The check of a vehicle: `check_vehicle("rov.xml")`."""
+
+import math
+import warnings
+from collections.abc import Sequence
+from pathlib import Path
+
+import mujoco
+import numpy as np
+
+from uuv.models import hydrodynamics as coefficients
+from uuv.models.naming import HOME_KEY, READY_KEY, parts
+from uuv.models.completing.complete import complete, computed
+from uuv.models.completing.postures import PostureSearch
+from uuv.models.tools.tools import TOOLS
+from uuv.models.vehicle import Vehicle
+from uuv.jobs import BarrelOptions
+from uuv.own_vehicle import vehicle_spec, with_tool
+from uuv.tasks.surface_work import SurfaceWorkTask
+from uuv.check import doubts
+from uuv.check.checked_jobs import ARM_JOBS, HOVERING, JOBS, check_jobs
+from uuv.check.findings import JobVerdict, Level, VehicleCheck, VehicleFigure, VehicleFinding, VehiclePart
+from uuv.check.jobs import ArmJobs, hover_verdict
+from uuv.check.statics import AXES, FASTEST, Trim, authority, seen_workspace, strongest_current, tip_force, trim_of, weight_of
+from uuv.sim import hydrodynamics
+from uuv.sim.interfaces.errors import HydrodynamicsError, PhysicsWarning, UuvError
+
+_OF_ARM = ("motor", "thruster-rank", "timestep")  # faults that leave station keeping to its simulation
+
+
+def check_vehicle(
+    vehicle: str | Path | mujoco.MjSpec,
+    *,
+    parts_file: str | Path | None = None,
+    tool: str | None = None,
+    jobs: Sequence[str] = JOBS,
+    forces: Sequence[float] = (),
+) -> VehicleCheck:
+    """Check a vehicle: its parts, figures and doubts, and which jobs it can begin.
+
+    Args:
+        vehicle: A name, a file (MJCF or URDF), MODULE:FUNCTION, or a spec, which is left as it is.
+        parts_file: Mapping of its names; None: the one beside its file.
+        tool: Tool of `uuv.models.tools.tools.TOOLS` on its tip; None: its own.
+        jobs: Names of `uuv.check.checked_jobs.JOBS` for which a verdict is wanted.
+        forces: [N] set forces in place of the jobs' own.
+
+    Returns:
+        The check. A spec that cannot be compiled has one finding of level "fault".
+
+    Raises:
+        ConfigurationError: There is no such vehicle, tool or job, or a file cannot be read or compiled.
+    """
+    check_jobs(jobs)
+    file = None if parts_file is None else str(parts_file)
+    if isinstance(vehicle, str | Path):
+        name = str(vehicle)
+        arm_jobs = ArmJobs(name, tool=tool, parts=file, forces=forces)
+        return _Check(name, vehicle_spec(name, tool, file), arm_jobs, given=False).run(jobs)
+    if tool is not None:
+        TOOLS.load(tool)  # or the refusal, which is none of the spec
+    spec, name = vehicle.copy(), vehicle.modelname or "vehicle"
+    try:
+        spec.compile()
+        complete(spec)
+        with_tool(spec, tool)
+    except ValueError as error:  # of MuJoCo's compiler, or a ConfigurationError
+        said = " ".join(str(error).split())
+        code = "inertia" if "inertia" in said else "contract"
+        return VehicleCheck(vehicle=name, findings=(VehicleFinding(code=code, level="fault", said=said),))
+    return _Check(name, spec, ArmJobs(name, tool=None, parts=None, forces=forces), given=True).run(jobs)
+
+
+class _Check:
+    """The check while it is made."""
+
+    def __init__(self, name: str, spec: mujoco.MjSpec, arm_jobs: ArmJobs, *, given: bool) -> None:
+        self._name, self._spec, self._jobs, self._given = name, spec, arm_jobs, given
+        self._findings: list[VehicleFinding] = []
+        self._figures: list[VehicleFigure] = []
+
+    def run(self, jobs: Sequence[str]) -> VehicleCheck:
+        """All findings."""
+        there = self._parts()
+        wet = self._compiled()
+        model = wet if wet is not None else self._spec.compile()
+        vehicle = self._vehicle(model)
+        blocked = 0.0
+        if vehicle is not None:
+            self._described(model, vehicle, wet is not None)
+            if vehicle.tip >= 0:
+                blocked = self._arm(model, vehicle, wet is not None)
+        usable = vehicle if wet is not None else None
+        verdicts = tuple(self._verdict(job, model, usable, blocked) for job in jobs)
+        return VehicleCheck(
+            vehicle=self._name,
+            parts=tuple(there),
+            figures=tuple(self._figures),
+            findings=tuple(self._findings),
+            jobs=verdicts,
+        )
+
+    def _parts(self) -> list[VehiclePart]:
+        added, found = computed(self._spec), []
+        for word, name, use, there in parts(self._spec.compile()):
+            state = "computed" if name in added else "there" if there else "missing"
+            found.append(VehiclePart(name=f"{word} {name}", use=use, state=state, said=added.get(name, "")))
+            if not there:
+                self._note(
+                    "missing", "doubt", f"{word} {name} ({use})" if name != "thrusters" else "thrusters (hold the hull)"
+                )
+        if any(part.state == "missing" for part in found):
+            said = (
+                "the model's own names for what is missing go into NAME.parts.yaml beside it, see docs/own_vehicle.md"
+            )
+            self._note("mapping", "note", said)
+        for name, line in added.items():
+            self._note(f"computed-{name}" if not name.startswith("note") else "file", "note", line)
+        return found
+
+    def _note(self, code: str, level: Level, said: str) -> None:
+        self._findings.append(VehicleFinding(code=code, level=level, said=said))
+
+    def _compiled(self) -> mujoco.MjModel | None:
+        """The wet model; None, and a fault, if the water cannot act on it."""
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", PhysicsWarning)  # its doubts are findings here
+                return hydrodynamics.compile(self._spec.copy())
+        except HydrodynamicsError as error:
+            said = str(error)
+            code = "timestep" if said.startswith("timestep") else "density" if "volume" in said else "water"
+            self._note(code, "fault", said)
+            if code == "density":
+                self._densities()
+        except UuvError as error:
+            self._note("water", "fault", str(error))
+        return None
+
+    def _densities(self) -> None:
+        for doubt in hydrodynamics.doubts(self._spec.compile()):
+            self._note("density", "doubt", doubt)
+
+    def _vehicle(self, model: mujoco.MjModel) -> Vehicle | None:
+        try:
+            return Vehicle.of(model)
+        except UuvError as error:
+            self._note("contract", "fault", str(error))
+            return None
+
+    def _figure(self, name: str, said: str) -> None:
+        self._figures.append(VehicleFigure(name=name, said=said))
+
+    def _described(self, model: mujoco.MjModel, vehicle: Vehicle, wet: bool) -> None:
+        """Trim, thrust and step, and doubts about them."""
+        self._findings += doubts.step_doubts(model)
+        self._findings += doubts.inertia_doubts(model)
+        self._findings += doubts.thruster_doubts(vehicle)
+        if wet:
+            doubted = [each.said.partition(":")[0] for each in self._findings if each.code == "inertia"]
+            self._findings += [
+                each
+                for each in doubts.water_doubts(model, vehicle)
+                if each.code != "coefficients" or each.said.partition(":")[0] not in doubted  # told by the inertia
+            ]
+            self._findings += doubts.stiff_contact(model)
+            self._findings += doubts.gravity_doubts(model, vehicle)
+        wet = wet and coefficients.carries(model.body_user[vehicle.hull])  # else trim and currents mean nothing
+        if wet:
+            weight = weight_of(model, vehicle)
+            trim = trim_of(model, vehicle)
+            self._figure(
+                "mass and trim",
+                f"{float(model.body_subtreemass[model.body_rootid[vehicle.hull]]):.1f} kg, {_trim_said(trim)} at home",
+            )
+            if vehicle.tip >= 0:
+                self._figure("trim in ready", _trim_said(trim_of(model, vehicle, READY_KEY)))
+            self._findings += doubts.trim_doubts(trim, weight)
+        names = vehicle.thruster_names
+        if names:
+            rank = int(np.linalg.matrix_rank(vehicle.thruster_wrench, tol=1e-6))
+            self._figure("thrusters", f"{len(names)}, rank {rank} of 6: {', '.join(names)}")
+            said = []
+            for i, axis in enumerate(AXES):
+                back, ahead = authority(vehicle, i)
+                unit, held = ("N", "") if i < 3 else ("N m", "")
+                if i < 3 and wet:
+                    speed = strongest_current(model, vehicle, i, min(back, ahead))
+                    held = f" ({speed:.2f} m/s)" if speed < FASTEST else f" (> {FASTEST:g} m/s)"
+                said.append(f"{axis} -{back:.0f} to {ahead:.0f} {unit}{held}")
+            self._figure("authority", "; ".join(said[:3]))
+            self._figure("", "; ".join(said[3:]))
+        if wet:
+            rate = doubts.drag_rate(model)
+            self._figure(
+                "time step",
+                f"{1e3 * model.opt.timestep:g} ms, {model.opt.timestep * rate:.0%} of what drag allows at "
+                f"{hydrodynamics.DRAG_SPEED:g} m/s",
+            )
+
+    def _arm(self, model: mujoco.MjModel, vehicle: Vehicle, wet: bool) -> float:
+        """Reach, force and view of the arm, and doubts; returns the share of the view that is on the vehicle."""
+        search = PostureSearch(model)
+        postures = {}
+        for key in (HOME_KEY, READY_KEY):
+            number = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_KEY, key)
+            if number >= 0:
+                postures[key] = np.array(model.key_qpos[number][vehicle.qpos])
+        limits = ", ".join(
+            f"{name} {low:.2f} to {high:.2f} m {most:.3g} N"
+            if model.jnt_type[j] == mujoco.mjtJoint.mjJNT_SLIDE
+            else f"{name} {np.degrees(low):.0f} to {np.degrees(high):.0f} deg {most:.3g} N m"
+            for j, name, most, (low, high) in zip(
+                vehicle.joints, vehicle.joint_names, vehicle.torque_limits, vehicle.q_limits, strict=True
+            )
+        )
+        self._figure(f"{len(vehicle.joints)} joints", limits)
+        home = postures.get(HOME_KEY, np.array(vehicle.q_home))
+        self._findings += doubts.posture_doubts(search, postures)
+        self._findings += doubts.tool_doubts(model, search, home)
+        self._findings += doubts.view_doubts(search, home)
+        self._findings += doubts.motor_doubts(model, vehicle)
+        self._findings += doubts.light_joints(model, vehicle)
+        X_BC = doubts.camera_pose(model, vehicle)
+        seen = seen_workspace(search, X_BC)
+        self._figure(
+            "reach", f"{search.reach:.2f} m from the arm's base; {seen:.0%} of a ball of that width before the camera"
+        )
+        if wet:
+            ready = np.array(vehicle.q_ready)
+            force = tip_force(model, vehicle, ready)
+            task = BarrelOptions().scenario().task
+            assert isinstance(task, SurfaceWorkTask)
+            self._figure(
+                "tip force",
+                f"in ready {force.along:.0f} N along the tool ({force.by}), {force.weakest:.0f} N in the weakest "
+                f"direction ({force.weakest_by}); stiction hides {force.friction:.0f} N; own weight takes "
+                f"{force.load.max():.0%} of {vehicle.joint_names[int(np.argmax(force.load))]}",
+            )
+            self._findings += doubts.arm_doubts(vehicle, force, max(self._jobs.forces or task.forces))
+        return search.view_hits(home, doubts.HALF_VIEW)[0]
+
+    def _verdict(self, job: str, model: mujoco.MjModel, vehicle: Vehicle | None, blocked: float) -> JobVerdict:
+        if vehicle is None:
+            faults = [each for each in self._findings if each.level == "fault"]
+            said = faults[0].said if faults else "no vehicle by the contract"
+            code = faults[0].code if faults else "parts"
+            return JobVerdict(job=job, promised=False, code=code, said=said)
+        if not vehicle.thruster_names:
+            return JobVerdict(job=job, promised=False, code="parts", said="lacks thrusters (hold the hull)")
+        for fault in self._findings:
+            if fault.level == "fault" and (job in ARM_JOBS or fault.code not in _OF_ARM):
+                return JobVerdict(job=job, promised=False, code=fault.code, said=fault.said, figure=fault.figure)
+        if job in HOVERING:
+            return hover_verdict(job, model)
+        assert job in ARM_JOBS
+        return self._jobs.verdict(job, blocked, self._spec if self._given else None)
+
+
+def _trim_said(trim: Trim) -> str:
+    tilt = (
+        "no stable attitude"
+        if math.isnan(trim.roll)
+        else (f"list {np.degrees(trim.roll):+.1f} deg, trim {np.degrees(trim.pitch):+.1f} deg")
+    )
+    return f"{trim.force:+.1f} N, {tilt}, centre of buoyancy {1e3 * trim.height:.0f} mm above that of mass"

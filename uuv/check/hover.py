@@ -1,0 +1,114 @@
+"""Ten seconds of station keeping in the check: the plant, the hull's controller and the truth for an estimate."""
+
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from uuv.controllers.arm.inverse_dynamics import ArmDynamics
+from uuv.controllers.hull.hull_control import HullControl
+from uuv.controllers.tasks.hull_phases import RestLimits
+from uuv.sim.interfaces.errors import HydrodynamicsError
+from uuv.sim.interfaces.messages import Command, Reference, StateEstimate, WorkState
+from uuv.sim.interfaces.spatial import Array, pose
+from uuv.sim.plant.arm_hold import ArmHold
+from uuv.sim.plant.plant import Plant, Truth
+from uuv.sim.water.current import Current
+
+SECONDS = 10.0  # simulated
+_PERIOD = 0.02  # [s] of station keeping
+_LATE = 0.5  # share of the time from which on a vehicle should be at rest
+_LOST = 50.0  # [m] from its place at which a vehicle counts as gone
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HoverFigures:
+    """Station keeping over the check's time; distances and angles over its last half."""
+
+    drift: float  # [m] largest distance from the place to hold
+    tilt: float  # [rad] largest tilt of the hull
+    saturated: float  # share of the time at which a thruster was at its limit
+    rest: float = 0.0  # [s] longest time at rest, as a job wants it before it begins
+    turn: float = 0.0  # [rad/s] largest rate of the hull over the last half
+    said: str = ""  # what broke it off
+
+
+def hover(model: mujoco.MjModel, current_W: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> HoverFigures:
+    """Keep station at the origin, the arm held at home by its drives.
+
+    Args:
+        model: Compiled by `uuv.sim.hydrodynamics.compile`, with thrusters that span all directions.
+        current_W: (3,) [m/s] steady.
+
+    Raises:
+        UuvError: The vehicle cannot be steered at all.
+    """
+    plant = Plant(model, current=Current(np.array(current_W)))
+    vehicle, true = plant.vehicle, plant.observe()
+    q, none = np.array(vehicle.q_home), np.zeros(len(vehicle.joints))
+    armed = len(vehicle.joints) > 0
+    hold = ArmHold(vehicle, q) if armed else None
+    arm_B = ArmDynamics(model).wrench_at_rest(q) if armed else np.zeros(6)
+    control = HullControl(model, period=_PERIOD)
+    state, ticks = control.init(), max(1, round(_PERIOD / plant.timestep))
+    drift = tilt = turn = rest = quiet = 0.0
+    saturated = steps = 0
+    limits = RestLimits()
+    thrusters = np.zeros(len(vehicle.thruster_names))
+    try:
+        for tick in range(round(SECONDS / plant.timestep)):
+            if tick % ticks == 0:
+                thrusters = control.step(state, _seen(true, q), _reference(true.time, q), arm_B)
+            torque = none if hold is None else hold.torque(true)
+            plant.step(Command(time=true.time, joint_torque=torque, thrusters=thrusters, scan=False))
+            plant.observe()
+            steps += 1
+            saturated += bool(true.saturated)
+            away = float(np.linalg.norm(true.p_WB))
+            if not away < _LOST:
+                return HoverFigures(drift=away, tilt=np.pi, saturated=saturated / steps, said="it was driven away")
+            speed, rate = float(np.linalg.norm(true.v_WB_W)), float(np.linalg.norm(true.w_WB_B))
+            at_rest = speed <= limits.speed and rate <= limits.turn and away <= limits.error
+            quiet = quiet + plant.timestep if at_rest else 0.0
+            rest = max(rest, quiet)
+            if true.time > _LATE * SECONDS:
+                turn = max(turn, rate)
+                drift = max(drift, away)
+                tilt = max(tilt, float(np.arccos(np.clip(true.R_WB[2, 2], -1.0, 1.0))))
+    except HydrodynamicsError as error:
+        return HoverFigures(drift=np.inf, tilt=np.pi, saturated=saturated / max(steps, 1), said=str(error))
+    return HoverFigures(drift=drift, tilt=tilt, saturated=saturated / steps, rest=rest, turn=turn)
+
+
+def _seen(true: Truth, q: Array) -> StateEstimate:
+    """The truth as an estimate."""
+    return StateEstimate(
+        time=true.time,
+        X_WB=pose(true.R_WB, true.p_WB),
+        v_WB_B=true.R_WB.T @ true.v_WB_W,
+        w_WB_B=np.array(true.w_WB_B),
+        a_WB_B=np.zeros(3),
+        q=q,
+        qd=np.zeros(len(q)),
+        tau=np.zeros(len(q)),
+    )
+
+
+def _reference(time: float, q: Array) -> Reference:
+    none = np.zeros(3)
+    return Reference(
+        time=time,
+        state=WorkState.SETTLE,
+        X_WB=np.eye(4),
+        v_WB_W=none,
+        X_WG=None,
+        v_WG_W=none,
+        w_WG_W=none,
+        q=q,
+        qd=np.zeros(len(q)),
+        force=0.0,
+        force_control=False,
+        tare=False,
+        scan=False,
+        path_s=0.0,
+    )

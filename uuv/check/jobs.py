@@ -1,0 +1,295 @@
+"""Verdict on each job: whether a vehicle can begin it, by the figure that decides.
+
+A job of the arm is tried in order: parts, a push far beyond what arm or thrusters bear, view, and then its own planner.
+That looks for a place of the hull beside the object at its true pose, in the job's current. Where there is none, force
+at the tip and thrust tell why, if they can. All numbers are those of the job's own options.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from uuv.controllers.planning.arm_size import FULL
+from uuv.controllers.planning.placement import Placement
+from uuv.controllers.tasks.arrival import around, lifted
+from uuv.controllers.tasks.hull_phases import RestLimits
+from uuv.controllers.tasks.insertion import HoleInsertion, axis_path
+from uuv.controllers.tasks.seabed_work import SeabedWork
+from uuv.controllers.tasks.surface_work import SurfaceWork
+from uuv.models.naming import lacks
+from uuv.models.completing.postures import PostureSearch
+from uuv.models.vehicle import Vehicle
+from uuv.perception.seabed.terrain_path import core_path
+from uuv.perception.finding.target_finder import PATH_SPACING
+from uuv.perception.toolpath.path_planner import path_on_model
+from uuv.own_vehicle import OwnVehicle, vehicle_spec, with_tool
+from uuv.scenario import PlacedTask, Scenario
+from uuv.tasks.insertion import PlacedInsertion
+from uuv.tasks.seabed_sampling import PlacedSampling, sonar_on_hull
+from uuv.tasks.start_place import check_start, folded_at
+from uuv.tasks.surface_work import PlacedSurfaceWork
+from uuv.tasks.tapping import PlacedTapping
+from uuv.check.checked_jobs import ARM_JOBS, HOVERING
+from uuv.check.findings import JobVerdict
+from uuv.check.hover import HoverFigures, hover
+from uuv.check.ready_force import BEYOND, VIEW, ReadyForce, looks_by_camera, push_of
+from uuv.check.statics import tip_force
+from uuv.sim import hydrodynamics
+from uuv.sim.interfaces.errors import ConfigurationError, ReachError, StrongCurrentError, UuvError
+from uuv.sim.interfaces.messages import Target, ToolPath
+from uuv.sim.interfaces.spatial import Array, transform_points
+
+DRIFT = 0.1  # [m] at most, of a vehicle that keeps station
+TILT = float(np.radians(10.0))  # [rad] at most
+SATURATED = 0.3  # share of the time at most at which a thruster may be at its limit
+SHORT_MARGIN = 0.5  # least margin of an arm of fewer than six joints
+HIDDEN = 0.1  # share of the ground about a target that may be hidden from the sonar
+SMALL_PAD = 50.0  # [N] at the tip in its weakest direction, under which the small pad is proposed
+
+
+_FORCELESS = ("insertion", "seabed-core")  # jobs whose force is no list of set forces
+
+
+def hover_verdict(name: str, model: mujoco.MjModel) -> JobVerdict:
+    """Verdict on station keeping, by simulation."""
+    kept = _hovering(model, HOVERING[name])
+    return replace(kept, job=name) if isinstance(kept, JobVerdict) else _kept(name, kept)
+
+
+def _hovering(model: mujoco.MjModel, current: tuple[float, float, float]) -> HoverFigures | JobVerdict:
+    """Figures of station keeping; a refusal where the vehicle cannot be steered at all."""
+    try:
+        return hover(model, current)
+    except UuvError as error:
+        return JobVerdict(job="hover", promised=False, code="thrust", said=str(error))
+
+
+def _kept(name: str, kept: HoverFigures) -> JobVerdict:
+    figures = f"{1e3 * kept.drift:.0f} mm off, {np.degrees(kept.tilt):.1f} deg, {kept.saturated:.0%} saturated"
+    if kept.said:
+        return JobVerdict(job=name, promised=False, code="hover", said=kept.said, figure=kept.drift)
+    bounds = ((kept.drift, DRIFT), (kept.tilt, TILT), (kept.saturated, SATURATED))
+    good = all(value <= most for value, most in bounds)
+    said = figures if good else f"{figures}; at most {1e3 * DRIFT:.0f} mm, {np.degrees(TILT):.0f} deg, {SATURATED:.0%}"
+    return JobVerdict(job=name, promised=good, code="ok" if good else "hover", said=said, figure=kept.drift)
+
+
+def restless(name: str, model: mujoco.MjModel, current: tuple[float, float, float]) -> JobVerdict | None:
+    """Refusal of a vehicle that keeps no station, or never comes to rest, in the current of a job of the arm."""
+    kept, speed = _hovering(model, current), float(np.linalg.norm(current))
+    verdict = kept if isinstance(kept, JobVerdict) else _kept(name, kept)
+    if not verdict.promised:
+        return _refused(name, verdict.code, f"it keeps no station in {speed:.2f} m/s: {verdict.said}", verdict.figure)
+    limits = RestLimits()
+    if isinstance(kept, HoverFigures) and kept.rest < limits.time:
+        said = (
+            f"in {speed:.2f} m/s it never rests for {limits.time:g} s: it turns by up to {kept.turn:.2g} rad/s, at "
+            f"most {limits.turn:g} is rest; least thrust or dead band of the thrusters?"
+        )
+        return _refused(name, "rest", said, kept.turn)
+    return None
+
+
+class ArmJobs:
+    """Verdicts on the jobs of one vehicle's arm."""
+
+    def __init__(self, vehicle: str, *, tool: str | None, parts: str | None, forces: Sequence[float] = ()) -> None:
+        """Take a vehicle by its name or file.
+
+        Args:
+            vehicle: As the option --vehicle of the jobs.
+            tool: As --tool.
+            parts: As --parts.
+            forces: [N] set forces in place of the jobs' own.
+        """
+        self._vehicle, self._tool = vehicle, tool
+        self._parts, self.forces = parts, tuple(forces)
+        self._rest: dict[Any, JobVerdict | None] = {}  # by tools and current: station keeping is simulated once
+
+    def scenario(self, name: str) -> Scenario:
+        """Scenario of a job for the vehicle."""
+        given: dict[str, Any] = {"vehicle": self._vehicle}
+        if self.forces and name not in _FORCELESS:
+            given["forces"] = self.forces
+        scenario = ARM_JOBS[name](**given)
+        tool = self._tool if scenario.task.tool is None else None  # a job with a tool of its own brings it
+        return replace(scenario, vehicle=replace(scenario.vehicle, parts=self._parts, tool=tool))
+
+    def verdict(self, name: str, blocked: float, given: mujoco.MjSpec | None = None) -> JobVerdict:
+        """Verdict on a job.
+
+        Args:
+            name: Of the job.
+            blocked: Share of the camera's view that is on the vehicle itself.
+            given: Spec of the vehicle in place of the one that its name stands for.
+        """
+        scenario = self.scenario(name)
+        task, setup = scenario.task, scenario.vehicle
+        try:
+            if given is None:
+                spec = vehicle_spec(setup.vehicle, setup.tool, setup.parts, task.tool)
+            else:
+                spec = with_tool(given.copy(), setup.tool, task.tool)
+            model = spec.compile()
+            lacking = lacks(model, task.spares)
+            if lacking:
+                hint = _tool_hint(model) if "geom" in " ".join(lacking) else ""
+                return _refused(name, "parts", f"lacks {', '.join(lacking)}{hint}")
+            own = OwnVehicle.of(spec, task.spares)
+            if (refused := ReadyForce.of(scenario, own).refusal(scenario, BEYOND)) is not None:
+                return _refused(name, *refused)
+            if (hidden := _view(name, scenario, blocked)) is not None:
+                return hidden
+            key = setup.tool, task.tool, scenario.site.current
+            if key not in self._rest:
+                self._rest[key] = restless(name, hydrodynamics.compile(spec.copy()), scenario.site.current)
+            if (moving := self._rest[key]) is not None:
+                return replace(moving, job=name)
+            return _planned(name, scenario, own, spec)
+        except UuvError as error:
+            return _refused(name, "parts", str(error))
+
+
+def _refused(job: str, code: str, said: str, figure: float | None = None) -> JobVerdict:
+    return JobVerdict(job=job, promised=False, code=code, said=said, figure=figure)
+
+
+def _tool_hint(model: mujoco.MjModel) -> str:
+    try:
+        vehicle = Vehicle.of(model)
+        if vehicle.tip < 0:
+            return ""
+        bears = tip_force(model, vehicle, np.array(vehicle.q_ready)).weakest
+    except UuvError:
+        return ""
+    return f"; try --tool {'small_pad' if bears < SMALL_PAD else 'pad'}"
+
+
+def _view(name: str, scenario: Scenario, blocked: float) -> JobVerdict | None:
+    if not looks_by_camera(scenario) or blocked <= VIEW:
+        return None
+    return _refused(name, "view", f"{blocked:.0%} of the camera's view is on the vehicle itself, at most {VIEW:.0%}")
+
+
+def _planned(name: str, scenario: Scenario, own: OwnVehicle, spec: mujoco.MjSpec) -> JobVerdict:
+    """Verdict by the job's own planner, for the object at its true pose."""
+    placed = scenario.task.place(scenario, own, np.random.default_rng(scenario.seed))
+    scene = placed.scene(spec.copy()).compile()
+    try:
+        check_start(scene, Vehicle.of(scene), placed.X_WB)
+    except ConfigurationError as error:
+        return _refused(name, "start", str(error))
+    current = np.array(scenario.site.current)
+    speed = float(np.linalg.norm(current))
+    try:
+        placement, share, gap = _stand(placed, current)
+    except StrongCurrentError as error:
+        return _refused(name, "current", str(error), speed)
+    except ReachError as error:
+        if (refused := ReadyForce.of(scenario, own).refusal(scenario)) is not None:
+            return _refused(name, *refused)
+        joints = len(own.vehicle.joints)
+        more = f"; the arm has {joints} joints" if joints < FULL else ""
+        return _refused(name, "reach", f"{_short(str(error))}{more}", float(joints) if more else None)
+    margin = placement.margin
+    if isinstance(placed, PlacedSampling) and (hidden := _hidden(placed, own)) > HIDDEN:
+        said = f"the vehicle hides {hidden:.0%} of the ground about the target from its sonar, at most {HIDDEN:.0%}"
+        return _refused(name, "view", said, hidden)
+    if len(own.vehicle.joints) < FULL and margin < SHORT_MARGIN:
+        said = (
+            f"margin {margin:.2f}; an arm of {len(own.vehicle.joints)} joints needs {SHORT_MARGIN:g}: it meets the "
+            "hull's drift with its posture alone"
+        )
+        return _refused(name, "margin", said, margin)
+    part = "" if share > 0.999 else f", {share:.0%} of the path"
+    return JobVerdict(
+        job=name,
+        promised=True,
+        code="ok",
+        said=f"margin {margin:.2f} (1 is roomy, 0 at a limit) at {push_of(scenario):.0f} N in {speed:.2f} m/s{part}"
+        + _touching(own, placement.q_start)
+        + (f"; on the way in the folded arm or the hull reaches {-gap:.2f} m into its outline" if gap < 0.0 else ""),
+        figure=margin,
+    )
+
+
+def _touching(own: OwnVehicle, q: Array) -> str:
+    """Parts of the vehicle whose shapes touch at joint angles `q` (n,); a coarse hull may, and no planner looks."""
+    pairs = PostureSearch(own.model).touching(q)
+    named = sorted(f"{own.model.body(a).name} and {own.model.body(b).name}" for a, b in pairs)
+    return f"; where the work begins {', '.join(named)} touch" if named else ""
+
+
+def _hidden(placed: PlacedSampling, own: OwnVehicle) -> float:
+    """Share of the ground about the first target that the vehicle's own shape hides from its sonar at the start."""
+    model, vehicle = own.model, own.vehicle
+    data = folded_at(model, vehicle, placed.start)
+    p_W = (placed.start @ sonar_on_hull(own.hull_box))[:3, 3]
+    B = np.array(placed.B_W[0])
+    B[2] = float(placed.ground.height(B[None])[0])
+    angles = np.linspace(0.0, 2.0 * np.pi, 8, endpoint=False)
+    about = [B, *(B + r * np.array([np.cos(a), np.sin(a), 0.0]) for r in (0.1, 0.2) for a in angles)]
+    met, nothing = np.zeros(1, dtype=np.int32), -1.0
+    hits = [
+        mujoco.mj_ray(model, data, p_W, point - p_W, None, 1, vehicle.hull, met) != nothing and met[0] >= 0
+        for point in about
+    ]
+    return float(np.mean(hits))
+
+
+def _short(said: str) -> str:
+    """What a planner says of the best place that it found, without the sentence before it."""
+    _, found, best = said.partition("at best ")
+    share, _, why = best.partition("%")
+    return f"at best {share}% of the path is within reach{why}" if found else said
+
+
+def _stand(placed: PlacedTask, current: Array) -> tuple[Placement, float, float]:
+    """The best place of the hull, the share of the path that is worked from it, and the least gap [m] on the way in.
+
+    The gap is that of hull and folded arm to the convex hull of the object.
+    """
+    planner, gap = placed.planner(), np.inf
+    if isinstance(placed, PlacedSurfaceWork):
+        X_WT = placed.truth.X_WT
+        path = path_on_model(X_WT, placed.target.path(placed.truth.path), spacing=PATH_SPACING)
+        if isinstance(placed, PlacedTapping):
+            stand = placed.standing
+        else:
+            assert isinstance(planner, SurfaceWork)
+            stand = planner.stand
+        target = _target(X_WT, path)
+        found, own = stand(target, path, current), placed.own.at_work()
+        before = lifted(own, found[0].X_WB, placed.X_WB, placed.job().arrival.lift)
+        path_in = around(own, placed.target)(target)
+        gap = path_in.least_gap([placed.X_WB, *path_in.way(placed.X_WB, before)])
+    elif isinstance(placed, PlacedInsertion):
+        assert isinstance(planner, HoleInsertion)
+        path = axis_path(placed.X_WT, placed.bore, placed.task.depth)
+        found = planner.stand(_target(placed.X_WT, path), path, current)
+    elif isinstance(placed, PlacedSampling):
+        assert isinstance(planner, SeabedWork)
+        B = np.array(placed.B_W[0])
+        B[2] = float(placed.ground.height(B[None])[0])
+        path = core_path(B, np.array([0.0, 0.0, -1.0]), placed.start[:3, 0], placed.job.depth)
+        found = planner.stand(replace(_target(np.eye(4), path), ground=_points(placed, B)), path, current)
+    else:
+        raise ConfigurationError(f"no rule for {type(placed).__name__}")
+    return found[0], float(found[2]), gap
+
+
+def _points(placed: PlacedSampling, B: Array) -> Array:
+    """Points (V, 3) [m] of the ground around a target."""
+    half = min(2.0, placed.ground.half - 0.3)
+    grid = np.arange(-half, half, 0.03)
+    xy = np.array([(x, y) for x in grid for y in grid]) + B[:2]
+    z = placed.ground.height(xy)
+    return np.column_stack([xy, z])[np.isfinite(z)]
+
+
+def _target(X_WT: Array, path: ToolPath) -> Target:
+    at = float(np.linalg.norm(transform_points(X_WT, np.zeros(3))))
+    return Target(time=0.0, X_WT=X_WT, accepted=True, check_m=0.0, range_m=at, reason="", path=path)

@@ -1,0 +1,63 @@
+"""The cheap part of a vehicle's check, before a job starts: what refuses it, and what is doubtful."""
+
+from uuv.models.completing.postures import PostureSearch
+from uuv.own_vehicle import OwnVehicle
+from uuv.scenario import Scenario
+from uuv.tasks.insertion import InsertionTask
+from uuv.tasks.seabed_sampling import SeabedSamplingTask
+from uuv.tasks.surface_work import SurfaceWorkTask
+from uuv.check import doubts
+from uuv.check.ready_force import BEYOND, VIEW, ReadyForce, looks_by_camera
+from uuv.check.statics import trim_of, weight_of
+from uuv.sim import hydrodynamics
+from uuv.sim.interfaces.errors import ConfigurationError
+
+
+def preflight(scenario: Scenario, own: OwnVehicle) -> list[str]:
+    """What is doubtful about a vehicle for a job, one line each.
+
+    Args:
+        scenario: With the job.
+        own: The vehicle's model of itself.
+
+    Returns:
+        The lines; none for a sound vehicle, and for a job without the arm.
+
+    Raises:
+        ConfigurationError: The job cannot be done: thrusters that leave a direction without thrust, servos for motors,
+            weight that MuJoCo takes away, an arm, tool or thrusters that bear far less than it sets, a camera that sees
+            little but the vehicle.
+    """
+    task, model, vehicle = scenario.task, own.model, own.vehicle
+    if not isinstance(task, SurfaceWorkTask | InsertionTask | SeabedSamplingTask) or vehicle.tip < 0:
+        return []
+    if isinstance(task, SurfaceWorkTask) and task.contactless is not None:
+        return []
+    more = f"; uuv check {scenario.vehicle.vehicle} tells more"
+    for found in (
+        *doubts.thruster_doubts(vehicle),
+        *doubts.motor_doubts(model, vehicle),
+        *doubts.gravity_doubts(model, vehicle),
+    ):
+        if found.level == "fault":
+            raise ConfigurationError(f"the work was not begun: {found.said}{more}")
+    ready = ReadyForce.of(scenario, own)
+    if (refused := ready.refusal(scenario, BEYOND)) is not None:
+        raise ConfigurationError(f"the work was not begun: {refused[1]}{more}")
+    search, lines = PostureSearch(model), []
+    home = vehicle.q_home
+    blocked, body = search.view_hits(home, doubts.HALF_VIEW)
+    if looks_by_camera(scenario) and blocked > VIEW:
+        raise ConfigurationError(
+            f"the work was not begun: {blocked:.0%} of the camera's view is on the vehicle itself, most of it on "
+            f"{body}{more}"
+        )
+    if (weak := ready.refusal(scenario)) is not None:
+        lines.append(weak[1])
+    if _wet(own):
+        lines += [each.said for each in doubts.trim_doubts(trim_of(model, vehicle), weight_of(model, vehicle))]
+    return [f"doubtful: {line}" for line in lines]
+
+
+def _wet(own: OwnVehicle) -> bool:
+    return hydrodynamics.is_installed() and hydrodynamics.carries_hydrodynamics(own.model)

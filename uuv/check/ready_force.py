@@ -1,0 +1,91 @@
+"""What a job's push asks of arm, tool and thrusters in the posture `ready`: the cheap part of a verdict."""
+
+from dataclasses import dataclass
+from typing import Self
+
+import mujoco
+import numpy as np
+
+from uuv.controllers.hull.thrust_margin import ThrustMargin
+from uuv.models.naming import TOOL_GEOM
+from uuv.own_vehicle import OwnVehicle
+from uuv.scenario import Scenario
+from uuv.tasks.seabed_sampling import SeabedSamplingTask
+from uuv.tasks.surface_work import SurfaceWorkTask
+from uuv.check.statics import tip_force
+
+VIEW = 0.5  # share of the camera's view that may be on the vehicle itself
+BEYOND = 2.0  # times what arm or thrusters bear in `ready`, from which on no other posture is hoped for
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ReadyForce:
+    """What a job's push asks of arm, tool and thrusters in the posture `ready`."""
+
+    force: float  # [N] that the job sets
+    bears: float  # [N] that the drives bear along the tool
+    by: str  # joint that limits it
+    spring: float  # [N] at which the tool's spring is at its end
+    used: float  # share of a thruster
+
+    @classmethod
+    def of(cls, scenario: Scenario, own: OwnVehicle) -> Self:
+        """The figures of a scenario for the vehicle's model of itself."""
+        force, ready = push_of(scenario), np.array(own.vehicle.q_ready)
+        tip = tip_force(own.model, own.vehicle, ready)
+        used = ThrustMargin.of(own.model, drag=0.0).used(ready, np.eye(3), [0.0, 0.0, -force])
+        return cls(force=force, bears=tip.along, by=tip.by, spring=_spring_limit(own), used=used)
+
+    def refusal(self, scenario: Scenario, beyond: float = 1.0) -> tuple[str, str, float] | None:
+        """Code, sentence and figure of what bears the push less than `beyond` times; None: all do."""
+        if self.spring < self.force:
+            said = f"the tool's spring is at its end at {self.spring:.0f} N, the job sets {self.force:.0f} N"
+            return "force", said + _lower(scenario, self.spring), self.spring
+        if beyond * self.bears < self.force:
+            said = f"the tip bears {self.bears:.0f} N in ready ({self.by}), the job sets {self.force:.0f} N"
+            return "force", said + _lower(scenario, self.bears), self.bears
+        if self.used > beyond:
+            said = f"{self.force:.0f} N at the tip in ready ask for {self.used:.0%} of a thruster"
+            return "thrust", said + _lower(scenario, self.force / self.used), self.used
+        return None
+
+
+def _lower(scenario: Scenario, force: float) -> str:
+    """Set force that may do, where the job takes one."""
+    wise = 0.8 * force
+    if not isinstance(scenario.task, SurfaceWorkTask) or wise < 1.0:
+        return ""
+    return f"; --forces {wise:.0f} may do"
+
+
+def push_of(scenario: Scenario) -> float:
+    """Largest set force [N] of a job."""
+    task = scenario.task
+    if isinstance(task, SurfaceWorkTask):
+        return max(task.forces)
+    if isinstance(task, SeabedSamplingTask):
+        return task.push
+    from uuv.controllers.tasks.insertion import InsertionJob
+
+    return InsertionJob().force
+
+
+def _spring_limit(own: OwnVehicle) -> float:
+    """Force [N] along the tool at which a spring behind it is at its end; inf without one."""
+    model, limits = own.model, [np.inf]
+    body, carriers = int(model.geom(TOOL_GEOM).bodyid[0]), []
+    while body != own.vehicle.hull and body > 0:
+        carriers.append(body)
+        body = int(model.body_parentid[body])
+    for name in own.passive_joints:
+        j = model.joint(name).id
+        k = float(model.jnt_stiffness.reshape(model.njnt, -1)[j, 0])
+        slides = model.jnt_type[j] == mujoco.mjtJoint.mjJNT_SLIDE and model.jnt_bodyid[j] in carriers
+        if slides and k > 0.0 and model.jnt_limited[j]:
+            limits.append(k * float(np.abs(model.jnt_range[j]).max()))
+    return min(limits)
+
+
+def looks_by_camera(scenario: Scenario) -> bool:
+    """True if a job finds its object by the camera on the hull, not by sonar or survey."""
+    return not scenario.task.spares and scenario.sensing.sensor == "camera"

@@ -1,0 +1,193 @@
+"""Figures of a vehicle at rest: trim, thrust along each axis, reach, force at the tip, loads of the joints."""
+
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from uuv.controllers.arm.inverse_dynamics import ArmDynamics
+from uuv.models.naming import HOME_KEY
+from uuv.models.completing.postures import PostureSearch
+from uuv.models.vehicle import Vehicle
+from uuv.models.water.thruster_curves import thrust_at
+from uuv.models.water.thrusters import curves
+from uuv.sim.interfaces.spatial import Array, spread_directions
+
+AXES = ("surge", "sway", "heave", "roll", "pitch", "yaw")
+FASTEST = 2.0  # [m/s] of a current that is tried
+_DIRECTIONS = 60  # of a force on the tip that are tried
+_SHELLS, _NEAR = 6, 0.1  # of the ball before the camera; distance to a drawn tip that counts as reached, of the reach
+_SMALL = 1e-9  # [N], [m] or [N m] that counts as zero
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Trim:
+    """Weight and water on the vehicle at rest and level, in one posture."""
+
+    force: float  # [N] up
+    roll: float  # [rad] at which moments balance; NaN: there is no such attitude
+    pitch: float  # [rad]
+    height: float  # [m] of the centre of buoyancy above that of mass
+    apart: float  # [m] horizontally between the two
+
+
+def resting(model: mujoco.MjModel, key: str) -> mujoco.MjData:
+    """State at rest in a keyframe, forces computed; without the keyframe in the model's reference posture."""
+    data = mujoco.MjData(model)
+    number = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_KEY, key)
+    if number >= 0:
+        mujoco.mj_resetDataKeyframe(model, data, number)
+    mujoco.mj_forward(model, data)
+    return data
+
+
+def weight_of(model: mujoco.MjModel, vehicle: Vehicle) -> float:
+    """Weight [N] of the whole vehicle in air."""
+    root = int(model.body_rootid[vehicle.hull])
+    return float(model.body_subtreemass[root]) * float(np.linalg.norm(model.opt.gravity))
+
+
+def trim_of(model: mujoco.MjModel, vehicle: Vehicle, key: str = HOME_KEY) -> Trim:
+    """Trim in the posture of a keyframe; the water's callback must be installed."""
+    data = resting(model, key)
+    at = slice(vehicle.hull_dof, vehicle.hull_dof + 6)
+    wrench = data.qfrc_passive[at] - data.qfrc_bias[at]
+    root = int(model.body_rootid[vehicle.hull])
+    lift = float(wrench[2]) + weight_of(model, vehicle)
+    center = data.xmat[vehicle.hull].reshape(3, 3).T @ (data.subtree_com[root] - data.xpos[vehicle.hull])
+    # Weight and lift right a vehicle that is tilted by a small angle by lift * height * angle.
+    about_mass = wrench[3:] - np.cross(center, wrench[:3])
+    height = _height(model, vehicle, data, lift)
+    righting = lift * height
+    if righting > _SMALL:
+        roll, pitch = (float(np.arctan2(moment, righting)) for moment in about_mass[:2])
+    else:
+        roll = pitch = float("nan")
+    apart = float(np.linalg.norm(about_mass[:2])) / max(lift, _SMALL)
+    return Trim(force=float(wrench[2]), roll=roll, pitch=pitch, height=height, apart=apart)
+
+
+def _height(model: mujoco.MjModel, vehicle: Vehicle, data: mujoco.MjData, lift: float) -> float:
+    """Height [m] of the centre of buoyancy above that of mass: its lever on the vehicle rolled by a right angle."""
+    rolled = mujoco.MjData(model)
+    rolled.qpos[:] = data.qpos
+    at = vehicle.hull_qpos
+    rolled.qpos[at + 3 : at + 7] = [np.sqrt(0.5), np.sqrt(0.5), 0.0, 0.0]
+    mujoco.mj_forward(model, rolled)
+    dof = slice(vehicle.hull_dof, vehicle.hull_dof + 6)
+    wrench = rolled.qfrc_passive[dof] - rolled.qfrc_bias[dof]
+    R = rolled.xmat[vehicle.hull].reshape(3, 3)
+    root = int(model.body_rootid[vehicle.hull])
+    center = R.T @ (rolled.subtree_com[root] - rolled.xpos[vehicle.hull])
+    moment = wrench[3:] - np.cross(center, R.T @ wrench[:3])
+    return -float(moment[0]) / max(abs(lift), _SMALL)
+
+
+def bounds_of(vehicle: Vehicle) -> list[tuple[float, float]]:
+    """Thrust [N] at full astern and full ahead of each thruster."""
+    return [(thrust_at(curve, -1.0), thrust_at(curve, 1.0)) for curve in curves(vehicle.thruster_table)]
+
+
+def authority(vehicle: Vehicle, axis: int, B: Array | None = None) -> tuple[float, float]:
+    """Largest force or moment against and along an axis, all other components being zero; both positive.
+
+    Args:
+        vehicle: The vehicle.
+        axis: Index in AXES.
+        B: (6, m) wrench of unit thrusts in place of the vehicle's.
+    """
+    from scipy.optimize import linprog
+
+    B = vehicle.thruster_wrench if B is None else B
+    if not B.size:
+        return 0.0, 0.0
+    others = np.delete(B, axis, axis=0)
+    rank = [row for row in others if np.abs(row).max() > _SMALL]  # what no thruster reaches is zero anyhow
+    equal = {"A_eq": np.array(rank), "b_eq": np.zeros(len(rank))} if rank else {}
+    found = []
+    for sign in (1.0, -1.0):
+        solved = linprog(sign * B[axis], bounds=bounds_of(vehicle), **equal)
+        found.append(abs(float(solved.fun)) if solved.success else 0.0)
+    return found[0], found[1]
+
+
+def strongest_current(model: mujoco.MjModel, vehicle: Vehicle, axis: int, force: float) -> float:
+    """Speed [m/s] of a current along an axis whose drag equals `force` [N], at most FASTEST."""
+    data = resting(model, HOME_KEY)
+    at, still = vehicle.hull_dof + axis, float(data.qfrc_passive[vehicle.hull_dof + axis])
+
+    def drag(speed: float) -> float:
+        data.qvel[:] = 0.0
+        data.qvel[at] = speed
+        mujoco.mj_forward(model, data)
+        return abs(float(data.qfrc_passive[at]) - still)
+
+    low, high = 0.0, FASTEST
+    if drag(high) < force:
+        return high
+    for _ in range(30):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if drag(middle) < force else (low, middle)
+    return low
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class TipForce:
+    """Force that the drives bear at the tip in one posture, beside the arm's own weight in water."""
+
+    along: float  # [N] pushed along the tool
+    weakest: float  # [N] in the weakest of the directions tried
+    by: str  # joint that limits the push along the tool
+    weakest_by: str  # joint that limits in the weakest direction
+    load: Array  # (n,) share of each joint's torque that weight and buoyancy take
+    friction: float  # [N] along the tool that the gears' stiction alone could hide
+
+
+def tip_force(model: mujoco.MjModel, vehicle: Vehicle, q: Array) -> TipForce:
+    """Force at the tip at joint angles `q` (n,), level and at rest."""
+    arm, rest, n = ArmDynamics(model), np.zeros(len(q)), len(q)
+    still = {"R_WB": np.eye(3), "nu_B": np.zeros(6), "a_B": np.zeros(6), "v_current_W": np.zeros(3)}
+    own = arm.inverse(q, rest, rest, wrench_tip_G=np.zeros(6), **still)[0]
+    per_newton = np.array(
+        [arm.inverse(q, rest, rest, wrench_tip_G=np.concatenate([axis, np.zeros(3)]), **still)[0] for axis in np.eye(3)]
+    )
+    per_newton = per_newton - own  # (3, n) [m]
+    spare = np.maximum(vehicle.torque_limits - np.abs(own), 0.0)
+
+    def most(direction_G: Array) -> tuple[float, int]:
+        lever = np.abs(direction_G @ per_newton)
+        bears = np.where(lever > _SMALL, spare / np.maximum(lever, _SMALL), np.inf)
+        return float(bears.min()), int(np.argmin(bears))
+
+    along, by = most(np.array([0.0, 0.0, -1.0]))
+    weakest, weak_by = min(
+        (most(direction) for direction in spread_directions(_DIRECTIONS)), key=lambda found: found[0]
+    )
+    lever = np.abs(per_newton[2])
+    felt = lever > _SMALL
+    hidden = float((vehicle.dry_friction.stiction[felt] / lever[felt]).min()) if n and felt.any() else 0.0
+    return TipForce(
+        along=along,
+        weakest=weakest,
+        by=vehicle.joint_names[by],
+        weakest_by=vehicle.joint_names[weak_by],
+        load=np.abs(own) / vehicle.torque_limits,
+        friction=hidden,
+    )
+
+
+def seen_workspace(search: PostureSearch, X_BC: Array) -> float:
+    """Share of a ball before the camera, as wide as the arm's reach, that the tip comes to.
+
+    Args:
+        search: Of the arm's postures.
+        X_BC: (4, 4) pose of the camera on the hull; the ball touches it.
+    """
+    from scipy.spatial import cKDTree
+
+    radius = 0.5 * search.reach
+    centre = X_BC[:3, 3] + radius * X_BC[:3, 2]
+    shells = np.cbrt((np.arange(_SHELLS) + 0.5) / _SHELLS)  # of equal volume
+    points = np.vstack([centre + radius * share * spread_directions(_DIRECTIONS) for share in shells])
+    away, _ = cKDTree(search.drawn_tips()).query(points)
+    return float(np.mean(away < _NEAR * search.reach))

@@ -1,0 +1,69 @@
+"""The check of a vehicle on a terminal: parts that are not as given, figures, findings, and the verdicts."""
+
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from uuv.check.findings import VehicleCheck
+
+COMMANDS = {  # of `uuv run`, by job; those that hover are simulated by the check itself
+    "barrel-longitudinal": "clean-barrel",
+    "barrel-transverse": "clean-barrel --path transverse",
+    "pile": "clean-pile",
+    "insertion": "insert-sampler",
+    "seabed-core": "sample-seabed",
+}
+OWN_TOOL = {"insert-sampler", "sample-seabed"}  # bring their tool and force
+_COLOURS = {
+    "note": "cyan",
+    "doubt": "yellow",
+    "fault": "red",
+    "there": "green",
+    "computed": "cyan",
+    "missing": "yellow",
+}
+
+
+def print_check(check: VehicleCheck, console: Console) -> None:
+    """Print a check; at most a screen for a sound vehicle."""
+    console.print(Text(check.vehicle, style="bold"))
+    if check.parts:
+        console.print(_parts(check), soft_wrap=False)
+    if check.figures:
+        table = Table(box=None, show_header=False, pad_edge=False)
+        table.add_column(style="dim", no_wrap=True)
+        table.add_column()
+        for each in check.figures:
+            table.add_row(each.name, each.said)
+        console.print(table)
+    if check.findings:
+        table = Table(box=None, show_header=False, pad_edge=False, title="findings", title_justify="left")
+        table.add_column(no_wrap=True)
+        table.add_column()
+        for each in check.findings:
+            table.add_row(Text(each.code, style=_COLOURS[each.level]), each.said)
+        console.print(table)
+    if check.jobs:
+        table = Table(box=None, show_header=False, pad_edge=False, title="jobs", title_justify="left")
+        table.add_column(no_wrap=True)
+        table.add_column(no_wrap=True)
+        table.add_column()
+        for each in check.jobs:
+            verdict = Text("promised", "green") if each.promised else Text(f"refused: {each.code}", "red")
+            table.add_row(each.job, verdict, each.said)
+        console.print(table)
+        promised = {COMMANDS[each.job] for each in check.jobs if each.promised and each.job in COMMANDS}
+        for runs, same in ((promised - OWN_TOOL, "--vehicle, --tool and --forces"), (promised & OWN_TOOL, "--vehicle")):
+            if runs:
+                said = f"to run what is promised, with the same {same}: uuv run {', '.join(sorted(runs))}"
+                console.print(Text(said, style="dim"))
+
+
+def _parts(check: VehicleCheck) -> Text:
+    """All parts in a line or two, those that are not there marked."""
+    said = Text("parts: ")
+    for i, part in enumerate(check.parts):
+        said.append(", " if i else "")
+        name = part.name.removeprefix("actuators ")
+        said.append(name if part.state == "there" else f"{name} {part.state}", _COLOURS[part.state])
+    return said

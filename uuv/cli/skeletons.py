@@ -1,0 +1,329 @@
+"""A working part of one's own, with a test: `uuv new controller|vehicle|object|sensor|task NAME`."""
+
+import keyword
+import shlex
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from uuv.catalogue import ROOT
+from uuv.sim.interfaces.errors import ConfigurationError, did_you_mean
+
+
+@dataclass(frozen=True, slots=True)
+class Skeleton:
+    """Text of a part and of its test, with NAME for the name, and the option by which a job takes it."""
+
+    part: str
+    test: str
+    use: str
+
+
+CONTROLLER = Skeleton(
+    part='''"""Controller NAME: that of the project with a force law of its own."""
+
+from uuv.controllers.arm.position_force import ForceDisplacement
+from uuv.controllers.whole_body.work_controller import WorkController
+
+
+class ForceLaw(ForceDisplacement):
+    """Displacement of the tool along its axis from the force error: an integrator."""
+
+    gain = 4e-4  # [m/(N s)]
+
+    def step(self, state, wanted, felt, servo_compliance, dt):
+        """Displacement [m] into the surface; `wanted` and `felt` [N], `dt` [s]."""
+        state.k += self.gain * (wanted - felt) * dt
+        return state.k
+
+
+def NAME(model, *, water_error=0.0):
+    """The controller of a believed vehicle `model`; `water_error`: share by which its coefficients are to be wrong."""
+    return WorkController(model, force_law=ForceLaw(), water_error=water_error)
+''',
+    test="""from dataclasses import replace
+
+from uuv import barrel, run
+
+
+def test_the_main_job_is_done():
+    scenario = barrel(seed=0, quick=True)
+    ran = run(replace(scenario, control=replace(scenario.control, controller="NAME:NAME")))
+    contact = ran.assessment.metrics["contact"]
+    assert ran.recording.final.state == "done"
+    assert contact["lost_s"] == 0.0
+    assert contact["force_error_max_n"] < 9.0  # [N] the bound of an accepted run; the default law stays below 3
+""",
+    use="uuv run clean-barrel --quick --controller NAME:NAME",
+)
+VEHICLE = Skeleton(
+    part='''"""Vehicle NAME: that of the project with a heavier hull, trimmed anew."""
+
+from uuv import models
+from uuv.models import hydrodynamics
+
+
+def NAME():
+    """The vehicle as an MjSpec with its water; `uuv check NAME:NAME` says what it has.
+
+    From an MJCF of your own: mujoco.MjSpec.from_file("my.xml"), `hydrodynamics.attach` for the water of each body,
+    `uuv.models.water.thrusters.attach` for the thrusters.
+    """
+    spec = models.load("uuv_puma")
+    hull = spec.body("hull")
+    hull.mass = float(hull.mass) + 20.0  # [kg]
+    folded = spec.key("home").qpos
+    hydrodynamics.trim(spec, "hull", metacentric_height=0.06, qpos=folded)  # neutrally buoyant and level again
+    return spec
+''',
+    test="""import numpy as np
+from uuv.models.naming import lacks
+from uuv.models.vehicle import Vehicle
+from uuv.sim import hydrodynamics
+
+from NAME import NAME
+
+
+def test_it_has_what_jobs_of_the_arm_need():
+    model = hydrodynamics.compile(NAME())
+    assert not lacks(model)
+    assert len(Vehicle.of(model).joint_names) == 6
+
+
+def test_it_is_heavier_than_the_original():
+    from uuv import models
+
+    masses = [float(np.sum(hydrodynamics.compile(spec).body_mass)) for spec in (NAME(), models.load("uuv_puma"))]
+    assert masses[0] - masses[1] > 19.0
+""",
+    use="uuv run clean-barrel --quick --vehicle NAME:NAME",
+)
+OBJECT = Skeleton(
+    part='''"""Object NAME: a pipe on two feet, and a tool path along its top."""
+
+import numpy as np
+from uuv.models.meshes.closed_shells import box, joined, revolve
+from uuv.models.objects.targets import TargetModel
+from uuv.perception.toolpath.path_shapes import laid_on, line
+
+RADIUS, LENGTH = 0.16, 0.9  # [m] of the pipe
+
+
+def NAME():
+    """The object in its frame T: x along the pipe, z up.
+
+    From a file: TargetModel.from_file("part.stl", scale=0.001).
+    """
+    half = 0.5 * LENGTH
+    profile = [(-half, 0.0), (-half, RADIUS), (half, RADIUS), (half, 0.0)]
+    feet = [box((0.08, 0.3, 0.3), (x, 0.0, -0.25)) for x in (-0.35, 0.3)]
+    vertices, triangles = joined([revolve(np.array(profile), 96), *feet])
+    made = TargetModel(name="NAME", vertices=vertices, triangles=triangles)
+    over = line([-0.2, 0.0, RADIUS], [0.2, 0.0, RADIUS])
+    return made.with_path("top", laid_on(made, over, [0.0, 0.0, -1.0]))  # projected from above
+''',
+    test="""import numpy as np
+from uuv.clouds.object_scenes import object_scene
+from uuv.perception.registration.identification import identify
+from uuv.perception.registration.model_surface import ModelSurface
+
+from NAME import NAME
+
+
+def test_its_path_lies_on_it():
+    path = NAME().path("top")
+    assert np.allclose(path.p[:, 2], 0.16, atol=1e-3)
+    assert np.allclose(path.a, [0.0, 0.0, -1.0], atol=0.02)  # the pipe has facets
+
+
+def test_it_is_found_in_a_depth_frame():
+    target = NAME()
+    scene = object_scene(target, 1)
+    surface = ModelSurface.of(target, 0)
+    found = identify(scene.scan, surface, scene.approach, scene.orientation, sensor=scene.sensor.model, seed=0)
+    assert found.accepted, found.reason
+    assert scene.is_found(found.X_sensor_target)
+""",
+    use="uuv run clean-object --object NAME:NAME",
+)
+SENSOR = Skeleton(
+    part='''"""Sensor NAME: the depth camera with twice the noise, and the model of it that perception uses."""
+
+from uuv.models.naming import HULL_BODY
+from uuv.perception.clouds.scan import SensorModel
+from uuv.sim.sensors.depth_camera import DepthCamera, Optics, StereoNoise
+
+DISPARITY = 0.5  # [px] standard deviation
+
+
+def NAME(model, X_BS):
+    """The sensor at `X_BS` (4, 4) on the hull of the compiled world `model`, and its model.
+
+    A sensor of another kind has `period` and `delay` [s], `init(rng) -> state` and `step(state, truth) -> (state,
+    measurement)` (uuv.sim.interfaces.protocols.Sensor).
+    """
+    optics = Optics()
+    camera = DepthCamera(model, HULL_BODY, X_BS, optics=optics, noise=StereoNoise(disparity_sigma=DISPARITY))
+    return camera, SensorModel(focal=optics.focal, disparity_sigma=DISPARITY)
+''',
+    test="""from dataclasses import replace
+
+from uuv import assemble, barrel
+from uuv.runner import run_through
+
+
+def test_the_barrel_is_found_with_it():
+    scenario = barrel(seed=0, quick=True)
+    built = assemble(replace(scenario, sensing=replace(scenario.sensing, sensor="NAME:NAME")))
+    targets = run_through(built, longest=8.0).recording.targets
+    assert targets
+    assert targets[0].accepted, targets[0].reason
+""",
+    use="uuv run clean-barrel --quick --sensor NAME:NAME",
+)
+TASK = Skeleton(
+    part='''"""Task NAME: the hovering vehicle draws a circle with its tool, in free water."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from uuv.outcome import NoFigures
+from uuv.scenario import PlacedTask, Task
+from uuv.sim.evaluation.metrics import Assessment, Requirement
+from uuv.sim.interfaces.messages import Reference, WorkState
+from uuv.sim.interfaces.spatial import pose
+
+UNFOLD, TURN = 6.0, 10.0  # [s] to the ready posture, and once around
+BOUND = 0.01  # [m] of the tip from the circle
+
+
+@dataclass(frozen=True, kw_only=True)
+class Circle(Task):
+    """Its fields are keys of a scenario file: --set task.radius=0.05."""
+
+    radius: float = 0.08  # [m]
+
+    def place(self, scenario, own, rng):
+        """The task for this vehicle; `rng` draws what is drawn."""
+        return PlacedCircle(radius=self.radius, own=own.at_work())
+
+
+@dataclass(kw_only=True)
+class PlacedCircle(PlacedTask):
+    """The plan, the scene and the judgement."""
+
+    title = "Circle in free water"
+    X_WB = pose(p=[0.0, 0.0, -2.0])  # of the hull, which keeps its place
+    radius: float
+    own: object
+    period: float = field(default=0.01, init=False)  # [s] of the plan
+
+    def scene(self, vehicle):
+        """Nothing but the vehicle."""
+        return vehicle
+
+    def planner(self):
+        """What asks for motion: an object with `period`, `init` and `step`."""
+        return self
+
+    def init(self, estimate):
+        """State of the plan: when it began [s], and where the arm was [rad]."""
+        return estimate.time, estimate.q
+
+    def step(self, state, estimate, target, last):
+        """Set points now: joint angles while the arm unfolds, then a pose of the tool."""
+        began, folded = state
+        time, vehicle = estimate.time - began, self.own.vehicle
+        still, way = np.zeros(3), vehicle.q_ready - folded
+        s = min(1.0, time / UNFOLD)
+        phase, X_WG, v_WG_W = WorkState.CLOSE_IN, None, still
+        if time > UNFOLD:
+            phase = WorkState.WORK if time < UNFOLD + TURN else WorkState.DONE
+            angle = 2.0 * np.pi * min(1.0, (time - UNFOLD) / TURN)
+            rate = 2.0 * np.pi / TURN if phase is WorkState.WORK else 0.0
+            X_WG = self.X_WB @ vehicle.X_BA @ self.own.chain.forward(vehicle.q_ready)
+            X_WG[:3, 3] += self.radius * np.array([0.0, np.sin(angle), np.cos(angle) - 1.0])
+            v_WG_W = self.radius * rate * np.array([0.0, np.cos(angle), -np.sin(angle)])
+        return state, Reference(
+            time=estimate.time,
+            state=phase,
+            X_WB=self.X_WB,
+            v_WB_W=still,
+            X_WG=X_WG,
+            v_WG_W=v_WG_W,
+            w_WG_W=still,
+            q=folded + s**3 * (10.0 - 15.0 * s + 6.0 * s * s) * way,
+            qd=30.0 * (s * (1.0 - s)) ** 2 / UNFOLD * way,
+            force=0.0,
+            force_control=False,
+            tare=False,
+            scan=False,
+            path_s=0.0,
+        )
+
+    def assess(self, ran, seed):
+        """Judged by the truth: the tip's distance from the circle after its first second."""
+        recording = ran.recording
+        work = np.flatnonzero(recording.within(WorkState.WORK))[500:]
+        off = np.linalg.norm(recording["p_pad"].value[work] - recording["p_command"].value[work], axis=1)
+        largest = float(off.max()) if work.size else None
+        check = Requirement(name="tip from the circle, peak", value=largest, bound=BOUND, unit="mm", scale=1e3)
+        return Assessment.of(recording, NoFigures(), [check], seed=seed, wall_s=ran.wall_s)
+''',
+    test="""from dataclasses import replace
+
+from uuv import barrel, run
+from uuv.site import OpenWater, Site
+
+from NAME import Circle
+
+
+def test_the_circle_is_drawn():
+    scenario = replace(barrel(seed=0), task=Circle(radius=0.05), site=Site(object=OpenWater()))
+    ran = run(scenario)
+    assert ran.assessment.accepted, ran.assessment.failed
+""",
+    use="uuv run clean-barrel --task NAME:Circle --set site.object.kind=OpenWater",
+)
+SKELETONS = {"controller": CONTROLLER, "vehicle": VEHICLE, "object": OBJECT, "sensor": SENSOR, "task": TASK}
+
+
+def main(verb: str, args: Sequence[str]) -> int:
+    """Writes NAME.py and test_NAME.py here; returns the exit code."""
+    del verb
+    if len(args) != 2 or args[0].startswith("-"):
+        print(f"usage: uuv new {'|'.join(SKELETONS)} NAME\n\nWrites NAME.py and test_NAME.py here: a part that works.")
+        return 0 if args and args[0] in ("-h", "--help") else 2
+    kind, name = args
+    if kind not in SKELETONS:
+        known = ", ".join(SKELETONS)
+        raise ConfigurationError(f"no skeleton of a {kind!r}; there are {known}{did_you_mean(kind, SKELETONS)}")
+    if not name.isidentifier() or keyword.iskeyword(name) or name.startswith("test_") or name != name.lower():
+        raise ConfigurationError(f"NAME: a module's name in lower case, such as my_{kind}, got {name!r}")
+    written = write(kind, name, Path())
+    use, by = SKELETONS[kind].use.replace("NAME", name), _wrapper()
+    print(f"written: {', '.join(map(str, written))}\n\ntry:   {by}{use}\ntest:  {by}python -m pytest {written[1]}")
+    return 0
+
+
+def _wrapper() -> str:
+    """What stands before a command here: the wrapper of a clone, nothing where the wheel is installed."""
+    uvw = ROOT / "uvw"
+    if not uvw.is_file():
+        return ""
+    return "./uvw run " if Path.cwd() == ROOT else f"{shlex.quote(str(uvw))} run "
+
+
+def write(kind: str, name: str, folder: Path) -> tuple[Path, Path]:
+    """Part and test in `folder`.
+
+    Raises:
+        ConfigurationError: One of the files is there already.
+    """
+    skeleton, files = SKELETONS[kind], (folder / f"{name}.py", folder / f"test_{name}.py")
+    for file in files:
+        if file.exists():
+            raise ConfigurationError(f"{file} is there already; choose another name")
+    for file, text in zip(files, (skeleton.part, skeleton.test), strict=True):
+        file.write_text(text.replace("NAME", name), encoding="utf-8")
+    return files

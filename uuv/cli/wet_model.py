@@ -1,0 +1,114 @@
+"""Water from geometry: `uuv wet MODEL` writes an MJCF that carries its water, with a table of where it is from."""
+
+import json
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from tyro.conf import Positional
+
+from uuv.models.water.bounds import SEA_WATER
+from uuv.models.water_from_geometry.choices import PANELS, Choice
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.runs.command_line import parse
+
+if TYPE_CHECKING:
+    from rich.console import Console
+    from rich.table import Table
+
+    from uuv.models.water_from_geometry.wetting import Wetted
+
+_COLUMNS = ("body", "quantity", "value", "origin", "uncertainty")
+
+
+@dataclass
+class WetOptions:
+    """Water of a model from its geometry: volume, centre of buoyancy, added mass and drag of every moving body.
+
+    Writes NAME.wet.xml, an MJCF with its water, and prints where each number is from and how wrong it may be.
+    """
+
+    model: Positional[Path]
+    """URDF, MJCF, or one mesh (STL, OBJ)."""
+    out: Path | None = None
+    """File to write; default NAME.wet.xml beside the model."""
+    geoms: Choice = "auto"
+    """Geoms that displace water; auto: the visual ones of a body that has some, else those that collide."""
+    density: float = SEA_WATER
+    """[kg/m^3] of the water."""
+    panels: int = PANELS
+    """Triangles of each body's surface."""
+    neutral: bool = False
+    """Foam or ballast on the floating root makes the vehicle weightless and level."""
+    metacentric_height: float = 0.02
+    """[m] of the centre of buoyancy above that of mass, with --neutral."""
+    free: bool = False
+    """The root link of a URDF floats; else it is fixed to the world."""
+    scale: float | None = None
+    """[m] of a mesh file's unit: 0.001 for millimetres."""
+    sidecar: bool = False
+    """Write the water to NAME.wet.water.yaml beside the MJCF instead of into it."""
+    json: bool = False
+    """Print the table as JSON."""
+
+
+def main(verb: str, args: Sequence[str]) -> int:
+    """Writes the model and prints the table; returns the exit code."""
+    del verb
+    options = parse(WetOptions, args)
+    from uuv.sim.runs.terminal import console
+
+    return wet_model(options, console(200))
+
+
+def wet_model(options: WetOptions, console: "Console") -> int:
+    """Writes the model and prints the table; returns the exit code."""
+    from uuv.models.files.urdf import MESHES
+    from uuv.models.water_from_geometry.files import make_neutral, read_model, write_model
+
+    visual = options.geoms != "collision"
+    spec, notes = read_model(options.model, free=options.free, scale=options.scale, visual=visual)
+    out = options.model.with_suffix(".wet.xml") if options.out is None else options.out
+    if not out.parent.is_dir():
+        raise ConfigurationError(f"--out {out}: there is no folder {str(out.parent)!r}")
+    from uuv.models.files.sidecar import tree_of
+    from uuv.models.water_from_geometry.wetting import wet  # brings the compiled panels, after what can be refused
+
+    wetted = wet(
+        spec,
+        geoms=options.geoms,
+        density=options.density,
+        panels=options.panels,
+        metacentric_height=options.metacentric_height if options.neutral else None,
+    )
+    if options.model.suffix.lower() in MESHES:
+        make_neutral(spec)
+    written = write_model(wetted, out, with_sidecar=options.sidecar)
+    if options.json:
+        told = {"files": [str(path) for path in written], "notes": [*notes, *wetted.dry], "water": tree_of(spec)}
+        print(json.dumps({**told, "origins": [asdict(origin) for origin in wetted.origins]}, indent=2))
+        return 0
+    console.print(table(wetted, options.model.name))
+    for note in (*notes, *(f"no water: {said}" for said in wetted.dry)):
+        console.print(note, markup=False, highlight=False, soft_wrap=True)
+    for path in written:
+        console.print(f"written to {path}", markup=False, highlight=False, soft_wrap=True)
+    return 0
+
+
+def table(wetted: "Wetted", title: str) -> "Table":
+    """The table of origins."""
+    from rich.table import Table
+
+    printed = Table(title=title, title_justify="left")
+    for column in _COLUMNS:
+        printed.add_column(column, overflow="fold", no_wrap=column in ("body", "quantity"))
+    last = None
+    for o in wetted.origins:
+        if last not in (None, o.body):
+            printed.add_section()
+        said = ("" if o.body == last else o.body, o.quantity, o.value, o.origin, o.uncertainty)
+        printed.add_row(*said)
+        last = o.body
+    return printed

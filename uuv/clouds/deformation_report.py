@@ -1,0 +1,96 @@
+"""Reports of a deformation map: table of regions, image, coloured point cloud, and figures for JSON."""
+
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+import numpy as np
+from matplotlib.figure import Figure
+from rich.table import Table
+
+from uuv.models.meshes.ply_files import write_ply
+from uuv.perception.toolpath.deformation import DeformationMap
+from uuv.sim.interfaces.spatial import Array
+
+_COLOURS = matplotlib.colormaps["RdBu_r"]  # red: growth, blue: dents
+_MARGIN = 10  # [px] margin around the compared area
+
+
+def table(made: DeformationMap) -> Table:
+    """Table of the regions, largest first."""
+    rows = Table(
+        title=f"Off the model by more than {1e3 * made.size_m:.1f} mm",
+        caption="middle in the object's own frame; growth positive, dents negative",
+    )
+    for column in ("", "middle [m]", "extent [mm]", "area [cm2]", "mean [mm]", "largest [mm]"):
+        rows.add_column(column, justify="right", no_wrap=True)
+    for k, region in enumerate(made.regions, start=1):
+        middle = ", ".join(f"{value:.3f}" for value in region.p_T)
+        extent = f"{1e3 * region.length_m:.0f} x {1e3 * region.width_m:.0f}"
+        deviations = (f"{1e3 * value:+.1f}" for value in (region.mean_m, region.largest_m))
+        rows.add_row(str(k), middle, extent, f"{1e4 * region.area_m2:.0f}", *deviations)
+    return rows
+
+
+def figures(made: DeformationMap) -> dict[str, Any]:
+    """The regions and the noise of the map for a JSON file, all digits kept."""
+    return {
+        "size_m": made.size_m,
+        "noise_m": made.noise_m,
+        "compared": made.compared,
+        "regions": [
+            {
+                "p_T_m": region.p_T.tolist(),
+                "p_sensor_m": region.p_S.tolist(),
+                "length_m": region.length_m,
+                "width_m": region.width_m,
+                "area_m2": region.area_m2,
+                "mean_m": region.mean_m,
+                "largest_m": region.largest_m,
+            }
+            for region in made.regions
+        ],
+    }
+
+
+def picture_of_deviations(made: DeformationMap, title: str) -> Figure:
+    """Image of the deviations in the sensor's view, regions outlined and numbered; pixels not compared are grey."""
+    rows, columns = np.nonzero(np.isfinite(made.deviation))
+    window = tuple(slice(max(0, int(at.min()) - _MARGIN), int(at.max()) + _MARGIN + 1) for at in (rows, columns))
+    off, label = 1e3 * made.deviation[window], made.label[window]
+    depth = made.points_S[window][..., 2]
+    figure = Figure(figsize=(9, 7), layout="constrained")
+    axes = figure.subplots()
+    grey = np.full((*off.shape, 4), 1.0)
+    grey[np.isfinite(depth)] = (0.8, 0.8, 0.8, 1.0)
+    axes.imshow(grey)
+    most = _most(made)
+    shown = axes.imshow(off, cmap=_COLOURS, vmin=-1e3 * most, vmax=1e3 * most, interpolation="none")
+    for k, region in enumerate(made.regions, start=1):
+        inside = label == k
+        axes.contour(inside, levels=[0.5], colors="k", linewidths=0.8)
+        row, column = (float(np.mean(at)) for at in np.nonzero(inside))
+        axes.annotate(
+            f"{k}: {1e3 * region.largest_m:+.0f} mm",
+            (column, row),
+            ha="center",
+            va="center",
+            fontsize="small",
+            bbox={"boxstyle": "round", "facecolor": "w", "alpha": 0.8, "linewidth": 0.0},
+        )
+    figure.colorbar(shown, ax=axes, label="off the model, growth positive [mm]", shrink=0.8)
+    axes.set(xticks=[], yticks=[], xlabel="as the sensor sees it; grey: not compared")
+    figure.suptitle(title, fontsize="medium")
+    return figure
+
+
+def save_cloud(made: DeformationMap, file: Path) -> None:
+    """Writes the compared points in the sensor's frame as a PLY file, with the colours of the image."""
+    points, off = made.cloud_S
+    write_ply(file, points, colours=np.asarray(_COLOURS(0.5 + 0.5 * off / _most(made)))[:, :3])
+
+
+def _most(made: DeformationMap) -> float:
+    """Deviation [m] at the ends of the colour scale."""
+    sizes: Array = np.array([abs(region.largest_m) for region in made.regions])
+    return float(sizes.max(initial=made.size_m))

@@ -1,0 +1,236 @@
+"""Identification of a known object in one cloud, from a file or a simulated scene: options, result, report, picture."""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from uuv.models.objects import targets
+from uuv.models.objects.targets import TargetModel
+from uuv.perception.clouds.cloud_files import load_cloud
+from uuv.perception.clouds.scan import SensorModel
+from uuv.perception.registration.identification import Identification, identify
+from uuv.perception.registration.pose_check import PoseCheck
+from uuv.perception.registration.pose_covariance import PoseCovariance
+from uuv.perception.registration.recognition import Recognition, model_files, recognise
+from uuv.clouds.options import IdentificationOptions
+from uuv.clouds.object_scenes import ObjectScene, object_scene
+from uuv.site import with_growth_and_dents
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.spatial import exp_so3, transform_points
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+_TOO_LARGE = 20.0  # times the extent of the cloud: a larger object means a mistake in the units
+_SHOWN = 20_000  # largest number of points of each cloud in the picture
+
+
+def models_among(options: IdentificationOptions) -> dict[str, TargetModel]:
+    """The models of `options.among` by name, those of a folder one by one.
+
+    Raises:
+        ConfigurationError: An unknown name, an unreadable file, a folder without models, or two models of one name.
+    """
+    files = [file for each in options.among for file in (model_files(each) if Path(each).is_dir() else [each])]
+    models: dict[str, TargetModel] = {}
+    for file in files:
+        # A scale is for files: named objects have their size.
+        model = targets.of(file, options.mesh_scale if Path(file).suffix else None)
+        if model.name in models:
+            raise ConfigurationError(f"--among: every model needs a name of its own, {model.name!r} is there twice")
+        models[model.name] = model
+    return models
+
+
+@dataclass(frozen=True, slots=True)
+class Seen:
+    """A scan, as `identify` takes it, with what is known beforehand."""
+
+    cloud: Any  # points or Scan
+    approach: Any  # (3,) [m], None if unknown
+    orientation: Any  # (3, 3), None if unknown
+    sensor: SensorModel
+    notes: list[str]  # on the input
+    scene: ObjectScene | None  # that was simulated
+
+
+def seen_by(options: IdentificationOptions, target: TargetModel, sizes: dict[str, float]) -> Seen:
+    """The cloud, or the simulated scene with `target`, of `options`.
+
+    Args:
+        options: Those of the command.
+        target: Object of the simulated scene.
+        sizes: Radius [m] of each model that is looked for, by name.
+
+    Raises:
+        ConfigurationError: The cloud is unusable, its units do not match a model's, or a number is out of range.
+    """
+    R = None if options.rotation is None else exp_so3(np.radians(options.rotation))
+    if options.cloud is not None:
+        cloud = load_cloud(options.cloud, options.scale)
+        points = cloud.points.reshape(-1, 3)
+        extent = 2.0 * float(np.nanmax(np.linalg.norm(points - np.nanmedian(points, axis=0), axis=1)))
+        for name, radius in sizes.items():
+            if 2.0 * radius > _TOO_LARGE * extent:
+                raise ConfigurationError(
+                    f"{name!r} is {2.0 * radius:.3g} m across, the cloud {extent:.3g} m: is one of them in "
+                    "millimetres? Give --scale (of the cloud) or --mesh-scale"
+                )
+        return Seen(cloud.points, options.approach, R, told(SensorModel(), options.sigma), [*cloud.notes], None)
+    there = with_growth_and_dents(target, options.fouled, options.dented, np.random.default_rng([options.seed, 4]))
+    scene = object_scene(target, options.seed, options.sensor, there=there)
+    return Seen(
+        cloud=scene.scan,
+        approach=scene.approach if options.approach is None else options.approach,
+        orientation=scene.orientation if R is None else R,
+        sensor=told(scene.sensor.model, options.sigma),
+        notes=[],
+        scene=scene,
+    )
+
+
+def found_in(options: IdentificationOptions, target: TargetModel) -> tuple[Identification, list[str]]:
+    """Identifies the object in the cloud or the simulated scene of `options`; also returns notes on input and model.
+
+    Raises:
+        ConfigurationError: The cloud is unusable, its units do not match the object's, or a number is out of range.
+    """
+    seen = seen_by(options, target, {target.name: target.radius})
+    found = identify(
+        seen.cloud,
+        target,
+        seen.approach,
+        seen.orientation,
+        sensor=seen.sensor,
+        seed=options.seed,
+        method=options.method,
+    )
+    return found, _notes(options, seen, found)
+
+
+def recognised_in(options: IdentificationOptions, models: dict[str, TargetModel]) -> tuple[Recognition, list[str]]:
+    """Finds out which of `models` is in the cloud or the simulated scene of `options`; also returns notes.
+
+    Raises:
+        ConfigurationError: As `found_in` does, and for another method than that of the library.
+    """
+    if options.method != "planes":
+        raise ConfigurationError(f"--among: models are compared by --method planes only, got {options.method}")
+    shown = next(iter(models.values())) if options.cloud is not None else targets.of(options.object)
+    seen = seen_by(options, shown, {name: model.radius for name, model in models.items()})
+    # Each model has axes of its own: a coarse attitude is none of theirs.
+    orientation = None if options.rotation is None else seen.orientation
+    made = recognise(seen.cloud, models, seen.approach, orientation, sensor=seen.sensor, seed=options.seed)
+    return made, _notes(options, seen, made.found)
+
+
+def _notes(options: IdentificationOptions, seen: Seen, found: Identification) -> list[str]:
+    notes = [*seen.notes, *([found.model_note] if found.model_note else [])]
+    if seen.scene is None:
+        return notes
+    position, angle = seen.scene.error(found.X_sensor_target)
+    said = f"off the truth by {1e3 * position:.2f} mm and {np.degrees(angle):.2f} deg, at {seen.scene.range_m:.2f} m"
+    return [*notes, f"scene of seed {options.seed}, {options.sensor}: {said}"]
+
+
+def told(sensor: SensorModel, sigma: float | None) -> SensorModel:
+    """`sensor` with depth noise `sigma` [m] at 1 m range; unchanged where `sigma` is None."""
+    return sensor if sigma is None else replace(sensor, disparity_sigma=sigma * sensor.focal * sensor.baseline)
+
+
+def report(found: Identification, target: TargetModel, notes: list[str]) -> dict[str, Any]:
+    """Contents of identification.json; numbers that are not finite become None.
+
+    Args:
+        found: Result of identification.
+        target: Model of the object.
+        notes: Notes on the input.
+
+    Returns:
+        Dictionary that JSON can hold; SI units, poses (4, 4) in the sensor's frame.
+    """
+
+    def number(value: float) -> float | None:
+        return float(value) if np.isfinite(value) else None
+
+    def figures(check: PoseCheck) -> dict[str, float | None]:
+        names = (
+            "figure_m",
+            "threshold_m",
+            "form_m",
+            "form_threshold_m",
+            "agreement",
+            "through",
+            "coverage",
+            "hidden",
+            "size",
+            "margin",
+        )
+        return {name: number(getattr(check, name)) for name in names}
+
+    def doubt(covariance: PoseCovariance) -> dict[str, Any]:
+        return {
+            "position_sigma_m": number(covariance.position_sigma),
+            "rotation_sigma_rad": number(covariance.rotation_sigma),
+            "size_sigma": number(covariance.size_sigma),
+            "twist_m2": covariance.matrix.tolist(),
+            "free": covariance.free.tolist(),
+            "center_m": covariance.center.tolist(),
+            "radius_m": covariance.radius,
+        }
+
+    return {
+        "object": target.name,
+        "decision": found.decision.value,
+        "reason": found.reason,
+        "X_sensor_target": found.X_sensor_target.tolist(),
+        "center_m": transform_points(found.X_sensor_target, target.center).tolist(),
+        "check": None if found.check is None else figures(found.check),
+        "covariance": None if found.covariance is None else doubt(found.covariance),
+        "score": found.score,
+        "symmetry": {
+            "axis": None if found.symmetry.axis is None else found.symmetry.axis.tolist(),
+            "turns": found.symmetry.turns,
+            "policy": found.symmetry.policy,
+        },
+        "hypotheses": [
+            {"log_likelihood": each.log_likelihood, "X_sensor_target": each.X_sensor_target.tolist()}
+            for each in found.hypotheses
+        ],
+        "duration_s": found.duration_s,
+        "notes": notes,
+    }
+
+
+def candidates_of(made: Recognition) -> list[dict[str, Any]]:
+    """The candidates of a recognition as JSON can hold them, the likeliest first."""
+    return [
+        {
+            "object": each.name,
+            "log_likelihood": float(each.log_likelihood) if np.isfinite(each.log_likelihood) else None,
+            "decision": each.found.decision.value,
+            "reason": each.found.reason,
+            "X_sensor_target": each.found.X_sensor_target.tolist(),
+        }
+        for each in made.candidates
+    ]
+
+
+def picture(found: Identification, title: str) -> "Figure":
+    """Scatter plots of cloud and fitted model: along the sensor's z axis, and from the side."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(10, 5), layout="constrained")
+    parts = ((found.model_after, "tab:orange", "model, where found", 8.0), (found.cloud, "k", "cloud", 1.0))
+    left, right = figure.subplots(1, 2)
+    for axes, x, name in ((left, 0, "x"), (right, 2, "z")):
+        for points, colour, label, size in parts:
+            some = points[:: max(1, len(points) // _SHOWN)]
+            axes.scatter(some[:, x], some[:, 1], s=size, c=colour, label=label, linewidths=0.0)
+        axes.set(aspect="equal", xlabel=f"{name} [m]", ylabel="y [m]")
+        axes.invert_yaxis()
+    figure.legend(*left.get_legend_handles_labels(), loc="outside lower center", ncols=2, markerscale=4.0)
+    figure.suptitle(title, fontsize="medium")
+    return figure

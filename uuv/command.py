@@ -1,0 +1,213 @@
+"""A run with its user output: visual log, progress, table, report; and the results of a run that has ended."""
+
+import math
+import shlex
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.text import Text
+
+from uuv.controllers.tuning import table
+from uuv.models.meshes import ray_casting
+from uuv import first_start
+from uuv.assembly import Assembly, assemble
+from uuv.kinds import SURVEY, TRUST
+from uuv.runner import Run, SignalStop, assessed, rehearse, run_through
+from uuv.scenario import Scenario
+from uuv.scenario_file import SCENARIO_FILE, as_dict, flat, names_of_code, write_scenario
+from uuv.check.preflight import preflight
+from uuv.sim.evaluation.metrics import Assessment
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.extras import LOG, absent, to_install
+from uuv.sim.interfaces.messages import WorkState
+from uuv.sim.loop.recording import Recorder
+from uuv.sim.loop.rollout import Moment, Observer
+from uuv.sim.reporting.results_table import results_table
+from uuv.sim.reporting.series_tables import write_series
+from uuv.sim.runs.command_line import RunOptions, signals
+from uuv.sim.runs.provenance import provenance
+from uuv.sim.runs.run_folder import new_folder
+from uuv.sim.runs.terminal import PlainConsole, verdict
+
+NOT_ACCEPTED = 1  # exit code
+
+
+def command(
+    scenario: Scenario,
+    options: RunOptions,
+    started: float,
+    after: str = "",
+    assembled: Callable[..., Assembly] = assemble,
+) -> int:
+    """Assembles and runs a scenario with progress on screen, and writes its results to a new folder.
+
+    Args:
+        scenario: The description.
+        options: Folder, recording and viewer.
+        started: [s] time.perf_counter() at the start of the command.
+        after: Appended to the title of log and report.
+        assembled: Assembles the scenario, as `uuv.assembly.assemble` does.
+
+    Returns:
+        The exit code.
+
+    Raises:
+        UuvError: The work could not begin.
+        Interrupted: A signal asked for the end; raised after all results are written. A second signal ends at once.
+    """
+    console = PlainConsole()
+    lacking = absent(LOG) if options.record else ()
+    draws = options.record and not lacking
+    if lacking:
+        series = ", series as .npz" if "pyarrow" in lacking else ""
+        said = f"no run.rrd and report.html{series}: {to_install(LOG)} ({', '.join(lacking)} missing)"
+        console.print(said, markup=False, highlight=False, soft_wrap=True)
+    sensing = scenario.sensing
+    if scenario.task.looks and (sensing.sensor != SURVEY or sensing.arm_camera is not None):
+        ray_casting.installed()  # or the refusal, before anything is compiled
+    compiled = first_start.build()
+    folder = new_folder(scenario.name, options.out, scenario.seed)  # before the work: the folder may be unusable
+    assembly = assembled(scenario, full=options.record)
+    for line in filter(None, (assembly.said, *preflight(scenario, assembly.own))):
+        console.print(line, markup=False, highlight=False, soft_wrap=True)
+    plant, placed = assembly.plant, assembly.placed
+    title, longest = placed.title + after, options.longest or placed.longest
+    # Before the run, which stores the current in the model.
+    made_by = provenance(scenario.name, as_dict(scenario), plant.model)
+    recorder = Recorder(plant.model, timestep=plant.timestep, full=options.record)
+    observers: list[Observer] = []
+    rehearse(assembly)
+    start = first_start.noted(compiled)
+    write_scenario(scenario, folder / SCENARIO_FILE)
+    log: Any = None
+    try:
+        if draws or options.view:
+            from uuv.sim.reporting.rerun_log import RerunLog
+
+            log = RerunLog(
+                folder / "run.rrd",
+                plant.model,
+                timestep=plant.timestep,
+                title=title,
+                view=options.view,
+                bounds=placed.bounds,
+            )
+            observers.append(log)
+        bar = progress(console)
+        observers += [placed.story(recorder, log), ProgressPrinter(bar, console)]
+        console.print(Text(title, style="bold"), f" (ready in {time.perf_counter() - started:.1f} s)")
+        stop = SignalStop()
+        with signals(stop.ask):
+            with bar:
+                result = run_through(assembly, recorder, observers, longest, stop=stop)
+            if result.part_by_part:
+                console.print(f"no compiled ticks, which are faster: {result.part_by_part}", highlight=False)
+            assessment = assessed(assembly, result).made_by(made_by).started(start)
+            assessment.write(folder / "metrics.json")  # before the log, which is slow to close
+            if log is not None:
+                log.close()
+            placed.write_files(folder)
+            for each in placed.tables():
+                console.print(each)
+            _say(assessment, console)
+            if options.record:
+                write_series(result.recording, folder)
+            if draws:
+                _report(Run(assembly=assembly, result=result, assessment=assessment), folder, title)
+            console.print(f"written to {folder}/", highlight=False)
+    finally:
+        if log is not None:
+            log.close()
+    if stop.asked is not None:
+        raise stop.asked
+    if not result.recording.within(*placed.begun).any():
+        why = result.last.reference.note or f"not within {longest:.0f} s"
+        met = f"; before that {result.recording.collided}" if result.recording.collided else ""
+        raise ConfigurationError(f"the work could not begin: {why}{met} (uuv check {scenario.vehicle.vehicle})")
+    return 0 if assessment.accepted else NOT_ACCEPTED
+
+
+def show(run: Run, folder: str | Path) -> None:
+    """Prints the table of a run, and writes scenario.toml, metrics.json, its series and report.html to `folder`.
+
+    The report needs a full recording, as `run(scenario)` makes it, and the extra LOG; else it is left out. There is no
+    run.rrd: that log is written while a run goes on.
+    """
+    folder = Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    write_scenario(run.scenario, folder / SCENARIO_FILE)
+    run.assessment.made_by(provenance(run.scenario.name, as_dict(run.scenario))).write(folder / "metrics.json")
+    _say(run.assessment, PlainConsole())
+    write_series(run.recording, folder)
+    if run.assembly.full and not absent(LOG):
+        _report(run, folder, run.assembly.placed.title)
+
+
+def _report(run: Run, folder: Path, title: str) -> None:
+    from uuv.sim.reporting.report import write_report
+
+    tables = as_dict(run.scenario)
+    write_report(
+        folder / "report.html",
+        run.recording,
+        run.assessment,
+        title=title,
+        options=flat(tables),
+        pictures=run.assembly.placed.pictures(run.result),
+        gains=table(*getattr(run.assembly.parts.controller, "tunings", ())),
+        bounds=run.assembly.placed.bounds,
+        again=f"uuv replay {shlex.quote(str(folder))}{f' {TRUST}' if any(names_of_code(tables)) else ''}",
+    )
+
+
+def _say(assessment: Assessment, console: Console) -> None:
+    """Prints the table, the pace and the verdict."""
+    console.print(results_table(assessment))
+    simulated, timings = assessment.metrics["run"]["simulated_s"], assessment.metrics["timings"]
+    console.print(
+        f"{simulated:.0f} s simulated in {timings['wall_s']:.1f} s, {timings['real_time_factor']:.1f} times real time",
+        highlight=False,
+    )
+    console.print(verdict("; ".join(assessment.failed)))
+
+
+def progress(console: Console) -> Progress:
+    """Progress bar with the state of the work; disabled where the output is no terminal."""
+    return Progress(
+        TextColumn("{task.description:<10}"),
+        BarColumn(),
+        TextColumn("{task.fields[note]}"),
+        TimeElapsedColumn(),
+        console=console,
+        disable=not sys.stdout.isatty(),
+    )
+
+
+class ProgressPrinter:
+    """Observer that prints each state of the work and updates the progress bar."""
+
+    slow_ticks = (250,)  # of the progress bar
+
+    def __init__(self, progress: Progress, console: Console) -> None:
+        self._progress, self._console = progress, console
+        self._bar = progress.add_task("", total=1.0, note="")
+        self._state: WorkState | None = None
+        self._note = ""
+
+    def observe(self, moment: Moment) -> None:
+        """Prints a new state; updates the bar every 250 steps."""
+        reference, truth = moment.reference, moment.truth
+        if reference.state is not self._state:
+            self._state = reference.state
+            note = f"  {reference.note}" if reference.note not in ("", self._note) else ""
+            self._note = reference.note
+            self._console.print(f"{truth.time:7.1f} s  {reference.state}{note}", highlight=False, soft_wrap=True)
+        if moment.tick % self.slow_ticks[0] == 0:
+            felt = moment.command.contact.normal
+            said = f"{felt:5.1f} N felt" if reference.force and math.isfinite(felt) else ""
+            self._progress.update(self._bar, description=str(reference.state), completed=reference.path_s, note=said)

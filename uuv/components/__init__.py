@@ -1,0 +1,1 @@
+"""Parts of a loop: sensors, controller and models of a scenario, and the arm's calibration on deck."""

@@ -1,0 +1,213 @@
+"""Factories for parts of a run: models of the vehicle, sensor, controller."""
+
+from collections.abc import Callable, Set
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from uuv.controllers.arm.inverse_dynamics import ArmDynamics
+from uuv.controllers.arm.position_force import NominalStiffness
+from uuv.controllers.arm.published_force_law import PublishedForceLaw, TangentialForceLoop
+from uuv.controllers.estimation.closed_form_force import ClosedFormForce
+from uuv.controllers.hull.hull_control import Term, WithoutCompensation, WithoutTerms
+from uuv.controllers.safety.safety_wrapper import SafetyWrapper
+from uuv.controllers.whole_body.tool_control import FromReference
+from uuv.controllers.tuning import DRIVE_PERIOD, ELASTIC_GEARS, ArmTuning
+from uuv.models.arms import dh_geometry
+from uuv.models.naming import ARM_BASE_BODY, HULL_BODY, TIP_SITE
+from uuv.models.completing.complete import computed
+from uuv.models.vehicle import Vehicle
+from uuv.perception.clouds.scan import SensorModel
+from uuv.perception.clouds.sonar_cloud import sonar_model
+from uuv.kinds import CONTROLLER, CONTROLLERS, SENSORS, class_of, told
+from uuv.methods import NAVIGATION
+from uuv.own_vehicle import OwnVehicle, vehicle_spec
+from uuv.scenario import Belief, Control, Task, VehicleSetup
+from uuv.sim.interfaces.errors import ConfigurationError, UuvError
+from uuv.sim.interfaces.protocols import Controller, Estimator, Sensor
+from uuv.sim.interfaces.spatial import Array, finite_number, shown
+from uuv.sim.sensors.depth_camera import DepthCamera
+from uuv.sim.sensors.sonar import BEAMS, Sonar
+from uuv.sim.sensors.survey import Survey
+
+_TERMS: dict[str, Term] = {"hydrodynamic-term": "hydrodynamic", "dynamic-term": "dynamic", "contact-term": "contact"}
+_ESTIMATOR = "--estimator"  # begins the messages about it
+
+
+def believed_and_built(vehicle: VehicleSetup, belief: Belief, task: Task) -> tuple[mujoco.MjSpec, mujoco.MjSpec, str]:
+    """Specs of the vehicle as its controller knows it (believed) and as it is (built).
+
+    Both are equal but for the arm errors that are asked for.
+
+    Args:
+        vehicle: The vehicle as it is.
+        belief: What it believes of itself.
+        task: Its task, which tells the tool, and the parts that are not needed.
+
+    Returns:
+        Believed spec, built spec, lines about computed parts and the arm for the terminal (empty: none).
+
+    Raises:
+        ConfigurationError: The vehicle is unknown, or the file of the arm does not match.
+    """
+    believed = vehicle_spec(vehicle.vehicle, vehicle.tool, vehicle.parts, task.tool)
+    built, found = believed.copy(), "\n".join(computed(believed).values())
+    if vehicle.arm_errors is None and not belief.calibrated and belief.arm is None:
+        return believed, built, found
+    drawn = OwnVehicle.of(believed, task.spares)
+    arm = true = dh_geometry.read(drawn.model, ARM_BASE_BODY, TIP_SITE, exclude=drawn.passive_joints)
+    if vehicle.arm_errors is not None:
+        true = dh_geometry.with_errors(arm, np.random.default_rng(vehicle.arm_errors))
+        dh_geometry.move(built, arm, true, ARM_BASE_BODY)
+    known, said = arm, ""
+    if belief.calibrated or belief.arm is not None:
+        from uuv.components import deck_calibration  # only here: its kernels compile on import
+
+        if belief.calibrated:
+            rng = np.random.default_rng([vehicle.arm_errors or 0, 1])
+            known, said = deck_calibration.calibrate_on_deck(arm, true, rng)
+        elif belief.arm is not None:
+            known, said = deck_calibration.from_file(Path(belief.arm), arm)
+    if known is not arm:
+        dh_geometry.move(believed, arm, known, ARM_BASE_BODY)
+    return believed, built, "\n".join(filter(None, (found, said)))
+
+
+def exteroceptive_sensor(kind: str, model: mujoco.MjModel, X_BS: Array) -> tuple[Sensor, SensorModel | None]:
+    """The vehicle's depth camera, sonar or registered sensor, and the sensor model that perception uses.
+
+    Args:
+        kind: A name of SENSORS.
+        model: The compiled world.
+        X_BS: (4, 4) pose of the sensor on the hull.
+
+    Returns:
+        The sensor, and its model; None: the default model.
+
+    Raises:
+        ConfigurationError: There is no such sensor; the message lists those that there are.
+    """
+    return SENSORS.load(kind, model=model, X_BS=X_BS)
+
+
+def camera(model: mujoco.MjModel, X_BS: Array) -> tuple[Sensor, SensorModel | None]:
+    """Stereo depth camera at `X_BS` (4, 4) on the hull."""
+    return DepthCamera(model, HULL_BODY, X_BS), None
+
+
+def sonar(model: mujoco.MjModel, X_BS: Array) -> tuple[Sensor, SensorModel | None]:
+    """Multibeam 3D sonar at `X_BS` (4, 4) on the hull."""
+    return Sonar(model, HULL_BODY, X_BS), sonar_model(BEAMS.pitch)
+
+
+def survey(model: mujoco.MjModel, X_BS: Array) -> tuple[Sensor, SensorModel | None]:
+    """None: the object's pose is known (--target-pose known)."""
+    del X_BS  # nothing looks
+    return Survey(model), None
+
+
+def ablated(without: Set[str], own: mujoco.MjModel, water_error: float) -> dict[str, Any]:
+    """Keyword arguments of `WorkController` that leave methods out; none where nothing is left out.
+
+    Args:
+        without: methods to leave out, each one of `uuv.methods.Method`.
+        own: the vehicle's model of itself.
+        water_error: [-] share by which its hydrodynamic coefficients are wrong.
+
+    Returns:
+        `force_law`, `drift` and `feedforward`, as far as they differ from the controller's own.
+    """
+    parts: dict[str, Any] = {}
+    if "force-control" in without:
+        parts["force_law"] = NominalStiffness()
+    if "drift-correction" in without:
+        parts["drift"] = FromReference()
+    terms: set[Term] = {term for word, term in _TERMS.items() if word in without}
+    if terms or "compensation" in without:
+        arm = ArmDynamics(own, water_error=water_error)
+        if "compensation" in without:
+            parts["feedforward"] = WithoutCompensation(arm, Vehicle.of(own).q_home)
+        else:
+            lag = ArmTuning().acceleration_filter
+            parts["feedforward"] = WithoutTerms(arm, terms, acceleration_filter=lag, period=DRIVE_PERIOD)
+    return parts
+
+
+def as_published(methods: Set[str], own: mujoco.MjModel, water_error: float) -> dict[str, Any]:
+    """Keyword arguments of `WorkController` for methods as in [Konoplin 2022]; none where none is chosen.
+
+    Args:
+        methods: each one of `uuv.methods.PublishedMethod`.
+        own: the vehicle's model of itself.
+        water_error: [-] share by which its hydrodynamic coefficients are wrong.
+
+    Returns:
+        `force_law` and `compliance`, and `estimator`, as far as they differ from the controller's own.
+    """
+    parts: dict[str, Any] = {}
+    if "force-law" in methods:
+        parts |= {"force_law": PublishedForceLaw(), "compliance": TangentialForceLoop()}
+    if "normal-force-law" in methods:
+        parts["force_law"] = PublishedForceLaw()
+    if "tip-force" in methods:
+        parts["estimator"] = ClosedFormForce(own, water_error=water_error)
+    return parts
+
+
+def controller(control: Control, own: mujoco.MjModel, *, water_error: float) -> Controller:
+    """The controller of a scenario, made of the vehicle's own model and wrapped in SafetyWrapper.
+
+    Args:
+        control: The name, one of CONTROLLERS or MODULE:CLASS, and the methods that other objects take the place of
+            (`ablated`, `as_published`). Another inverse kinematics than "hybrid", and a servo for elastic gears, go to
+            it in its tuning.
+        own: The vehicle's model of itself.
+        water_error: Share by which the controller's hydrodynamic coefficients are wrong.
+
+    Raises:
+        ConfigurationError: The class does not exist, or its module or constructor raises; the message names the place.
+    """
+    name, without = control.controller, frozenset(control.without) - NAVIGATION
+    parts = ablated(without, own, water_error) | as_published(frozenset(control.published), own, water_error)
+    kind = partial(CONTROLLERS.load, name) if ":" not in name else class_of(name, CONTROLLER)
+    if ":" not in name:
+        CONTROLLERS.resolve(name)
+    tuning = replace(ELASTIC_GEARS if control.elastic_gears else ArmTuning(), inverse_kinematics=control.ik)
+    if tuning != ArmTuning():
+        parts["tuning"] = tuning
+    made = _made(partial(kind, own, water_error=water_error, **parts), name, CONTROLLER)
+    return SafetyWrapper(made, own)
+
+
+def estimator(name: str, own: mujoco.MjModel) -> Estimator:
+    """An estimator of a user's own, made of the vehicle's own model.
+
+    Args:
+        name: MODULE:CLASS.
+        own: The vehicle's model of itself.
+
+    Raises:
+        ConfigurationError: The class does not exist, or its module or constructor raises; the message names the place.
+    """
+    return _made(partial(class_of(name, _ESTIMATOR), own), name, _ESTIMATOR)
+
+
+def _made(make: Callable[[], Any], name: str, option: str) -> Any:
+    """A part with a period and the methods `init` and `step`."""
+    try:
+        made = make()
+        finite_number(made.period, "period [s]", above=0.0)
+        lacking = [method for method in ("init", "step") if not callable(getattr(made, method, None))]
+        if lacking:
+            raise TypeError(f"it has no method {' and no '.join(lacking)}")
+    except UuvError as error:
+        raise ConfigurationError(f"{option} {shown(name)}: {error}") from error
+    except (Exception, SystemExit) as error:
+        raise ConfigurationError(
+            f"{option} {shown(name)}: cannot be made of a model; {told(error, __file__)}"
+        ) from error
+    return made

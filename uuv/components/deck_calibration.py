@@ -1,0 +1,140 @@
+"""Arm calibration on deck before the dive: from simulated touches with a hand's noise, or from a file."""
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from uuv.calib import Calibration, identify, simulation
+from uuv.calib.arm_files import read_arm
+from uuv.models.arms.serial_arm import SerialArm
+from uuv.sim.interfaces.errors import ConfigurationError, ReachError
+from uuv.sim.interfaces.spatial import Array
+
+POINTS, TOUCHES = 4, 21  # number of points, touches of each
+HAND = 1e-4  # [m] standard deviation of a touch along each axis
+LENGTH_ERROR = 5e-5  # [m] standard deviation of the one known distance
+CONE = np.deg2rad(60.0)  # [rad] half angle of the tool's directions about vertical
+PLACES_TRIED = 2000  # random postures tried before ReachError
+OWN_TOOL = 0.03  # [m] from the nominal tip: a tool within this is taken for the vehicle's own
+DOWN = (0.0, 0.0, 1.0)  # in the arm's base, whose z axis points away from the hull
+
+
+def farthest(points: Array) -> tuple[int, int]:
+    """Indices of the two of `points` (k, 3) that are farthest apart."""
+    gaps = np.linalg.norm(points[:, None] - points[None], axis=2)
+    i, j = np.unravel_index(int(gaps.argmax()), gaps.shape)
+    return int(min(i, j)), int(max(i, j))
+
+
+def touched(
+    arm: SerialArm,
+    tcp: Array,
+    limits: Array,
+    rng: np.random.Generator,
+    *,
+    points: int = POINTS,
+    touches: int = TOUCHES,
+    noise: float = HAND,
+    way: ArrayLike = DOWN,
+) -> tuple[list[Array], Array]:
+    """Simulates touches by the arm as built.
+
+    Points are drawn well apart, where the arm reaches with its flange about `way`.
+
+    Args:
+        arm: True kinematics.
+        tcp: (3,) [m] true tool point in the flange.
+        limits: (n, 2) [rad] or [m] joint limits.
+        rng: Draws points, postures and noise.
+        points: Number of points.
+        touches: Touches of each point.
+        noise: [m] standard deviation along each axis.
+        way: (3,) direction of the tool in the arm's base.
+
+    Returns:
+        Joint values (m, n) [rad], one array for each point; true points (k, 3) [m] in the arm's base.
+
+    Raises:
+        ReachError: Too few points are reached from enough directions.
+    """
+    bounds = np.clip(limits, -np.pi, np.pi)
+    postures = simulation.Postures(approach=way, cone=CONE, limits=bounds)
+    apart = 0.25 * (arm.reach + float(np.linalg.norm(tcp)))
+    series: list[Array] = []
+    places: list[Array] = []
+    for _ in range(PLACES_TRIED):
+        q = rng.uniform(bounds[:, 0], bounds[:, 1])
+        place = arm.tips(q[None], tcp)[0]
+        # Touches have flange directions of their own. A point reached with a posture far from the limits takes many.
+        if any(float(np.linalg.norm(place - other)) < apart for other in places):
+            continue
+        if arm.flange(q[None])[0, :3, 2] @ np.asarray(way) < np.cos(CONE):
+            continue
+        try:
+            series += simulation.touch(
+                arm, tcp, rng, points=place[None], touches=touches, noise=noise, postures=postures
+            )
+        except ReachError:
+            continue
+        places.append(place)
+        if len(places) == points:
+            return series, np.array(places)
+    raise ReachError(f"the arm reaches {len(places)} places from {touches} directions each; {points} are needed")
+
+
+def calibrate_on_deck(believed: SerialArm, built: SerialArm, rng: np.random.Generator) -> tuple[SerialArm, str]:
+    """Calibrates the believed arm from simulated touches of the built one.
+
+    Args:
+        believed: Nominal arm.
+        built: True arm.
+        rng: Draws the touches and the error of the known distance.
+
+    Returns:
+        Identified arm with its tip as flange, summary line for the terminal.
+    """
+    series, places = touched(built, np.zeros(3), built.limits, rng)
+    i, j = farthest(places)
+    length = float(np.linalg.norm(places[i] - places[j])) + LENGTH_ERROR * rng.standard_normal()
+    found = identify(series, believed, distances=[(i, j, length, LENGTH_ERROR)])
+    return found.arm.with_tip(found.tcp), summary_line(found, length)
+
+
+def summary_line(found: Calibration, length: float) -> str:
+    """Summary line of a calibration for the terminal; `length` [m] is the known distance."""
+    touches = sum(len(each) for each in found.residuals)
+    before, after = (1e3 * np.sqrt(cost / max(_pairs(found), 1)) for cost in (found.cost_nominal, found.cost))
+    return (
+        f"arm calibrated on deck: {touches} touches of {len(found.residuals)} points and one length of {length:.2f} m; "
+        f"pairs {before:.2f} mm apart before, {after:.2f} after; {found.rank.rank} of {found.rank.total} directions "
+        "seen"
+    )
+
+
+def _pairs(found: Calibration) -> int:
+    return sum(len(each) * (len(each) - 1) // 2 for each in found.residuals)
+
+
+def from_file(file: Path, believed: SerialArm) -> tuple[SerialArm, str]:
+    """Arm from a file that calibrate_arm.py wrote, for a vehicle whose arm is `believed`.
+
+    Returns:
+        Arm with its tip as flange, summary line for the terminal.
+
+    Raises:
+        ConfigurationError: The file has other joints, or was calibrated with another tool.
+    """
+    source = read_arm(file)
+    names = source.arm.joint_names
+    if names != believed.joint_names:
+        raise ConfigurationError(
+            f"--arm {file}: joints {', '.join(names)}; the vehicle has {', '.join(believed.joint_names)}"
+        )
+    aside = float(np.linalg.norm(source.tcp))
+    if aside > OWN_TOOL:
+        raise ConfigurationError(
+            f"--arm {file}: touched with a tool whose tip is {1e3 * aside:.0f} mm from the vehicle's own; at most "
+            f"{1e3 * OWN_TOOL:.0f} mm is taken for the same tool"
+        )
+    return source.arm.with_tip(source.tcp), f"arm of {file}"

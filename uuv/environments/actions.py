@@ -1,0 +1,325 @@
+"""What an agent commands: thrusters, also with joint torques, a wrench on the hull, joint velocities, or the tool.
+
+All actions are numbers in [-1, 1]. Thrusters and torques go to the plant as they are. Joint velocities and the tool's
+motion and force are set points of the project's own controllers, which run inside the environment at their own rates
+on the true state.
+"""
+
+import math
+from abc import ABC, abstractmethod
+from typing import Any, Protocol
+
+import numpy as np
+from dm_env import specs
+
+from uuv.controllers.hull.allocation import Allocation
+from uuv.controllers.whole_body.work_controller import WorkController, WorkControllerState
+from uuv.models.water.thruster_curves import thrust_at
+from uuv.models.water.thrusters import curves
+from uuv.environments.true_state import TrueState, tool_pose
+from uuv.own_vehicle import OwnVehicle
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.messages import Command, Reference, StateEstimate, WorkState
+from uuv.sim.interfaces.spatial import Array, exp_so3, fitting, log_so3, shown
+from uuv.sim.plant.arm_hold import ArmHold
+from uuv.sim.plant.plant import Truth
+
+_ZERO = np.zeros(3)
+
+
+class Actions(Protocol):
+    """Kind of action of one environment; it has the state of the present episode."""
+
+    names: tuple[str, ...]  # of the numbers of an action
+
+    def start(self, truth: Truth) -> None:
+        """Begin an episode at this state."""
+        ...
+
+    def take(self, action: Array, period: float) -> None:
+        """Take an action (k,), which holds for `period` [s]."""
+        ...
+
+    def command(self, truth: Truth) -> Command:
+        """Command of the next step of the plant."""
+        ...
+
+
+def spec(actions: Actions) -> specs.BoundedArray:
+    """dm_env's specification of an action; its name lists the numbers, as dm_control's own does."""
+    names = actions.names
+    return specs.BoundedArray((len(names),), np.float64, minimum=-1.0, maximum=1.0, name="\t".join(names))
+
+
+def checked_action(action: Array, actions: Actions) -> Array:
+    """The action (k,), within [-1, 1]; numbers beyond are taken as the nearest bound.
+
+    Raises:
+        ConfigurationError: No numbers, another shape, or a number that is not finite.
+    """
+    try:
+        numbers = np.asarray(action, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise ConfigurationError(f"action: expected {len(actions.names)} numbers, got {shown(action)}") from error
+    return np.clip(fitting(numbers, (len(actions.names),), "action"), -1.0, 1.0)
+
+
+class ThrusterSpeeds:
+    """Normalised propeller speeds; a PD law holds the arm folded."""
+
+    def __init__(self, own: OwnVehicle) -> None:
+        """Take the vehicle.
+
+        Raises:
+            ConfigurationError: It has no thrusters.
+        """
+        self.names = own.vehicle.thruster_names
+        if not self.names:
+            raise ConfigurationError("the vehicle has no thrusters, so an agent has nothing to command")
+        self._arm, self._armed = ArmHold(own.vehicle, own.vehicle.q_home), len(own.vehicle.joints) > 0
+        self._thrusters = np.zeros(len(self.names))
+
+    def start(self, truth: Truth) -> None:
+        """Thrusters off."""
+        self._thrusters = np.zeros(len(self.names))
+
+    def take(self, action: Array, period: float) -> None:
+        """Take propeller speeds (m,)."""
+        self._thrusters = action
+
+    def command(self, truth: Truth) -> Command:
+        """Those speeds, and torques that hold the arm."""
+        torque = self._arm.torque(truth) if self._armed else np.zeros(0)
+        return Command(time=truth.time, joint_torque=torque, thrusters=self._thrusters, scan=False)
+
+
+class HullWrench(ThrusterSpeeds):
+    """Force (3,) and moment (3,) on the hull, in hull axes, which the vehicle's allocation gives to the thrusters.
+
+    A full action is half of what the thrusters give along or about that axis alone. The arm is held folded.
+    """
+
+    def __init__(self, own: OwnVehicle) -> None:
+        """Take the vehicle.
+
+        Raises:
+            ConfigurationError: It has no thrusters, or they do not span all six directions.
+        """
+        super().__init__(own)
+        self.names = (*(f"force_{axis}" for axis in "xyz"), *(f"moment_{axis}" for axis in "xyz"))
+        self._allocation = Allocation(own.vehicle)
+        full = np.array([thrust_at(curve, 1.0) for curve in curves(own.vehicle.thruster_table)])
+        self._half = 0.5 * np.abs(own.vehicle.thruster_wrench) @ full
+
+    def start(self, truth: Truth) -> None:
+        """Thrusters off."""
+        self._thrusters = np.zeros(len(truth.propeller_speed))
+
+    def take(self, action: Array, period: float) -> None:
+        """Take a wrench (6,)."""
+        self._thrusters = self._allocation.command(self._allocation.thrust(self._half * action))
+
+
+class ThrustersAndTorques:
+    """Normalised propeller speeds (m,), then joint torques (n,) as shares of the drives' limits."""
+
+    def __init__(self, own: OwnVehicle) -> None:
+        """Take the vehicle."""
+        vehicle = own.vehicle
+        self.names = (*vehicle.thruster_names, *vehicle.joint_names)
+        self._limits, self._thrusters = vehicle.torque_limits, len(vehicle.thruster_names)
+        self._action = np.zeros(len(self.names))
+
+    def start(self, truth: Truth) -> None:
+        """Thrusters and motors off."""
+        self._action = np.zeros(len(self.names))
+
+    def take(self, action: Array, period: float) -> None:
+        """Take speeds and torques."""
+        self._action = action
+
+    def command(self, truth: Truth) -> Command:
+        """Those speeds and torques."""
+        m = self._thrusters
+        torque = self._action[m:] * self._limits
+        return Command(time=truth.time, joint_torque=torque, thrusters=self._action[:m], scan=False)
+
+
+class Controlled(ABC):
+    """Base of actions that are set points of `WorkController`, which holds the hull where the episode began."""
+
+    names: tuple[str, ...] = ()
+
+    def __init__(self, own: OwnVehicle) -> None:
+        """Compose the controller for the vehicle's model of itself.
+
+        Raises:
+            ConfigurationError: The vehicle has no arm.
+        """
+        if not len(own.vehicle.joints):
+            raise ConfigurationError(f"{type(self).__name__}: the vehicle has no arm to move")
+        if not own.vehicle.thruster_names:
+            raise ConfigurationError(f"{type(self).__name__}: the vehicle has no thrusters to hold it")
+        self._controller = WorkController(own.model)
+        self._true = TrueState()
+        self._state: WorkControllerState | None = None
+        self._X_WB, self._q = np.eye(4), np.array(own.vehicle.q_home)
+        self.last: Command | None = None  # newest command, with the estimated contact force
+        self.estimate: StateEstimate | None = None  # newest
+
+    def start(self, truth: Truth) -> None:
+        """Hold hull and arm where they are."""
+        self.estimate = self._true.estimate(truth)
+        self._X_WB, self._q = self.estimate.X_WB, truth.q.copy()
+        self._state, self.last = self._controller.init(self.estimate), None
+
+    def command(self, truth: Truth) -> Command:
+        """Command of the controller."""
+        self.estimate = estimate = self._true.estimate(truth)
+        assert self._state is not None  # of `start`
+        self._state, self.last = self._controller.step(self._state, estimate, self.reference(truth.time))
+        return self.last
+
+    @abstractmethod
+    def reference(self, time: float) -> Reference:
+        """Set points at `time` [s]."""
+
+    def _reference(self, time: float, **wanted: Any) -> Reference:
+        """Set points at `time`: hold hull and joints, but for what is wanted."""
+        held: dict[str, Any] = {
+            "X_WG": None,
+            "v_WG_W": _ZERO,
+            "w_WG_W": _ZERO,
+            "q": self._q,
+            "qd": np.zeros_like(self._q),
+            "force": 0.0,
+        }
+        held |= wanted
+        return Reference(
+            time=time,
+            state=WorkState.WORK,
+            X_WB=self._X_WB,
+            v_WB_W=_ZERO,
+            force_control=held["force"] > 0.0,
+            tare=False,
+            scan=False,
+            path_s=0.0,
+            **held,
+        )
+
+
+class JointVelocities(Controlled):
+    """Joint velocities (n,) as shares of `fastest`; station keeping holds the hull."""
+
+    def __init__(self, own: OwnVehicle, *, fastest: float = 0.5) -> None:
+        """Take the vehicle, and the speed [rad/s] of a full action."""
+        super().__init__(own)
+        self.names = own.vehicle.joint_names
+        self._limits, self._fastest, self._begin = own.vehicle.q_limits, fastest, 0.0
+        self._qd = np.zeros(len(self.names))
+
+    def start(self, truth: Truth) -> None:
+        """Hold hull and arm where they are."""
+        super().start(truth)
+        self._qd, self._begin = np.zeros_like(truth.q), truth.time
+
+    def take(self, action: Array, period: float) -> None:
+        """Take velocities; a joint stops at its limits."""
+        assert self.estimate is not None
+        self._q, self._begin = self._joints_at(self.estimate.time), self.estimate.time
+        ahead = np.clip(self._q + period * self._fastest * action, self._limits[:, 0], self._limits[:, 1])
+        self._qd = (ahead - self._q) / period
+
+    def action_to(self, q: Array, within: float) -> Array:
+        """The action (n,) that would bring the joints to angles (n,) [rad] `within` [s], as far as speeds allow."""
+        now = self._q if self.estimate is None else self._joints_at(self.estimate.time)
+        return np.clip((q - now) / within / self._fastest, -1.0, 1.0)
+
+    def _joints_at(self, time: float) -> Array:
+        return self._q + (time - self._begin) * self._qd
+
+    def reference(self, time: float) -> Reference:
+        """Joint angles moving at the velocities."""
+        return self._reference(time, q=self._joints_at(time), qd=self._qd)
+
+
+class ToolTwist(Controlled):
+    """Twist of the tool, force, compliance: velocity (3,) and angular velocity (3,) in tool axes, as shares of limits.
+
+    The seventh number is the share of `largest` [N] that the tool presses with; at 0 and below the force is not
+    controlled. Above 0 the eighth lets the tool yield across its axis. Station keeping holds the hull. The tool's set
+    point stays within `LEASH` of the tool.
+    """
+
+    LEASH = 0.15  # [m]
+    SPEED, TURN = 0.05, 0.3  # [m/s], [rad/s] of full actions
+
+    def __init__(self, own: OwnVehicle, *, largest: float = 100.0) -> None:
+        """Take the vehicle, and the force [N] of a full action."""
+        super().__init__(own)
+        self.names = (*(f"v_{axis}" for axis in "xyz"), *(f"w_{axis}" for axis in "xyz"), "force", "compliance")
+        self.largest, self._force, self._compliant = largest, 0.0, False
+        self._X_WG, self._v_WG_W, self._w_WG_W, self._begin = np.eye(4), np.zeros(3), np.zeros(3), 0.0
+        self._turns = False  # the angular velocity is not zero
+
+    def start(self, truth: Truth) -> None:
+        """Hold hull and tool where they are."""
+        super().start(truth)
+        self._X_WG, self._begin = tool_pose(truth), truth.time
+        self._v_WG_W, self._w_WG_W, self._force, self._compliant = np.zeros(3), np.zeros(3), 0.0, False
+        self._turns = False
+
+    def take(self, action: Array, period: float) -> None:
+        """Take a twist and a force."""
+        assert self.estimate is not None
+        self._X_WG = self.tool_at(self.estimate.time)
+        self._begin = self.estimate.time
+        R_WG = self._X_WG[:3, :3]
+        self._v_WG_W, self._w_WG_W = self.SPEED * R_WG @ action[:3], self.TURN * R_WG @ action[3:6]
+        self._turns = bool(self._w_WG_W.any())
+        self._force, self._compliant = max(0.0, self.largest * float(action[6])), bool(action[7] > 0.0)
+
+    def tool_at(self, time: float) -> Array:
+        """Set point X_WG (4, 4) of the tool at `time` [s]."""
+        since = time - self._begin
+        X_WG = self._X_WG.copy()
+        if since:
+            if self._turns:
+                X_WG[:3, :3] = exp_so3(since * self._w_WG_W) @ X_WG[:3, :3]
+            X_WG[:3, 3] += since * self._v_WG_W
+        return X_WG
+
+    def command(self, truth: Truth) -> Command:
+        """Command of the controller, for a set point that is not too far off."""
+        lead = self._X_WG[:3, 3] + (truth.time - self._begin) * self._v_WG_W - truth.p_WG
+        far = math.sqrt(lead @ lead)
+        if far > self.LEASH:
+            self._X_WG[:3, 3] -= (1.0 - self.LEASH / far) * lead
+        return super().command(truth)
+
+    def reference(self, time: float) -> Reference:
+        """The tool moving at its twist."""
+        return self._reference(
+            time,
+            X_WG=self.tool_at(time),
+            v_WG_W=self._v_WG_W,
+            w_WG_W=self._w_WG_W,
+            force=self._force,
+            compliant=self._compliant,
+        )
+
+    def action_to(self, X_WG: Array, force: float, compliant: bool, period: float) -> Array:
+        """The action (8,) that brings the set point to a pose (4, 4) within `period` [s], as far as its limits allow.
+
+        Args:
+            X_WG: (4, 4) tool pose wanted at the end.
+            force: [N] to press with; 0: the force is not controlled.
+            compliant: Yield across the tool's axis.
+            period: [s] of the action.
+        """
+        assert self.estimate is not None
+        now = self.tool_at(self.estimate.time)
+        R_GW = now[:3, :3].T
+        v = R_GW @ (X_WG[:3, 3] - now[:3, 3]) / period / self.SPEED
+        w = log_so3(R_GW @ X_WG[:3, :3]) / period / self.TURN
+        return np.clip(np.concatenate([v, w, [force / self.largest, 1.0 if compliant else 0.0]]), -1.0, 1.0)

@@ -1,0 +1,229 @@
+"""Tasks with contact: press at a point, wipe along a path, tap points, insert a sampler into a hole."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from functools import cached_property
+
+import numpy as np
+from dm_control.utils import rewards
+
+from uuv.controllers.tasks.insertion import axis_path
+from uuv.models.objects.manifold import Manifold
+from uuv.models.objects.target_model import TargetModel
+from uuv.environments.actions import Actions, ToolTwist
+from uuv.environments.entities import Sea, VehicleEntity, WorkObjectEntity, let_slide, put
+from uuv.environments.judges import DAMAGE, InsertedTo, PressedAt, SetForce, TappedAt, WipedAlong
+from uuv.environments.sensing import FARTHEST, STRONGEST
+from uuv.environments.vehicle_task import SITE_DEPTH, Random, VehicleTask, near
+from uuv.environments.work_place import WorkPlace, on_path, standing
+from uuv.sim.evaluation.insertion_metrics import InsertionBounds, TrueHole
+from uuv.sim.evaluation.metrics import Bounds
+from uuv.sim.interfaces.spatial import Array, pose, readonly
+from uuv.sim.plant.plant import Truth
+
+STANDOFF = 0.06  # [m] of the tool off the surface at the start
+OFFSET, TURN = 0.02, 0.02  # [m], [rad] largest errors of the hull's place at the start
+HELD = 2.0  # [s] for which a force must be held
+TOUCHED = 0.3  # [s] of a tap
+BELOW = readonly(pose(p=[0.0, 0.0, -SITE_DEPTH - 1.5]))  # pose X_WT of objects to work on
+NEAR = 0.1  # [m] distance from the place of work at which the reward for being there is a tenth
+
+
+class ContactTask(VehicleTask):
+    """Base of work on an object that is fixed to the world; the arm begins unfolded before the surface.
+
+    The goal's numbers: the next place of the path in tool axes (3,) [m], the path's tool axis there in tool axes (3,),
+    and the set force [N].
+    """
+
+    def __init__(
+        self,
+        sea: Sea,
+        vehicle: VehicleEntity,
+        actions: Actions,
+        place: WorkPlace,
+        *,
+        force: float,
+        sparse: bool = False,
+    ) -> None:
+        """Put the object into the sea.
+
+        Args:
+            sea: The arena.
+            vehicle: Its vehicle.
+            actions: What the agent commands.
+            place: Where the work is.
+            force: [N] set force.
+            sparse: Reward success alone.
+        """
+        super().__init__(sea, vehicle, actions, sparse=sparse)
+        self.place, self.force = place, force
+        self.object = WorkObjectEntity(place.target)
+        put(sea, self.object, place.X_WT)
+        self.largest_force = DAMAGE * force
+        self.add_goals(FARTHEST, goal_position=3, goal_axis=3)
+        self.add_goals(STRONGEST, goal_force=1)
+        if self.slides:
+            let_slide(sea, vehicle, self.object, speed=ToolTwist.SPEED, force=force)
+
+    in_contact = True
+    slides = True  # the tool slides on the object
+
+    def begin(self, random_state: Random) -> tuple[Array, Array]:
+        """The hull near its place, the tool at the stand-off."""
+        return near(self.place.placement.X_WB, random_state, offset=OFFSET, turn=TURN), self.place.placement.q_start
+
+    def next_s(self) -> float:
+        """Arc length [m] of the next place of the path."""
+        return 0.0
+
+    def goal(self, truth: Truth) -> Mapping[str, Array]:
+        """Next place, axis there, and set force."""
+        X_WG = self.place.tool_at(self.next_s())
+        R_GW = truth.R_WG.T
+        return {
+            "goal_position": R_GW @ (X_WG[:3, 3] - truth.p_WG),
+            "goal_axis": R_GW @ X_WG[:3, 2],
+            "goal_force": np.array([self.force]),
+        }
+
+    def nearness(self, truth: Truth) -> float:
+        """Reward for being at the next place with the tool's axis along the path's."""
+        X_WG = self.place.tool_at(self.next_s())
+        gap, across = float(np.linalg.norm(truth.p_pad - X_WG[:3, 3])), float(truth.R_WG[:, 2] @ X_WG[:3, 2])
+        bounds = Bounds()
+        close = rewards.tolerance(gap, bounds=(0.0, bounds.path_deviation), margin=NEAR)
+        return close * rewards.tolerance(float(np.arccos(np.clip(across, -1.0, 1.0))), (0.0, bounds.tilt), margin=0.5)
+
+    def pressing(self, truth: Truth) -> float:
+        """Reward for the set force."""
+        band = Bounds().force_error_rms
+        return rewards.tolerance(truth.contact_normal, (self.force - band, self.force + band), margin=self.force)
+
+
+class PressPoint(ContactTask):
+    """Press at a point with a set force: done once it has been held for HELD within the jobs' bounds."""
+
+    @cached_property
+    def _judge(self) -> PressedAt:
+        whole = self.place.path
+        point = replace(whole, s=whole.s[:1], p=whole.p[:1], z=whole.z[:1], x=whole.x[:1])
+        return PressedAt(SetForce(point, self.force), HELD)
+
+    @property
+    def judge(self) -> PressedAt:
+        """The force held at the path's begin."""
+        return self._judge
+
+    def shaped(self, truth: Truth) -> float:
+        """Half for being there, half for the force."""
+        there = self.nearness(truth)
+        return 0.5 * there + 0.5 * there * self.pressing(truth)
+
+
+class WipePath(ContactTask):
+    """Move the tool along a path under a set force; the goal's place is ahead on the path."""
+
+    AHEAD = 0.01  # [m] of the place reached
+
+    @cached_property
+    def _judge(self) -> WipedAlong:
+        return WipedAlong(SetForce(self.place.path, self.force))
+
+    @property
+    def judge(self) -> WipedAlong:
+        """The whole path under the force."""
+        return self._judge
+
+    def next_s(self) -> float:
+        """A little ahead of the place reached."""
+        end = float(self.place.path.s[-1])
+        return min(self.judge.s + self.AHEAD, end) if self.judge.s > 0.0 else 0.0
+
+    def shaped(self, truth: Truth) -> float:
+        """A third each for being there, for the force there, and for the share of the path that is done."""
+        there = self.nearness(truth)
+        return (there + there * self.pressing(truth) + self.judge.s / float(self.place.path.s[-1])) / 3.0
+
+
+class TapPoints(ContactTask):
+    """Touch points of a path one after another with a set force, leaving the surface in between."""
+
+    def __init__(
+        self,
+        sea: Sea,
+        vehicle: VehicleEntity,
+        actions: Actions,
+        place: WorkPlace,
+        *,
+        force: float,
+        points: Sequence[float],
+        sparse: bool = False,
+    ) -> None:
+        """As `ContactTask`; `points` are arc lengths [m] from 0 on."""
+        super().__init__(sea, vehicle, actions, place, force=force, sparse=sparse)
+        self.points = tuple(points)
+        self._judge = TappedAt(SetForce(self.place.path, self.force), self.points, TOUCHED)
+
+    @property
+    def judge(self) -> TappedAt:
+        """All points touched."""
+        return self._judge
+
+    def next_s(self) -> float:
+        """The next point."""
+        return self.points[min(self._judge.count, len(self.points) - 1)]
+
+    def shaped(self, truth: Truth) -> float:
+        """The share of the points touched, and a part of the next one for being there under the force."""
+        count = len(self.points)
+        there = self.nearness(truth)
+        return (self._judge.count + (0.5 * there + 0.5 * there * self.pressing(truth)) * (not self._judge.done)) / count
+
+
+class InsertSampler(ContactTask):
+    """Put a sampler into a hole of a manifold to a depth; forces beyond the insertion's bounds spoil it."""
+
+    slides = False
+
+    def __init__(
+        self,
+        sea: Sea,
+        vehicle: VehicleEntity,
+        actions: Actions,
+        place: WorkPlace,
+        hole: TrueHole,
+        *,
+        sparse: bool = False,
+    ) -> None:
+        """As `ContactTask`; the path leads along the hole's axis."""
+        super().__init__(sea, vehicle, actions, place, force=InsertionBounds().axial_force, sparse=sparse)
+        self.hole = hole
+        self.largest_force = np.inf  # the judge knows the bounds
+        self._judge = InsertedTo(hole)
+
+    @property
+    def judge(self) -> InsertedTo:
+        """The depth reached."""
+        return self._judge
+
+    def next_s(self) -> float:
+        """The mouth, and from there on the end."""
+        return float(self.place.path.s[-1]) if self._judge.depth > 0.0 else 0.0
+
+    def shaped(self, truth: Truth) -> float:
+        """Half for being before the mouth, half for the depth."""
+        depth = max(self._judge.depth, 0.0) / self.hole.depth
+        return 0.5 * max(self.nearness(truth), min(1.0, depth)) + 0.5 * min(1.0, depth)
+
+
+def place_on(vehicle: VehicleEntity, target: TargetModel, path: str, *, force: float) -> WorkPlace:
+    """Place of work on a path of an object that lies 1.5 m under the middle of the site."""
+    return on_path(vehicle.own, target, target.path(path), BELOW, force=force, standoff=STANDOFF)
+
+
+def place_at_hole(vehicle: VehicleEntity, block: Manifold, hole: str, depth: float) -> WorkPlace:
+    """Place of work at a hole of a manifold that lies 1.5 m under the middle of the site."""
+    path = axis_path(BELOW, block.hole(hole), depth)
+    force = InsertionBounds().axial_force
+    return standing(vehicle.own, block.target, path, BELOW, force=force, standoff=STANDOFF)

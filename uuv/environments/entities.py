@@ -1,0 +1,552 @@
+"""Entities of dm_control's composer: the sea, a vehicle with its arm and tool, and an object to work on.
+
+    sea, vehicle = Sea(speed=0.2), VehicleEntity("uuv_puma")
+    sea.add_free_entity(vehicle)
+    physics = mjcf.Physics.from_mjcf_model(sea.mjcf_model)  # or composer.Environment(task)
+
+dm_control steps its own physics. Around each of its steps the vehicle drives thrusters and joints and reads contacts by
+`uuv.sim.plant.plant.Plant` over the same MjModel and MjData, so a trajectory is that of the plant bit for bit. What a step
+leaves in MjData is of its beginning; the vehicle brings positions up to date after each step, and all the rest
+(sensors, cameras, velocities of bodies) after each action.
+"""
+
+import warnings
+from collections.abc import Sequence
+from typing import Any
+
+import mujoco
+import numpy as np
+from dm_control import composer, mjcf
+from dm_control.composer import variation
+from dm_control.rl import control
+
+from uuv.models import hydrodynamics as hydrodynamic_rows
+from uuv.models.files.exact_mjcf import exact_xml
+from uuv.models.naming import ARM_BASE_BODY, CAMERA_SITE, HULL_BODY, TIP_SITE, TOOL_FACE_SITE, TOOL_GEOM, PartNames
+from uuv.models.objects.target_model import TargetModel
+from uuv.models.site.sliding_contact import TARGET_BODY, friction_stiffness, friction_time
+from uuv.environments.mjcf_parts import MOUNT, VehicleParts, parts_of, root_of
+from uuv.environments.model_variation import ModelVariation
+from uuv.environments.sensing import ArmObservables, SensorReadings, ToolObservables, VehicleObservables
+from uuv.own_vehicle import OwnVehicle, vehicle_spec
+from uuv.perturbations.perturbation import Perturbation
+from uuv.sim import hydrodynamics
+from uuv.sim.interfaces.errors import ConfigurationError, HydrodynamicsError, PhysicsWarning
+from uuv.sim.interfaces.messages import Command
+from uuv.sim.interfaces.protocols import Sensor
+from uuv.sim.interfaces.spatial import Array, checked_pose, finite_number, fitting, pose, quat_wxyz_from_rotation, shown
+from uuv.sim.plant.plant import Plant, Truth
+from uuv.sim.sensors.arm_camera import beside_tool
+from uuv.sim.water.current import Current
+
+_PLANE = 12.0  # [m] half side of the seabed
+Random = np.random.RandomState
+
+
+class Sea(composer.Arena):
+    """Water with a steady current and gusts, drawn anew in each episode, above a flat seabed.
+
+    `Sea(speed=0.0, gust=0.0, *, depth=10.0, current_W=None, name="sea")`; `Sea._build` tells the arguments.
+    """
+
+    def _build(
+        self,
+        speed: Any = 0.0,
+        gust: float = 0.0,
+        *,
+        depth: float = 10.0,
+        current_W: Sequence[float] | None = None,
+        name: str = "sea",
+    ) -> None:
+        """Build the sea.
+
+        Args:
+            speed: [m/s] of the horizontal current, from a new direction in each episode; a number, or a variation of
+                composer that is evaluated then.
+            gust: [m/s] standard deviation of gusts per axis.
+            depth: [m] of the seabed below the surface, z = 0.
+            current_W: (3,) [m/s] the same current in every episode, in place of `speed`.
+            name: of the model.
+
+        Raises:
+            ConfigurationError: A number is out of range.
+        """
+        super()._build(name=name)
+        self._speed = speed if current_W is None else 0.0
+        self._gust = finite_number(gust, "gust [m/s]", least=0.0, most=2.0)
+        if not isinstance(self._speed, variation.Variation) and not callable(self._speed):
+            finite_number(self._speed, "speed of the current [m/s]", least=0.0, most=5.0)
+        self._always_W = None if current_W is None else fitting(np.array(current_W), (3,), "current [m/s]")
+        self._mean_W = np.zeros(3) if self._always_W is None else self._always_W
+        self._stream: int | None = None
+        root = self.mjcf_model
+        root.compiler.boundmass = root.compiler.boundinertia = 0  # composer's arena gives mass to frames
+        root.option.integrator, root.option.cone = "implicitfast", "elliptic"
+        root.option.noslip_iterations = 0  # composer's arena has 5, which take the dry inertia
+        root.visual.headlight.set_attributes(ambient=[0.45, 0.45, 0.45], diffuse=[0.5, 0.5, 0.5])
+        root.visual.map.set_attributes(znear=0.01, fogstart=4.0, fogend=14.0)
+        root.visual.rgba.fog = [0.05, 0.25, 0.33, 1.0]
+        root.visual.get_children("global").set_attributes(offwidth=1920, offheight=1080)
+        sky = {"type": "skybox", "builtin": "gradient", "rgb1": [0.1, 0.42, 0.5], "rgb2": [0.01, 0.08, 0.12]}
+        root.asset.add("texture", name="water", width=64, height=64, **sky)
+        squares = {"type": "2d", "builtin": "checker", "rgb1": [0.56, 0.51, 0.41], "rgb2": [0.5, 0.45, 0.36]}
+        root.asset.add("texture", name="sand", width=128, height=128, **squares)
+        root.asset.add("material", name="sand", texture="sand", texrepeat=[20, 20])
+        depth = finite_number(depth, "depth [m]", above=0.0, most=1e3)
+        self.seabed = root.worldbody.add(
+            "geom", name="seabed", type="plane", size=[_PLANE, _PLANE, 0.1], pos=[0, 0, -depth], material="sand"
+        )
+        root.worldbody.add("light", name="sun", directional=True, dir=[0.2, 0.1, -1], diffuse=[0.5, 0.5, 0.5])
+
+    def attach(self, entity: composer.Entity, attach_site: Any = None) -> Any:
+        """Attach an entity.
+
+        Raises:
+            ConfigurationError: It is a second vehicle: the flow is that around one.
+        """
+        if isinstance(entity, VehicleEntity) and any(isinstance(each, VehicleEntity) for each in self._attached):
+            raise ConfigurationError("Sea: has a vehicle already; one scene takes one vehicle")
+        return super().attach(entity, attach_site)
+
+    def initialize_episode(self, physics: mjcf.Physics, random_state: Random) -> None:
+        """Draw the current of the episode; the vehicle in it reads `flow`."""
+        heading, stream = random_state.uniform(-np.pi, np.pi), int(random_state.randint(2**31))
+        self._stream = stream
+        if self._always_W is None:
+            speed = variation.evaluate(self._speed, random_state=random_state)
+            self._mean_W = float(speed) * np.array([np.cos(heading), np.sin(heading), 0.0])
+
+    @property
+    def current_W(self) -> Array:
+        """Steady current (3,) [m/s] of the present episode, world axes."""
+        return self._mean_W
+
+    def flow(self, timestep: float) -> Current:
+        """Current of the present episode, from its beginning, for a `timestep` [s]."""
+        gust = self._gust if self._stream is not None else 0.0
+        rng = np.random.default_rng(self._stream) if gust else None
+        return Current(self._mean_W, gust=gust, timestep=timestep, rng=rng)
+
+
+class ToolEntity(composer.Entity):
+    """Tool at the end of an arm: its pad or sampler on its slide, and the site of its tip."""
+
+    def _build(
+        self, vehicle: str = "uuv_puma", tool: str | None = None, *, part: tuple[str, str] | None = None
+    ) -> None:
+        """Take the tool of a vehicle.
+
+        Args:
+            vehicle: A name of `uuv.models.available()`, or an MJCF file.
+            tool: A tool of `uuv.models.tools.tools.TOOLS` in place of its own.
+            part: Its MJCF and the folder of the files that it names, where they are known.
+
+        Raises:
+            ConfigurationError: The vehicle has no tool of its own.
+        """
+        if part is None:
+            parts = parts_of(vehicle_spec(vehicle, tool))
+            if parts.tool is None:
+                raise ConfigurationError(f"vehicle {vehicle!r} has no tool that could be taken off")
+            part = parts.tool, parts.folder
+        self._root = root_of(part[0], "tool", part[1])
+        X_GC = beside_tool()
+        self.tip.parent.add(
+            "camera",
+            name=CAMERA_SITE,
+            pos=_in_parent(self.tip, X_GC)[:3, 3],
+            xyaxes=[*_in_parent(self.tip, X_GC)[:3, 0], *-_in_parent(self.tip, X_GC)[:3, 1]],
+            fovy=60.0,
+        )
+
+    def _build_observables(self) -> ToolObservables:
+        return ToolObservables(self)
+
+    @property
+    def mjcf_model(self) -> mjcf.RootElement:
+        """PyMJCF model of the tool."""
+        return self._root
+
+    @property
+    def tip(self) -> Any:
+        """Site of the tip, z out of the tool."""
+        return self._root.find("site", TIP_SITE)
+
+
+class ArmEntity(composer.Entity):
+    """Arm of a vehicle, from its base to the flange that carries the tool."""
+
+    def _build(
+        self,
+        vehicle: str = "uuv_puma",
+        *,
+        tool: ToolEntity | None = None,
+        part: tuple[str, str] | None = None,
+        bare: bool = False,
+    ) -> None:
+        """Take the arm of a vehicle.
+
+        Args:
+            vehicle: A name of `uuv.models.available()`, or an MJCF file.
+            tool: To attach to its flange; None: the vehicle's own.
+            part: Its MJCF and the folder of the files that it names, where they are known.
+            bare: Attach no tool.
+
+        Raises:
+            ConfigurationError: The vehicle has no arm that could be taken off.
+        """
+        if part is None:
+            parts = parts_of(vehicle_spec(vehicle))
+            if parts.arm is None:
+                raise ConfigurationError(f"vehicle {vehicle!r} has no arm that could be taken off")
+            part = parts.arm, parts.folder
+            if tool is None and parts.tool is not None and not bare:
+                tool = ToolEntity(vehicle, part=(parts.tool, parts.folder))
+        self._root, self.tool = root_of(part[0], "arm", part[1]), tool
+        if tool is not None:
+            self.attach(tool)
+
+    def _build_observables(self) -> ArmObservables:
+        return ArmObservables(self)
+
+    @property
+    def mjcf_model(self) -> mjcf.RootElement:
+        """PyMJCF model of the arm."""
+        return self._root
+
+    @property
+    def attachment_site(self) -> Any:
+        """Site of the flange."""
+        return self._root.find("site", MOUNT)
+
+    @property
+    def joints(self) -> list[Any]:
+        """Joints of the arm, base to tip."""
+        return self._root.find_all("joint", exclude_attachments=True)
+
+    @property
+    def actuators(self) -> list[Any]:
+        """Motors of the joints."""
+        return self._root.find_all("actuator", exclude_attachments=True)
+
+
+class VehicleEntity(composer.Entity):
+    """A vehicle with its water, thrusters, arm and tool; add it to a `Sea` by `add_free_entity`.
+
+    `VehicleEntity(vehicle="uuv_puma", *, tool=None, sensors=(), perturbations=(), name="vehicle")`;
+    `VehicleEntity._build` tells the arguments.
+    """
+
+    def _build(
+        self,
+        vehicle: str = "uuv_puma",
+        *,
+        tool: str | None = None,
+        sensors: Sequence[Sensor] = (),
+        perturbations: Sequence[Perturbation] = (),
+        name: str = "vehicle",
+    ) -> None:
+        """Build the vehicle.
+
+        Args:
+            vehicle: A name of `uuv.models.available()`, or an MJCF file with the parts of `uuv.models.naming`.
+            tool: A tool of `uuv.models.tools.tools.TOOLS` in place of its own.
+            sensors: Whose readings are observables beside the true state, each with its own rate, delay and noise.
+            perturbations: Deviations of the true vehicle from its model, drawn anew in each episode.
+            name: of the model.
+
+        Raises:
+            ConfigurationError: There is no such vehicle or tool, or it has no free hull.
+        """
+        _check_each("sensors", sensors, "init", "step", "period")
+        _check_each("perturbations", perturbations, "on_vehicle", "rng")
+        self.spec = vehicle_spec(vehicle, tool)
+        parts: VehicleParts = parts_of(self.spec)
+        self._root = root_of(parts.hull, name, parts.folder)
+        if parts.arm is not None:
+            held = None if parts.tool is None else ToolEntity(vehicle, part=(parts.tool, parts.folder))
+            own = parts.arm, parts.folder
+            self.arm: ArmEntity | None = ArmEntity(vehicle, part=own, tool=held, bare=held is None)
+        else:
+            self.arm = None
+        self.kind = vehicle
+        self.own = OwnVehicle.of(self.spec.copy(), _ANYTHING)
+        self._root.size.nuserdata = 3 * len(self.own.vehicle.thruster_names)  # where the plant keeps the propellers
+        self._plant: Plant | None = None
+        self.command: Command | None = None  # of the next step; None: thrusters and motors off
+        self.readings = SensorReadings(sensors)
+        self._variation = ModelVariation(self.spec, perturbations) if perturbations else None
+        if self.arm is not None:
+            self.attach(self.arm, self._root.find("site", MOUNT))
+        camera = self._root.find("site", CAMERA_SITE)
+        if camera is not None:
+            self._add_camera(camera)
+        hull = self._root.find("body", HULL_BODY)
+        hull.add(
+            "camera", name="overview", mode="track", pos=[2.9, -2.5, 0.9], xyaxes=[0.65, 0.76, 0, -0.29, 0.25, 0.92]
+        )
+
+    def _add_camera(self, site: Any) -> None:
+        """A MuJoCo camera at the site of the vehicle's own, whose OpenCV axes are turned by half about x."""
+        R = np.empty(9)
+        own = self.own.model.site(CAMERA_SITE)
+        mujoco.mju_quat2Mat(R, own.quat)
+        R = R.reshape(3, 3)
+        site.parent.add("camera", name=CAMERA_SITE, pos=own.pos, xyaxes=[*R[:, 0], *-R[:, 1]], fovy=50.0)
+
+    def _build_observables(self) -> VehicleObservables:
+        return VehicleObservables(self)
+
+    def observe(self, *, sensors: bool) -> None:
+        """Enable the readings of the sensors, and only them, or else the true state of hull, arm and tool."""
+        for entity in self.iter_entities():
+            of_sensors = getattr(entity.observables, "of_sensors", {})
+            for name, each in entity.observables.as_dict(fully_qualified=False).items():
+                each.enabled = (name in of_sensors) == sensors
+
+    @property
+    def mjcf_model(self) -> mjcf.RootElement:
+        """PyMJCF model of the vehicle."""
+        return self._root
+
+    @property
+    def tool(self) -> ToolEntity | None:
+        """The tool, if it is an entity of its own."""
+        return None if self.arm is None else self.arm.tool
+
+    @property
+    def plant(self) -> Plant:
+        """The plant over the physics of the environment.
+
+        Raises:
+            ConfigurationError: The model has not been compiled by an environment yet.
+        """
+        if self._plant is None:
+            raise ConfigurationError("vehicle: it has no physics yet; make a composer.Environment of its task first")
+        return self._plant
+
+    @property
+    def drawn(self) -> dict[str, float]:
+        """Means of the factors that the perturbations drew for the present episode, by name."""
+        return {} if self._variation is None else self._variation.drawn
+
+    @property
+    def truth(self) -> Truth:
+        """True state, as `uuv.sim.plant.plant.Truth` says; live views."""
+        return self.plant.truth
+
+    def names(self) -> PartNames:
+        """What the parts are called in the whole scene."""
+        found = {
+            "hull": self._find("body", HULL_BODY),
+            "arm_base": self._find("body", ARM_BASE_BODY),
+            "tip": self._find("site", TIP_SITE),
+            "tool": self._find("geom", TOOL_GEOM),
+            "tool_face": self._find("site", TOOL_FACE_SITE),
+        }
+        return PartNames(**{part: name for part, name in found.items() if name})
+
+    def _find(self, kind: str, name: str) -> str:
+        for entity in self.iter_entities():
+            found = entity.mjcf_model.find(kind, name)
+            if found is not None:
+                return found.full_identifier
+        return f"{self._root.full_identifier}{name}"
+
+    def place(self, physics: mjcf.Physics, X_WB: Array | None = None, q: Array | None = None) -> None:
+        """Set hull and arm at rest: for a task's `initialize_episode`.
+
+        Args:
+            physics: Of the environment.
+            X_WB: (4, 4) hull pose; None: the model's.
+            q: (n,) [rad] joint angles; None: folded, as the model's keyframe `home` has it.
+
+        Raises:
+            ConfigurationError: No pose, or another shape.
+        """
+        vehicle, data = self.plant.vehicle, physics.data
+        q = self.own.vehicle.q_home if q is None else fitting(q, vehicle.qpos.shape, "joint angles [rad]")
+        data.qpos[vehicle.qpos] = q
+        X_WB = pose() if X_WB is None else checked_pose(X_WB, "X_WB")
+        at = vehicle.hull_qpos
+        data.qpos[at : at + 3], data.qpos[at + 3 : at + 7] = X_WB[:3, 3], quat_wxyz_from_rotation(X_WB[:3, :3])
+
+    def after_compile(self, physics: mjcf.Physics, random_state: Random) -> None:
+        """Give the new model its wet constants, and make the plant over it."""
+        model = physics.model.ptr
+        physics.legacy_step = False  # contacts of a step are read before the next one replaces them
+        hydrodynamics.install()
+        hydrodynamics.set_constants(model)
+        if self._variation is not None:
+            self._variation.bind(model, self._find)
+        for name in _dry(model):
+            warnings.warn(
+                f"the body {name!r} floats freely but has no water: it falls as in a vacuum", PhysicsWarning, 2
+            )
+        self._plant = self._over(physics)
+
+    def _over(self, physics: mjcf.Physics) -> Plant:
+        """The plant over a physics."""
+        return Plant(physics.model.ptr, current=Current(np.zeros(3)), data=physics.data.ptr, names=self.names())
+
+    def initialize_episode(self, physics: mjcf.Physics, random_state: Random) -> None:
+        """Begin at the state that the task has set, in the water of the sea."""
+        if self._variation is not None:
+            self._variation.draw(random_state)
+            self._plant = self._over(physics)  # thrusters are read from the model
+        sea = self.parent
+        timestep = self.plant.timestep
+        current = sea.flow(timestep) if isinstance(sea, Sea) else Current(np.zeros(3), timestep=timestep)
+        self.plant.start(current)
+        self.command = None
+        mujoco.mj_step1(physics.model.ptr, physics.data.ptr)
+        self.readings.start(self.truth, random_state)
+
+    def before_substep(self, physics: mjcf.Physics, random_state: Random) -> None:
+        """Drive thrusters and joints."""
+        plant, command = self.plant, self.command
+        if command is not None and not isinstance(command, Command):
+            raise ConfigurationError(
+                f"vehicle.command: expected a uuv.sim.interfaces.messages.Command, got {type(command).__name__}"
+            )
+        plant.begin(command if command is not None else self._off(plant))
+
+    @staticmethod
+    def _off(plant: Plant) -> Command:
+        n, m = len(plant.vehicle.joints), len(plant.vehicle.thruster_names)
+        return Command(time=0.0, joint_torque=np.zeros(n), thrusters=np.zeros(m), scan=False)
+
+    def after_substep(self, physics: mjcf.Physics, random_state: Random) -> None:
+        """Read contacts, set the next flow, and bring positions up to date."""
+        plant = self.plant
+        plant.finish()
+        mujoco.mj_kinematics(plant.model, plant.data)
+        plant.truth.time = float(plant.data.time)
+
+    def after_step(self, physics: mjcf.Physics, random_state: Random) -> None:
+        """Bring everything up to date, for observations and pictures.
+
+        Raises:
+            control.PhysicsError: Of dm_control; the simulation diverged.
+        """
+        try:
+            self.plant.observe()
+        except HydrodynamicsError as error:
+            raise control.PhysicsError(str(error)) from error
+
+
+class WorkObjectEntity(composer.Entity):
+    """Object to work on, with its collision shapes: `WorkObjectEntity(target, *, stand=True, name="object")`."""
+
+    def _build(self, target: TargetModel, *, stand: bool = True, name: str = "object") -> None:
+        """Build the object.
+
+        Args:
+            target: Its model, of `uuv.models.objects.targets`.
+            stand: Add its stand.
+            name: of the model.
+        """
+        self.target = target
+        spec = mujoco.MjSpec()
+        target.add_to(spec, np.eye(4), stand=stand)
+        self._root = root_of(exact_xml(spec), name)
+
+    @property
+    def mjcf_model(self) -> mjcf.RootElement:
+        """PyMJCF model of the object."""
+        return self._root
+
+    @property
+    def geoms(self) -> list[Any]:
+        """Its geoms that collide."""
+        found = self._root.find("body", TARGET_BODY).find_all("geom")
+        return [geom for geom in found if geom.contype != 0 or geom.conaffinity != 0]
+
+
+def _in_parent(site: Any, X: Array) -> Array:
+    """A pose (4, 4) in a site's axes, in those of the body that carries it."""
+    R = np.empty(9)
+    mujoco.mju_quat2Mat(R, np.array([1.0, 0.0, 0.0, 0.0]) if site.quat is None else np.array(site.quat, np.float64))
+    return pose(R.reshape(3, 3), np.zeros(3) if site.pos is None else np.array(site.pos, np.float64)) @ X
+
+
+def put(sea: Sea, thing: composer.Entity, X_WT: Array) -> Any:
+    """Fix an entity to the world at a pose (4, 4); returns its frame."""
+    frame = sea.attach(thing)
+    X = checked_pose(X_WT, "X_WT")
+    frame.pos, frame.quat = X[:3, 3], quat_wxyz_from_rotation(X[:3, :3])
+    return frame
+
+
+def let_slide(sea: Sea, vehicle: VehicleEntity, thing: WorkObjectEntity, *, speed: float, force: float) -> None:
+    """Contact of a tool that slides on an object without lifting, as `uuv.models.site.sliding_contact` has it.
+
+    Args:
+        sea: The arena.
+        vehicle: Its vehicle, with a tool.
+        thing: The object.
+        speed: [m/s] at which the tool slides.
+        force: [N] that presses it.
+    """
+    pad = next((found for e in vehicle.iter_entities() if (found := e.mjcf_model.find("geom", TOOL_GEOM))), None)
+    if pad is None:
+        raise ConfigurationError(f"vehicle: to slide it needs a tool, a geom named {TOOL_GEOM!r}")
+    own = vehicle.own.model.geom(TOOL_GEOM)
+    root = sea.mjcf_model
+    time = friction_time(vehicle.own.model, speed=speed, force=force)
+    root.option.impratio = friction_stiffness(time)
+    sliding, spinning, rolling = own.friction
+    for geom in thing.geoms:
+        if (geom.priority or 0) > own.priority[0] or not geom.name:
+            continue
+        root.contact.add(
+            "pair",
+            geom1=pad,
+            geom2=geom,
+            friction=[sliding, sliding, spinning, rolling, rolling],
+            condim=int(own.condim[0]),
+            solref=own.solref,
+            solimp=own.solimp,
+            solreffriction=[time, 1.0],
+        )
+
+
+def _check_each(name: str, given: Any, *methods: str) -> None:
+    """Refuse what is no list of objects with these attributes.
+
+    Raises:
+        ConfigurationError: It is not; the message says what was given.
+    """
+    if not isinstance(given, Sequence) or isinstance(given, str):
+        raise ConfigurationError(f"{name}: expected a list, got {shown(given)}")
+    for each in given:
+        if isinstance(each, type) or not all(hasattr(each, method) for method in methods):
+            made = f"; did you mean {each.__name__}()?" if isinstance(each, type) else ""
+            raise ConfigurationError(f"{name}: {shown(each)} is none of them{made}")
+
+
+def _dry(model: mujoco.MjModel) -> list[str]:
+    """Names of free bodies with mass that have no hydrodynamics in their whole tree."""
+    found = []
+    for joint in np.flatnonzero(np.asarray(model.jnt_type) == mujoco.mjtJoint.mjJNT_FREE):
+        root = int(model.jnt_bodyid[joint])
+        tree = np.flatnonzero(np.asarray(model.body_rootid) == model.body_rootid[root])
+        if not any(hydrodynamic_rows.carries(model.body_user[body]) for body in tree):
+            found.append(model.body(root).name or f"body {root}")
+    return found
+
+
+class _Anything:
+    """Every part is dispensable: what a task needs it checks itself."""
+
+    def __contains__(self, name: object) -> bool:
+        return True
+
+    def __iter__(self) -> Any:
+        return iter(())
+
+    def __len__(self) -> int:
+        return 0
+
+
+_ANYTHING = _Anything()

@@ -1,0 +1,170 @@
+"""Episodes of a policy: scores, and records in Parquet with observations, actions and rewards."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from dm_control import composer
+
+from uuv.environments.experts import Policy
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.extras import wanted
+from uuv.sim.interfaces.spatial import shown, whole_number
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Episode:
+    """One episode of a policy."""
+
+    total: float  # sum of rewards
+    steps: int
+    success: bool
+    ended: str  # damage, what spoiled the work, or empty
+    last: Mapping[str, Any]  # observation at the end
+    discount: float  # at the end: 0 after damage
+
+
+def run_episode(
+    environment: composer.Environment,
+    policy: Policy,
+    *,
+    stop_when_done: bool = False,
+    observe: Callable[[Mapping[str, Any], np.ndarray, float], None] | None = None,
+) -> Episode:
+    """Run one episode.
+
+    Args:
+        environment: Of the suite.
+        policy: Gives the actions.
+        stop_when_done: End it when the work is done; its rewards then lack the rest.
+        observe: Called with observation, action and the reward that followed.
+    """
+    moment, total, steps = environment.reset(), 0.0, 0
+    task: Any = environment.task
+    while not moment.last() and not (stop_when_done and getattr(task, "is_success", False)):
+        action = policy(moment)
+        before = moment.observation
+        moment = environment.step(action)
+        reward = float(moment.reward or 0.0)
+        total, steps = total + reward, steps + 1
+        if observe is not None:
+            observe(before, action, reward)
+    return Episode(
+        total=total,
+        steps=steps,
+        success=bool(getattr(task, "is_success", False)),
+        ended=getattr(task, "damage", "") or getattr(getattr(task, "judge", None), "failed", ""),
+        last=moment.observation,
+        discount=1.0 if moment.discount is None else float(moment.discount),
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Score:
+    """Episodes of one policy on one task."""
+
+    episodes: tuple[Episode, ...]
+
+    @property
+    def solved(self) -> float:
+        """Share of the episodes in which the work was done."""
+        return float(np.mean([episode.success for episode in self.episodes]))
+
+    @property
+    def mean(self) -> float:
+        """Mean sum of rewards."""
+        return float(np.mean([episode.total for episode in self.episodes]))
+
+    @property
+    def error(self) -> float:
+        """Standard error of the mean."""
+        totals = [episode.total for episode in self.episodes]
+        return float(np.std(totals, ddof=1) / np.sqrt(len(totals))) if len(totals) > 1 else float("nan")
+
+    def __str__(self) -> str:
+        """In words."""
+        return f"{self.solved:.0%} solved, return {self.mean:.1f} +- {self.error:.1f} ({len(self.episodes)} episodes)"
+
+
+def score(environment: composer.Environment, policy: Policy, episodes: int = 20) -> Score:
+    """Score of a policy over whole episodes.
+
+    Raises:
+        ConfigurationError: Fewer than one episode is asked for.
+    """
+    whole_number(episodes, "episodes", least=1)
+    return Score(episodes=tuple(run_episode(environment, policy) for _ in range(episodes)))
+
+
+def record_episodes(
+    environment: composer.Environment, policy: Policy, file: str | Path, *, episodes: int = 1, task: str = ""
+) -> Score:
+    """Record episodes in a Parquet file.
+
+    One row per moment: "episode", "step", each observation and "discount", and the "action" that was taken there with
+    the "reward" that followed; the last moment of an episode has no action. "success" is that of the whole episode.
+    Arrays are lists of one length. Each episode is a row group of its own, written when it ends: a run that dies leaves
+    the episodes before. The metadata tell the task, the names of the actions' numbers, the period and the vehicle.
+
+    Args:
+        environment: Of the suite.
+        policy: Gives the actions.
+        file: Parquet file to write, in an existing folder; an older one is replaced.
+        episodes: Number of episodes.
+        task: Name to write into the metadata.
+
+    Returns:
+        The score.
+
+    Raises:
+        ConfigurationError: The folder does not exist, or fewer than one episode is asked for.
+        MissingLibraryError: pyarrow is missing.
+    """
+    with wanted():
+        import pyarrow.parquet as pq
+
+    whole_number(episodes, "episodes", least=1)
+    if not Path(file).resolve().parent.is_dir():
+        raise ConfigurationError(f"file {shown(str(file))}: its folder does not exist")
+    done: list[Episode] = []
+    writer: Any = None
+    names = (environment.action_spec().name or "").replace("\t", ",")
+    told = {"task": task, "actions": names, "period_s": str(environment.control_timestep())}
+    made: Any = environment.task
+    told |= {"vehicle": getattr(getattr(made, "vehicle", None), "kind", "")}
+    try:
+        for number in range(episodes):
+            moments: list[tuple[Mapping[str, Any], np.ndarray, float]] = []
+            episode = run_episode(environment, policy, observe=lambda *moment, to=moments: to.append(moment))
+            done.append(episode)
+            table = _table(number, episode, moments)
+            if writer is None:
+                writer = pq.ParquetWriter(str(file), table.schema.with_metadata(told))
+            writer.write_table(table.replace_schema_metadata(writer.schema.metadata))
+    finally:
+        if writer is not None:
+            writer.close()
+    return Score(episodes=tuple(done))
+
+
+def _table(number: int, episode: Episode, moments: Sequence[tuple[Mapping[str, Any], np.ndarray, float]]) -> Any:
+    """Rows of one episode."""
+    import pyarrow as pa
+
+    observations = [*(before for before, _, _ in moments), episode.last]
+    count = len(observations)
+
+    def lists(values: Sequence[Any], size: int) -> Any:
+        kind = pa.list_(pa.float64(), size)
+        return pa.array([None if value is None else np.ravel(value).tolist() for value in values], kind)
+
+    columns: dict[str, Any] = {"episode": [number] * count, "step": list(range(count))}
+    for name, value in episode.last.items():
+        columns[name] = lists([each[name] for each in observations], int(np.size(value)))
+    columns["action"] = lists([*(action for _, action, _ in moments), None], int(np.size(moments[0][1])))
+    columns["reward"] = pa.array([*(reward for _, _, reward in moments), None], pa.float64())
+    columns["discount"] = [1.0] * (count - 1) + [episode.discount]
+    columns["success"] = [episode.success] * count
+    return pa.table(columns)

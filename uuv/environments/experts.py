@@ -1,0 +1,309 @@
+"""Experts: the project's own controllers and planners as policies of the tasks.
+
+    environment = load("barrel", "press")
+    policy = expert(environment)
+    timestep = environment.reset()
+    while not timestep.last():
+        timestep = environment.step(policy(timestep))
+
+They know the true state of the environment that they are made for.
+"""
+
+from collections.abc import Callable, Iterable
+from functools import singledispatch
+from typing import Protocol, TypeVar
+
+import dm_env
+import numpy as np
+from dm_control import composer
+
+from uuv.controllers.arm.inverse_dynamics import ArmDynamics
+from uuv.controllers.hull.hull_control import HullControl, HullControlState
+from uuv.controllers.mkps import solve
+from uuv.controllers.planning.trajectories import PoseMove
+from uuv.controllers.tasks import contact_phases as contact
+from uuv.controllers.tasks import insertion
+from uuv.controllers.tasks.hull_phases import HullMotion, RestLimits, Settle
+from uuv.controllers.tasks.monitors import Reaction
+from uuv.controllers.tasks.phase import Context, Decide, Held, HoldTool, Outcome, Phase, PhaseEvent, Setpoint
+from uuv.controllers.tasks.task import TaskPlanner, TaskRow, TaskState, at_once
+from uuv.environments.actions import JointVelocities, ThrusterSpeeds, ToolTwist
+from uuv.environments.contact_tasks import TOUCHED, ContactTask, InsertSampler, PressPoint, TapPoints, WipePath
+from uuv.environments.free_tasks import HoldStation, ReachPose
+from uuv.environments.true_state import TrueState
+from uuv.environments.vehicle_task import VehicleTask
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.messages import AbortCode, Reference, StateEstimate, WorkState
+from uuv.sim.interfaces.spatial import Array, inverse
+
+STANDOFF = 0.05  # [m] from the surface at which the tool begins its approach
+QUIET = RestLimits(time=1.0)  # when the hull counts as at rest before the work
+FORCE_RATE = 60.0  # [N/s] of set forces
+_STILL = np.zeros(3)
+_Kind = TypeVar("_Kind")
+
+
+class Policy(Protocol):
+    """Policy: the action (k,) for a moment of the environment."""
+
+    def __call__(self, timestep: dm_env.TimeStep, /) -> Array:
+        """Action for a moment of the environment; at a first one the policy begins anew."""
+        ...
+
+
+def zero(environment: composer.Environment) -> Policy:
+    """Policy that does nothing: the middle of every action's range."""
+    size = environment.action_spec().shape
+    return lambda _: np.zeros(size)
+
+
+def at_random(environment: composer.Environment, rng: np.random.Generator) -> Policy:
+    """Policy that draws every action anew."""
+    size = environment.action_spec().shape
+    return lambda _: rng.uniform(-1.0, 1.0, size)
+
+
+def expert(environment: composer.Environment) -> Policy:
+    """Expert for the task of an environment.
+
+    Raises:
+        ConfigurationError: There is none for the task, or not for its kind of action, or this is no environment of
+            dm_control.
+    """
+    if not isinstance(environment, composer.Environment):
+        raise ConfigurationError(
+            f"expert: expected an environment of dm_control's composer, got {type(environment).__name__}; a Gymnasium "
+            "environment has it as `unwrapped.environment`"
+        )
+    return _expert(environment.task)
+
+
+@singledispatch
+def _expert(task: composer.Task) -> Policy:
+    raise ConfigurationError(f"there is no expert for {type(task).__name__}")
+
+
+class StationExpert:
+    """Station keeping and allocation as policy, on a rest-to-rest move to the pose to hold."""
+
+    def __init__(self, task: HoldStation) -> None:
+        """Set up for a task with thrusters as action."""
+        own = task.vehicle.own
+        self._task, self._true = task, TrueState()
+        self._control = HullControl(own.model, period=task.control_timestep)
+        self._home = np.array(own.vehicle.q_home)
+        armed = len(own.vehicle.joints) > 0
+        self._arm_B = ArmDynamics(own.model).wrench_at_rest(self._home) if armed else np.zeros(6)
+        self._state: HullControlState | None = None
+        self._move: PoseMove | None = None
+
+    def __call__(self, timestep: dm_env.TimeStep) -> Array:
+        """Thruster commands."""
+        task = self._task
+        estimate = self._true.estimate(task.truth)
+        if timestep.first() or self._state is None:
+            self._state = self._control.init()
+            limits = HullMotion()
+            self._move = PoseMove.between(
+                estimate.time,
+                estimate.X_WB,
+                task.X_WH,
+                speed=limits.speed,
+                acceleration=limits.acceleration,
+                turn_rate=limits.turn_rate,
+            )
+        assert self._move is not None
+        X_WB, v_WB_W = self._move.at(estimate.time) if not self._move.done(estimate.time) else (task.X_WH, _STILL)
+        reference = Reference(
+            time=estimate.time,
+            state=WorkState.SETTLE,
+            X_WB=X_WB,
+            v_WB_W=v_WB_W,
+            X_WG=None,
+            v_WG_W=_STILL,
+            w_WG_W=_STILL,
+            q=self._home,
+            qd=np.zeros_like(self._home),
+            force=0.0,
+            force_control=False,
+            tare=False,
+            scan=False,
+            path_s=0.0,
+        )
+        return np.clip(self._control.step(self._state, estimate, reference, self._arm_B), -1.0, 1.0)
+
+
+@_expert.register
+def _station(task: HoldStation) -> Policy:
+    _wants(task, ThrusterSpeeds)
+    return StationExpert(task)
+
+
+class ReachExpert:
+    """Inverse kinematics by MKPS as policy; the joints move towards the solution at the speeds that actions allow."""
+
+    def __init__(self, task: ReachPose, actions: JointVelocities) -> None:
+        """Set up for a task with joint velocities as action."""
+        self._task, self._actions = task, actions
+        self._chain, self._X_BA = task.vehicle.own.chain(), np.array(task.vehicle.own.vehicle.X_BA)
+
+    def __call__(self, timestep: dm_env.TimeStep) -> Array:
+        """Joint velocities towards the goal."""
+        actions, truth = self._actions, self._task.truth
+        X_WA = np.eye(4)
+        X_WA[:3, :3], X_WA[:3, 3] = truth.R_WB, truth.p_WB
+        found = solve(self._chain, inverse(X_WA @ self._X_BA) @ self._task.X_WH, truth.q, branch="keep")
+        return actions.action_to(found.q, 5.0 * self._task.control_timestep)
+
+
+@_expert.register
+def _reach(task: ReachPose) -> Policy:
+    return ReachExpert(task, _wants(task, JointVelocities))
+
+
+class Align(Phase):
+    """Bring the tool to the stand-off before the path, until it is there."""
+
+    def __init__(self, tip: Callable[[StateEstimate], Array], within: float = 2e-3, seconds: float = 0.3) -> None:
+        """Set up: place (3,) [m] of the tip by an estimate, distance [m] that counts as there, and for how long [s]."""
+        self._tip, self._within, self._seconds = tip, within, seconds
+
+    def enter(self, held: Held, now: Context) -> list[float]:
+        """Begin; the state is the time since when the tool is there."""
+        return [now.time]
+
+    def step(self, state: list[float], held: Held, now: Context) -> Outcome:
+        """Done once the tool has been there for a while."""
+        if float(np.linalg.norm(self._tip(now.estimate) - held.tool()[0][:3, 3])) > self._within:
+            state[0] = now.time
+        return PhaseEvent.DONE if now.time - state[0] > self._seconds else None
+
+    def setpoint(self, state: list[float], held: Held, now: Context) -> Setpoint:
+        """The tool at the stand-off."""
+        return Setpoint(X_WG=held.tool()[0])
+
+
+class WorkExpert:
+    """A table of the jobs' phases as policy: its set points of tool and force, as twists."""
+
+    def __init__(self, task: ContactTask, actions: ToolTwist, rows: Iterable[tuple[str, TaskRow]]) -> None:
+        """Set up for a task with the tool's motion as action."""
+        self._task, self._actions, self._rows = task, actions, tuple(rows)
+        self._planner: TaskPlanner | None = None
+        self._state: TaskState | None = None
+        self._true = TrueState()
+
+    @property
+    def phase(self) -> str:
+        """Name of the present row of the table."""
+        return "" if self._state is None else self._state.row
+
+    def __call__(self, timestep: dm_env.TimeStep) -> Array:
+        """Twist and force towards the planner's set point."""
+        actions, period = self._actions, self._task.control_timestep
+        if timestep.first():
+            estimate = self._true.estimate(self._task.truth)
+            self._planner = TaskPlanner(self._rows, (), X_WB=estimate.X_WB, q=estimate.q, period=period)
+            self._state = self._planner.init(estimate)
+            return np.zeros(len(actions.names))
+        assert actions.estimate is not None
+        assert self._planner is not None
+        assert self._state is not None
+        estimate = self._true.estimate(self._task.truth)
+        self._state, asked = self._planner.step(self._state, estimate, None, actions.last)
+        if asked.X_WG is None:
+            return np.zeros(len(actions.names))
+        X_WG = asked.X_WG.copy()
+        X_WG[:3, 3] += period * asked.v_WG_W
+        force = asked.force if asked.force_control else 0.0
+        return actions.action_to(X_WG, force, asked.compliant, period)
+
+
+_OFF = {Reaction.RETREAT: "parked"}  # a phase that gives up
+
+
+def _begin(task: ContactTask, *, offset: float, depth: float, then: str) -> Iterable[tuple[str, TaskRow]]:
+    """Rows up to the stand-off: the hull comes to rest, the tool goes before the path's first point."""
+
+    def stand(held: Held, now: Context) -> None:
+        del now
+        held.line, held.depth = task.place.line(offset), depth
+
+    tip, done = task.vehicle.own.at_work().tip, PhaseEvent.DONE
+    yield "stand", TaskRow(Decide(stand, AbortCode.OUT_OF_REACH), WorkState.SETTLE, {done: at_once("settle")}, _OFF)
+    yield "settle", TaskRow(Settle(QUIET), WorkState.SETTLE, {done: "align"}, _OFF)
+    yield "align", TaskRow(Align(tip), WorkState.CLOSE_IN, {done: then}, _OFF)
+    yield "parked", TaskRow(HoldTool(STANDOFF), WorkState.DONE)
+
+
+def _pressing(task: ContactTask, then: str) -> Iterable[tuple[str, TaskRow]]:
+    """Rows from the stand-off to the set force."""
+    limits, done = contact.ApproachLimits(standoff=STANDOFF), PhaseEvent.DONE
+    yield from _begin(task, offset=-STANDOFF, depth=0.0, then="approach")
+    yield "approach", TaskRow(contact.GuardedApproach(limits), WorkState.APPROACH, {done: "press"}, _OFF)
+    press = contact.Press(contact.PressLimits(), task.force, FORCE_RATE)
+    yield "press", TaskRow(press, WorkState.PRESS, {done: then}, _OFF)
+
+
+def _leaving(then: str) -> Iterable[tuple[str, TaskRow]]:
+    """Rows off the surface."""
+    limits, done = contact.ApproachLimits(standoff=STANDOFF), PhaseEvent.DONE
+    yield "let go", TaskRow(contact.Unload(FORCE_RATE, limits.touch), WorkState.RETREAT, {done: "lift"}, _OFF)
+    yield "lift", TaskRow(contact.Retreat(limits.speed, STANDOFF), WorkState.RETREAT, {done: then}, _OFF)
+
+
+@_expert.register
+def _press(task: PressPoint) -> Policy:
+    stay = TaskRow(contact.Dwell(np.inf), WorkState.WORK, {PhaseEvent.DONE: "parked"}, _OFF)
+    return WorkExpert(task, _wants(task, ToolTwist), [*_pressing(task, "stay"), ("stay", stay)])
+
+
+@_expert.register
+def _wipe(task: WipePath) -> Policy:
+    follow = contact.FollowPath(contact.FollowLimits(), (task.force,), FORCE_RATE)
+    ends = {PhaseEvent.DONE: "let go", PhaseEvent.MORE: "let go"}
+    work = TaskRow(follow, WorkState.WORK, ends, _OFF)
+    return WorkExpert(task, _wants(task, ToolTwist), [*_pressing(task, "work"), ("work", work), *_leaving("parked")])
+
+
+@_expert.register
+def _tap(task: TapPoints) -> Policy:
+    tip = task.vehicle.own.at_work().tip
+
+    def mark(held: Held, now: Context) -> None:
+        held.places = (*held.places, tip(now.estimate))
+
+    done = PhaseEvent.DONE
+    move = contact.NextPoint(task.points, contact.FollowLimits(), STANDOFF)
+    ends = {PhaseEvent.MORE: "approach", done: "parked"}
+    rows = [
+        *_pressing(task, "dwell"),
+        ("dwell", TaskRow(contact.Dwell(TOUCHED), WorkState.WORK, {done: at_once("mark")}, _OFF)),
+        ("mark", TaskRow(Decide(mark, AbortCode.OUT_OF_REACH), WorkState.WORK, {done: "let go"}, _OFF)),
+        *_leaving("next"),
+        ("next", TaskRow(move, WorkState.CLOSE_IN, ends, _OFF)),
+    ]
+    return WorkExpert(task, _wants(task, ToolTwist), rows)
+
+
+@_expert.register
+def _insert(task: InsertSampler) -> Policy:
+    job = insertion.InsertionJob(depth=task.hole.depth, inside=insertion.EntryLimits(nose=task.hole.tool_radius))
+    rows = insertion.rows_at_hole(job)
+    begin = _begin(task, offset=0.0, depth=-job.axial.standoff, then="approach")
+    table = {**dict(rows), **dict(begin)}
+    first = ["stand", *(name for name in table if name != "stand")]
+    return WorkExpert(task, _wants(task, ToolTwist), [(name, table[name]) for name in first])
+
+
+def _wants(task: VehicleTask, kind: type[_Kind]) -> _Kind:
+    """The task's actions, which an expert takes only if they are of one kind.
+
+    Raises:
+        ConfigurationError: They are of another.
+    """
+    if not isinstance(task.actions, kind):
+        raise ConfigurationError(
+            f"the expert of {type(task).__name__} acts by {kind.__name__}, not by {type(task.actions).__name__}"
+        )
+    return task.actions

@@ -1,0 +1,157 @@
+"""Tasks without contact: hold station, go to a waypoint, reach a pose with the tool while hovering."""
+
+from collections.abc import Mapping
+
+import numpy as np
+from dm_control.utils import rewards
+
+from uuv.controllers.mkps import Chain
+from uuv.environments.actions import Actions
+from uuv.environments.entities import Sea, VehicleEntity
+from uuv.environments.judges import KeptFor
+from uuv.environments.sensing import FARTHEST
+from uuv.environments.vehicle_task import SITE_DEPTH, Random, VehicleTask, near
+from uuv.sim.environment import ALIGNED, CLOSE, START_OFFSET, START_TURN
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.spatial import Array, exp_so3, inverse, log_so3, pose, readonly
+from uuv.sim.plant.plant import Truth
+
+STATION_TIME, ARRIVED_TIME, REACHED_TIME = 5.0, 2.0, 1.0  # [s] for which the goal must be kept
+FARTHEST_WAYPOINT = 2.0  # [m] per horizontal axis from the start; half as much up and down
+WAYPOINT_TURN = 0.8  # [rad] largest, about the vertical
+REACHED = 0.02, 0.3  # [m] distance of the tip up to which the reward is full, and further one at which it is a tenth
+POINTED = 0.1, 1.0  # [rad] the same for the tool's axis
+MIDDLE = readonly(pose(p=[0.0, 0.0, -SITE_DEPTH]))  # (4, 4) pose of the hull in the middle of the site
+SPREAD = 0.35  # [rad] of each joint about the ready posture, in which goals to reach are drawn
+
+
+class HoldStation(VehicleTask):
+    """Hold a hull pose in a current, from a random start nearby.
+
+    Done once the hull has been within CLOSE and ALIGNED for STATION_TIME. The goal: its position (3,) [m] and rotation
+    vector (3,) [rad] in hull axes.
+    """
+
+    def __init__(self, sea: Sea, vehicle: VehicleEntity, actions: Actions, *, sparse: bool = False) -> None:
+        """As `VehicleTask`."""
+        super().__init__(sea, vehicle, actions, sparse=sparse)
+        self.X_WH = np.eye(4)  # pose to hold
+        self._judge = KeptFor(self._there, self.seconds)
+        self.add_goals(FARTHEST, goal_position=3, goal_attitude=3)
+
+    seconds = STATION_TIME
+
+    @property
+    def judge(self) -> KeptFor:
+        """Kept for a while."""
+        return self._judge
+
+    def begin(self, random_state: Random) -> tuple[Array, None]:
+        """The start, near the pose to hold."""
+        self.X_WH = MIDDLE
+        return near(self.X_WH, random_state, offset=START_OFFSET, turn=START_TURN), None
+
+    def X_BH(self, truth: Truth) -> Array:
+        """The pose (4, 4) to hold, in hull axes."""
+        return inverse(pose(truth.R_WB, truth.p_WB)) @ self.X_WH
+
+    def _off(self, truth: Truth) -> tuple[float, float]:
+        X_BH = self.X_BH(truth)
+        return float(np.linalg.norm(X_BH[:3, 3])), float(np.linalg.norm(log_so3(X_BH[:3, :3])))
+
+    def _there(self, truth: Truth) -> bool:
+        distance, angle = self._off(truth)
+        return distance <= CLOSE[0] and angle <= ALIGNED[0]
+
+    def goal(self, truth: Truth) -> Mapping[str, Array]:
+        """Pose to hold."""
+        X_BH = self.X_BH(truth)
+        return {"goal_position": X_BH[:3, 3], "goal_attitude": log_so3(X_BH[:3, :3])}
+
+    def shaped(self, truth: Truth) -> float:
+        """1 at the pose, falling with distance and angle."""
+        distance, angle = self._off(truth)
+        close = rewards.tolerance(distance, bounds=(0.0, CLOSE[0]), margin=CLOSE[1])
+        return close * rewards.tolerance(angle, bounds=(0.0, ALIGNED[0]), margin=ALIGNED[1])
+
+
+class GoToWaypoint(HoldStation):
+    """Go to a hull pose some metres away and stay there; as `HoldStation`, for ARRIVED_TIME."""
+
+    seconds = ARRIVED_TIME
+
+    def begin(self, random_state: Random) -> tuple[Array, None]:
+        """The waypoint, and the start in the middle of the site."""
+        most = np.array([FARTHEST_WAYPOINT, FARTHEST_WAYPOINT, 0.5 * FARTHEST_WAYPOINT])
+        turn = exp_so3([0.0, 0.0, random_state.uniform(-WAYPOINT_TURN, WAYPOINT_TURN)])
+        self.X_WH = MIDDLE @ pose(turn, random_state.uniform(-most, most))
+        return MIDDLE, None
+
+    def shaped(self, truth: Truth) -> float:
+        """1 at the pose; a tenth at the farthest waypoint."""
+        distance, angle = self._off(truth)
+        close = rewards.tolerance(distance, bounds=(0.0, CLOSE[0]), margin=1.5 * FARTHEST_WAYPOINT)
+        return close * rewards.tolerance(angle, bounds=(0.0, ALIGNED[0]), margin=WAYPOINT_TURN)
+
+
+class ReachPose(VehicleTask):
+    """Bring the tool's tip to a place, and its axis to a direction, while the hull hovers.
+
+    The goal is a place that the arm can reach from the ready posture; it is fixed to the world. Done once the tip has
+    been within REACHED and the axis within POINTED for REACHED_TIME. The goal's numbers: its position (3,) [m] and the
+    rotation vector (3,) [rad] that turns the tool's axis to it, in tool axes.
+    """
+
+    def __init__(self, sea: Sea, vehicle: VehicleEntity, actions: Actions, *, sparse: bool = False) -> None:
+        """As `VehicleTask`.
+
+        Raises:
+            ConfigurationError: The vehicle has no arm.
+        """
+        if not len(vehicle.own.vehicle.joints):
+            raise ConfigurationError("to reach, the vehicle needs an arm")
+        super().__init__(sea, vehicle, actions, sparse=sparse)
+        self._chain: Chain = vehicle.own.chain()
+        self.X_WH = np.eye(4)  # tool pose to reach; its turn about the tool's axis is free
+        self._judge = KeptFor(self._there, REACHED_TIME)
+        self.add_goals(FARTHEST, goal_position=3, goal_turn=3)
+
+    @property
+    def judge(self) -> KeptFor:
+        """Kept for a while."""
+        return self._judge
+
+    def begin(self, random_state: Random) -> tuple[Array, Array]:
+        """The goal, and the arm at another posture near the ready one."""
+        vehicle = self.vehicle.own.vehicle
+        X_WB = near(MIDDLE, random_state, offset=0.1, turn=0.2)
+        low, high = vehicle.q_limits[:, 0], vehicle.q_limits[:, 1]
+        n = len(vehicle.joints)
+        start, goal = (np.clip(vehicle.q_ready + random_state.uniform(-SPREAD, SPREAD, n), low, high) for _ in "sg")
+        self.X_WH = X_WB @ vehicle.X_BA @ self._chain.forward(goal)
+        return X_WB, start
+
+    def goal(self, truth: Truth) -> Mapping[str, Array]:
+        """Place and direction in tool axes."""
+        R_GW = truth.R_WG.T
+        return {"goal_position": R_GW @ (self.X_WH[:3, 3] - truth.p_WG), "goal_turn": R_GW @ self._turn(truth)}
+
+    def _turn(self, truth: Truth) -> Array:
+        """Rotation vector (3,) [rad], W, that turns the tool's axis to the goal's."""
+        z, wanted = truth.R_WG[:, 2], self.X_WH[:3, 2]
+        axis = np.cross(z, wanted)
+        sine = float(np.linalg.norm(axis))
+        return np.arctan2(sine, float(z @ wanted)) * axis / sine if sine > 1e-9 else np.zeros(3)
+
+    def _off(self, truth: Truth) -> tuple[float, float]:
+        return float(np.linalg.norm(self.X_WH[:3, 3] - truth.p_WG)), float(np.linalg.norm(self._turn(truth)))
+
+    def _there(self, truth: Truth) -> bool:
+        distance, angle = self._off(truth)
+        return distance <= REACHED[0] and angle <= POINTED[0]
+
+    def shaped(self, truth: Truth) -> float:
+        """1 at the goal, falling with distance and angle."""
+        distance, angle = self._off(truth)
+        close = rewards.tolerance(distance, bounds=(0.0, REACHED[0]), margin=REACHED[1])
+        return close * rewards.tolerance(angle, bounds=(0.0, POINTED[0]), margin=POINTED[1])

@@ -1,0 +1,169 @@
+"""MJCF of a vehicle for dm_control's composer: the whole, or hull, arm and tool apart, with every digit kept."""
+
+import copy
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import count
+
+import mujoco
+from dm_control import mjcf
+from lxml import etree
+
+from uuv.models.files.exact_mjcf import exact_xml
+from uuv.models.naming import ARM_BASE_BODY, HULL_BODY, PAD_BODY, TIP_SITE
+from uuv.models.completing.complete import COMPUTED
+from uuv.sim.interfaces.errors import ConfigurationError, one_line
+
+MOUNT = "mount"  # site of hull or arm at which the next part is attached
+_PLACE = ("pos", "quat")
+_JOINED = ("tendon", "equality", "contact", "sensor", "deformable", "skin")  # elements that may tie parts together
+
+
+@dataclass(frozen=True, slots=True)
+class VehicleParts:
+    """MJCF of hull, arm and tool, each a model of its own; None: the vehicle has no such part of its own."""
+
+    hull: str
+    arm: str | None
+    tool: str | None
+    folder: str = ""  # of the files that they name, such as meshes
+
+
+def root_of(xml: str, name: str, folder: str = "") -> mjcf.RootElement:
+    """PyMJCF model of an MJCF text, called `name`, without keyframes: they do not fit a larger scene.
+
+    Args:
+        xml: MJCF.
+        name: Of the model.
+        folder: Of the files that it names.
+
+    Raises:
+        ConfigurationError: PyMJCF cannot read it, for instance because a file is missing.
+    """
+    document = etree.fromstring(xml.encode())
+    for section in document.findall("keyframe"):
+        document.remove(section)
+    for custom in document.findall("custom"):
+        for text in custom.findall("text"):
+            if text.get("name", "").startswith(COMPUTED):  # says how a keyframe was found; PyMJCF would lose the text
+                custom.remove(text)
+    for size in document.findall("size"):
+        size.attrib.pop("nkey", None)
+    try:
+        root = mjcf.from_xml_string(etree.tostring(document).decode(), model_dir=folder)
+    except Exception as error:  # of any type: PyMJCF's parser raises its own
+        raise ConfigurationError(f"{name}: dm_control cannot read its MJCF: {one_line(str(error), 200)}") from error
+    root.model = name
+    return root
+
+
+def parts_of(spec: mujoco.MjSpec) -> VehicleParts:
+    """Hull, arm and tool of a vehicle.
+
+    The hull loses its free joint, which the scene gives it. Parts that tendons, equalities, contact pairs or sensors
+    may tie together stay in one piece, as do those of a vehicle without an arm.
+
+    Raises:
+        ConfigurationError: The vehicle has no body `hull`.
+    """
+    whole, folder = etree.fromstring(exact_xml(spec).encode()), spec.modelfiledir
+    hull = _named(whole, "body", HULL_BODY)
+    if hull is None:
+        raise ConfigurationError(f"vehicle: has no body {HULL_BODY!r}, which is to float freely")
+    for joint in [*hull.findall("freejoint"), *hull.findall("joint")]:
+        hull.remove(joint)
+    base, tip = _named(whole, "body", ARM_BASE_BODY), _named(whole, "site", TIP_SITE)
+    if (
+        base is None
+        or tip is None
+        or base not in tip.iterancestors()
+        or any(len(section) for name in _JOINED for section in whole.findall(name))
+    ):
+        return VehicleParts(_text(whole), None, None, folder)
+    of_tool = _end_of(whole, tip)
+    arm = _document(whole, _cut_out(whole, [base]))
+    tool = _document(whole, _cut_out(arm, of_tool))
+    for document in (whole, arm, tool):
+        _keep_own_actuators(document)
+    return VehicleParts(_text(whole), _text(arm), _text(tool), folder)
+
+
+def _end_of(document: etree._Element, tip: etree._Element) -> list[etree._Element]:
+    """What the last driven link carries: tip and pad, each with the bodies of its mount."""
+    driven = {each.get("joint") for each in document.iterfind("actuator/*")}
+    pad = _named(document, "body", PAD_BODY)
+    found: list[etree._Element] = []
+    for part in [tip] if pad is None else [tip, pad]:
+        at = part
+        while not any(joint.get("name") in driven for joint in at.getparent().findall("joint")):
+            at = at.getparent()
+            if at.getparent() is None or at.tag == "worldbody":
+                raise ConfigurationError(f"vehicle: {part.tag} {part.get('name')!r} is carried by no driven joint")
+        if at not in found:
+            found.append(at)
+    return found
+
+
+def _cut_out(document: etree._Element, parts: list[etree._Element]) -> list[etree._Element]:
+    """Take sibling elements out of a document; a site MOUNT takes their place, that of the first if it is a body."""
+    first = parts[0]
+    parent = first.getparent()
+    mount = etree.SubElement(parent, "site", name=_free_name(document, MOUNT))
+    taken = []
+    if first.tag == "body":
+        mount.attrib.update({key: first.attrib.pop(key) for key in _PLACE if key in first.attrib})
+    for part in parts:
+        inherited = _inherited_class(part)
+        if inherited is not None:
+            key = "childclass" if part.tag == "body" else "class"
+            part.set(key, part.get(key, inherited))
+        part.getparent().remove(part)
+        part.tail = None
+        taken.append(part)
+    return taken
+
+
+def _document(whole: etree._Element, tree: list[etree._Element]) -> etree._Element:
+    """A model with the settings, defaults, assets and actuators of `whole`, and the elements of `tree` as its world."""
+    document = copy.deepcopy(whole)
+    for world in document.findall("worldbody"):
+        document.remove(world)
+    world = etree.SubElement(document, "worldbody")
+    world.extend(tree)
+    return document
+
+
+def _keep_own_actuators(document: etree._Element) -> None:
+    """Remove actuators of joints and sites that the document does not have."""
+    own = {(each.tag, each.get("name")) for each in document.iterfind(".//worldbody//*") if each.get("name")}
+    for section in document.findall("actuator"):
+        for actuator in list(section):
+            places = [(kind, actuator.get(kind)) for kind in ("joint", "site", "body") if actuator.get(kind)]
+            if any(place not in own for place in places):
+                section.remove(actuator)
+
+
+def _inherited_class(part: etree._Element) -> str | None:
+    """Default class that bodies above give to `part`, unless it names its own."""
+    for above in part.iterancestors("body"):
+        if above.get("childclass"):
+            return above.get("childclass")
+    return None
+
+
+def _free_name(document: etree._Element, wish: str) -> str:
+    taken = {each.get("name") for each in document.iter("site")}
+    return next(name for name in _numbered(wish) if name not in taken)
+
+
+def _numbered(wish: str) -> Iterator[str]:
+    yield wish
+    yield from (f"{wish}_{number}" for number in count(2))
+
+
+def _named(document: etree._Element, tag: str, name: str) -> etree._Element | None:
+    return next((each for each in document.iter(tag) if each.get("name") == name), None)
+
+
+def _text(document: etree._Element) -> str:
+    return etree.tostring(document).decode()

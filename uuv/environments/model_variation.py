@@ -1,0 +1,101 @@
+"""Perturbations of a vehicle, drawn anew in each episode and written into the compiled model of the scene."""
+
+from collections.abc import Callable, Sequence
+
+import mujoco
+import numpy as np
+
+from uuv.models.naming import TOOL_GEOM
+from uuv.perturbations.perturbation import Perturbation, perturb
+from uuv.sim import hydrodynamics
+from uuv.sim.interfaces.errors import ConfigurationError
+
+# Numbers of a model that perturbations of a vehicle change, by the kind of thing that they belong to.
+_OF_BODY = ("body_mass", "body_inertia", "body_ipos", "body_iquat", "body_user")
+_OF_DOF = ("dof_damping", "dof_frictionloss", "dof_armature")
+_OF_JOINT = ("jnt_stiffness", "jnt_user", "jnt_range")
+_OF_GEOM = ("geom_friction", "geom_solref", "geom_solimp", "geom_size")
+_OF_ACTUATOR = ("actuator_user", "actuator_gear", "actuator_ctrlrange", "actuator_gainprm")
+Finder = Callable[[str, str], str]  # full name in the scene, by kind and own name
+
+
+class ModelVariation:
+    """The perturbations of one vehicle in one scene.
+
+    Raises:
+        ConfigurationError: A perturbation changes the scene, the loop or the timestep: an episode cannot.
+    """
+
+    def __init__(self, spec: mujoco.MjSpec, perturbations: Sequence[Perturbation]) -> None:
+        """Take the nominal vehicle and its perturbations."""
+        for each in perturbations:
+            if type(each).on_vehicle is Perturbation.on_vehicle:
+                raise ConfigurationError(
+                    f"perturbation {type(each).__name__}: acts on scene or loop; an episode varies the vehicle alone"
+                )
+        self._spec, self._perturbations = spec, tuple(perturbations)
+        self._nominal = spec.copy().compile()
+        self._scene: mujoco.MjModel | None = None
+        self._rows: dict[str, tuple[np.ndarray, np.ndarray]] = {}
+        self._pairs = np.zeros(0, dtype=np.int64)
+        self.drawn: dict[str, float] = {}  # means of the factors of the present episode
+
+    def bind(self, scene: mujoco.MjModel, find: Finder) -> None:
+        """Look the vehicle's named parts up in the compiled model of a scene.
+
+        Args:
+            scene: The model to vary.
+            find: Full name of a part.
+        """
+        own = self._nominal
+        self._scene = scene
+        for kind, word, total in (
+            (mujoco.mjtObj.mjOBJ_BODY, "body", own.nbody),
+            (mujoco.mjtObj.mjOBJ_JOINT, "joint", own.njnt),
+            (mujoco.mjtObj.mjOBJ_GEOM, "geom", own.ngeom),
+            (mujoco.mjtObj.mjOBJ_ACTUATOR, "actuator", own.nu),
+        ):
+            here, there = [], []
+            for i in range(1 if word == "body" else 0, total):
+                name = mujoco.mj_id2name(own, kind, i)
+                at = mujoco.mj_name2id(scene, kind, find(word, name)) if name else -1
+                if at >= 0:
+                    here.append(i)
+                    there.append(at)
+            self._rows[word] = np.array(here, dtype=np.int64), np.array(there, dtype=np.int64)
+        dofs = [(int(own.jnt_dofadr[a]), int(scene.jnt_dofadr[b])) for a, b in zip(*self._rows["joint"], strict=True)]
+        own_dofs, scene_dofs = np.array(dofs, dtype=np.int64).reshape(-1, 2).T
+        self._rows["dof"] = own_dofs, scene_dofs
+        tool = mujoco.mj_name2id(scene, mujoco.mjtObj.mjOBJ_GEOM, find("geom", TOOL_GEOM))
+        ends = np.column_stack([scene.pair_geom1, scene.pair_geom2])
+        self._pairs = np.flatnonzero((ends == tool).any(axis=1)) if tool >= 0 else np.zeros(0, dtype=np.int64)
+
+    def draw(self, random_state: np.random.RandomState) -> None:
+        """Draw the factors of an episode, and write the vehicle's numbers into the scene.
+
+        Raises:
+            ConfigurationError: A perturbation changes the timestep, or the vehicle lacks what it changes.
+        """
+        assert self._scene is not None
+        spec = self._spec.copy()
+        self.drawn = perturb(spec, self._perturbations, int(random_state.randint(2**31)))
+        varied, scene = spec.compile(), self._scene
+        if varied.opt.timestep != self._nominal.opt.timestep:
+            raise ConfigurationError("perturbation: needs another timestep, which an episode cannot change")
+        for word, fields in (
+            ("body", _OF_BODY),
+            ("dof", _OF_DOF),
+            ("joint", _OF_JOINT),
+            ("geom", _OF_GEOM),
+            ("actuator", _OF_ACTUATOR),
+        ):
+            here, there = self._rows[word]
+            for field in fields:
+                getattr(scene, field)[there, ...] = getattr(varied, field)[here, ...]
+        if len(self._pairs):
+            sliding, spinning, rolling = varied.geom(TOOL_GEOM).friction
+            scene.pair_friction[self._pairs] = [sliding, sliding, spinning, rolling, rolling]
+        scene.body_subtreemass[:] = scene.body_mass
+        for body in range(scene.nbody - 1, 0, -1):
+            scene.body_subtreemass[scene.body_parentid[body]] += scene.body_subtreemass[body]
+        hydrodynamics.set_constants(scene)

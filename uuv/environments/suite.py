@@ -1,0 +1,197 @@
+"""Registry of the tasks, as dm_control's `suite`: domains and tasks by name, with tags.
+
+    environment = suite.load("barrel", "press", seed=0)
+
+`ALL_TASKS` and `BY_TAG` list the names.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+
+import mujoco
+import numpy as np
+from dm_control import composer
+from dm_control.composer.variation import distributions
+
+from uuv.models.naming import TOOL_GEOM, find
+from uuv.models.objects import targets
+from uuv.models.objects.manifold import manifold
+from uuv.environments.actions import Actions, HullWrench, JointVelocities, ThrustersAndTorques, ThrusterSpeeds, ToolTwist
+from uuv.environments.contact_tasks import InsertSampler, PressPoint, TapPoints, WipePath, place_at_hole, place_on
+from uuv.environments.entities import Sea, VehicleEntity
+from uuv.environments.free_tasks import GoToWaypoint, HoldStation, ReachPose
+from uuv.environments.vehicle_task import VehicleTask
+from uuv.own_vehicle import OwnVehicle
+from uuv.perturbations.perturbation import Perturbation
+from uuv.tasks.surface_work import TAP_FORCE, TAPPED
+from uuv.sim.evaluation.insertion_metrics import TrueHole
+from uuv.sim.interfaces.errors import ConfigurationError, did_you_mean
+from uuv.sim.interfaces.protocols import Sensor
+from uuv.sim.interfaces.spatial import number, shown, whole_number
+
+FORCE = 60.0  # [N] to press and wipe with
+WIPED = 0.3  # [m] of the path to wipe
+HOLE, DEPTH, CLEARANCE = "a", 0.06, 2e-3  # of the insertion: hole, [m] to reach, [m] radial
+FASTEST_CURRENT, GUST = 0.2, 0.02  # [m/s] in free water; half of it at work
+Seed = int | np.random.RandomState | None
+
+ACTIONS: dict[str, Callable[[OwnVehicle], Actions]] = {
+    "thrusters": ThrusterSpeeds,
+    "hull_wrench": HullWrench,
+    "thrusters_torques": ThrustersAndTorques,
+    "joint_velocity": JointVelocities,
+    "tool": ToolTwist,
+}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SuiteEntry:
+    """One task of the suite."""
+
+    make: Callable[[VehicleEntity, Actions, bool], VehicleTask]
+    actions: str  # usual kind
+    time_limit: float  # [s] usual
+    tags: tuple[str, ...]
+    tool: str | None = None  # in place of the vehicle's own
+
+
+def _free(kind: type[HoldStation] | type[ReachPose]) -> Callable[[VehicleEntity, Actions, bool], VehicleTask]:
+    def make(vehicle: VehicleEntity, actions: Actions, sparse: bool) -> VehicleTask:
+        return kind(Sea(distributions.Uniform(0.0, FASTEST_CURRENT), GUST), vehicle, actions, sparse=sparse)
+
+    return make
+
+
+def _working_sea(depth: float) -> Sea:
+    return Sea(distributions.Uniform(0.0, 0.5 * FASTEST_CURRENT), 0.5 * GUST, depth=depth)
+
+
+def _on_barrel(
+    kind: type[PressPoint] | type[WipePath], vehicle: VehicleEntity, actions: Actions, sparse: bool
+) -> VehicleTask:
+    place = place_on(vehicle, targets.barrel(line_length=WIPED), "longitudinal", force=FORCE)
+    return kind(_working_sea(place.depth), vehicle, actions, place, force=FORCE, sparse=sparse)
+
+
+def _tap(vehicle: VehicleEntity, actions: Actions, sparse: bool) -> VehicleTask:
+    place = place_on(vehicle, targets.barrel(line_length=WIPED), "longitudinal", force=TAP_FORCE)
+    sea = _working_sea(place.depth)
+    return TapPoints(sea, vehicle, actions, place, force=TAP_FORCE, points=TAPPED, sparse=sparse)
+
+
+def _insert(vehicle: VehicleEntity, actions: Actions, sparse: bool) -> VehicleTask:
+    tool = find(vehicle.own.model, mujoco.mjtObj.mjOBJ_GEOM, TOOL_GEOM)
+    if vehicle.own.model.geom_type[tool] != mujoco.mjtGeom.mjGEOM_CAPSULE:
+        raise ConfigurationError(
+            f"to insert, the vehicle's tool, its geom {TOOL_GEOM!r}, must be a capsule, the sampler"
+        )
+    radius = float(vehicle.own.model.geom_size[tool, 0])
+    block = manifold(radius + CLEARANCE)
+    place = place_at_hole(vehicle, block, HOLE, DEPTH)
+    bore = block.hole(HOLE)
+    hole = TrueHole(X_WH=bore.pose(place.X_WT), radius=bore.radius, tool_radius=radius, depth=DEPTH)
+    return InsertSampler(_working_sea(place.depth), vehicle, actions, place, hole, sparse=sparse)
+
+
+TASKS: dict[tuple[str, str], SuiteEntry] = {
+    ("water", "hover"): SuiteEntry(
+        make=_free(HoldStation), actions="thrusters", time_limit=30.0, tags=("free", "easy")
+    ),
+    ("water", "waypoint"): SuiteEntry(make=_free(GoToWaypoint), actions="thrusters", time_limit=40.0, tags=("free",)),
+    ("water", "reach"): SuiteEntry(
+        make=_free(ReachPose), actions="joint_velocity", time_limit=10.0, tags=("free", "arm")
+    ),
+    ("barrel", "press"): SuiteEntry(
+        make=partial(_on_barrel, PressPoint), actions="tool", time_limit=30.0, tags=("contact", "arm")
+    ),
+    ("barrel", "wipe"): SuiteEntry(
+        make=partial(_on_barrel, WipePath), actions="tool", time_limit=50.0, tags=("contact", "arm", "path")
+    ),
+    ("barrel", "tap"): SuiteEntry(make=_tap, actions="tool", time_limit=70.0, tags=("contact", "arm", "path")),
+    ("manifold", "insert"): SuiteEntry(
+        make=_insert, actions="tool", time_limit=50.0, tags=("contact", "arm"), tool="sampler"
+    ),
+}
+ALL_TASKS: tuple[tuple[str, str], ...] = tuple(TASKS)
+BY_TAG: dict[str, tuple[tuple[str, str], ...]] = {
+    tag: tuple(name for name, entry in TASKS.items() if tag in entry.tags)
+    for tag in sorted({tag for entry in TASKS.values() for tag in entry.tags})
+}
+
+
+def load(
+    domain: str,
+    task: str = "",
+    *,
+    seed: Seed = None,
+    vehicle: str = "uuv_puma",
+    actions: str | None = None,
+    sensors: Sequence[Sensor] = (),
+    perturbations: Sequence[Perturbation] = (),
+    sparse: bool = False,
+    time_limit: float | None = None,
+    period: float | None = None,
+) -> composer.Environment:
+    """An environment of the suite.
+
+    Args:
+        domain: "water", "barrel" or "manifold".
+        task: A task of it, see ALL_TASKS; or both in the first argument, as "water/hover".
+        seed: Of all random numbers; None: other ones every time.
+        vehicle: A name of `uuv.models.available()`, or an MJCF file.
+        actions: A kind of ACTIONS; None: the task's usual one.
+        sensors: Whose readings are observed in place of the true state.
+        perturbations: Deviations of the vehicle from its model, drawn anew in each episode.
+        sparse: Reward success alone.
+        time_limit: [s] of an episode; None: the task's usual one.
+        period: [s] between actions; None: 0.02.
+
+    Returns:
+        dm_control's environment.
+
+    Raises:
+        ConfigurationError: There is no such task or kind of action, or the vehicle is not fit for it.
+        ReachError: The vehicle's arm does not reach the work from anywhere.
+    """
+    if not task and isinstance(domain, str) and "/" in domain:
+        domain, task = domain.split("/", 1)
+    name = f"{domain}/{task}"
+    if (domain, task) not in TASKS:
+        known = tuple("/".join(each) for each in TASKS)
+        raise ConfigurationError(f"unknown task {shown(name)}; there are {', '.join(known)}{did_you_mean(name, known)}")
+    entry = TASKS[domain, task]
+    kind = actions or entry.actions
+    if kind not in ACTIONS:
+        raise ConfigurationError(f"unknown actions {shown(kind)}; there are {', '.join(ACTIONS)}")
+    body = VehicleEntity(vehicle, tool=entry.tool, sensors=sensors, perturbations=perturbations)
+    made = entry.make(body, ACTIONS[kind](body.own), sparse)
+    if period is not None:
+        made.set_period(period)
+    return environment(made, seed=seed, time_limit=entry.time_limit if time_limit is None else time_limit)
+
+
+def environment(task: composer.Task, *, seed: Seed = None, time_limit: float = np.inf) -> composer.Environment:
+    """dm_control's environment of a task whose model stays the same in all episodes; observations have no buffer axis.
+
+    Args:
+        task: Of this package, or one's own.
+        seed: Of all random numbers; None: other ones every time.
+        time_limit: [s] of an episode.
+
+    Raises:
+        ConfigurationError: The time limit is not above 0, or the seed is no whole number or RandomState.
+    """
+    limit = number(time_limit, "time_limit [s]")
+    if not limit > 0.0:
+        raise ConfigurationError(f"time_limit: must be > 0 s, got {time_limit}")
+    if seed is not None and not isinstance(seed, np.random.RandomState):
+        seed = whole_number(seed, "seed", least=0, most=2**32 - 1)
+    return composer.Environment(
+        task,
+        time_limit=limit - 0.5 * task.physics_timestep,  # times are sums of steps, a little above or below
+        random_state=seed,
+        strip_singleton_obs_buffer_dim=True,
+        recompile_mjcf_every_episode=False,
+        delayed_observation_padding=composer.ObservationPadding.INITIAL_VALUE,
+    )

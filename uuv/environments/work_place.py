@@ -1,0 +1,89 @@
+"""Where a vehicle works on an object in an environment: tool path, hull pose and posture, chosen as the jobs do."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from uuv.controllers.hull.thrust_margin import ThrustMargin
+from uuv.controllers.planning.hull_placement import PathStanding, StandingLimits
+from uuv.controllers.planning.placement import Placement
+from uuv.controllers.tasks.phase import ToolLine
+from uuv.models.naming import check_parts
+from uuv.models.objects.target_model import ModelPath, TargetModel
+from uuv.models.site import scenes
+from uuv.perception.finding.target_finder import PATH_SPACING
+from uuv.perception.toolpath.path_planner import path_on_model
+from uuv.own_vehicle import OwnVehicle
+from uuv.sim.interfaces.messages import Target, ToolPath
+from uuv.sim.interfaces.spatial import Array
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class WorkPlace:
+    """An object at its pose, a tool path on it in W, and where the hull stands to work it."""
+
+    target: TargetModel
+    X_WT: Array  # (4, 4)
+    path: ToolPath
+    placement: Placement
+
+    @property
+    def depth(self) -> float:
+        """Depth [m] of the seabed under the object, below the origin."""
+        return -scenes.seabed_height(self.target, self.X_WT)
+
+    def line(self, offset: float) -> ToolLine:
+        """Tool line whose depths count from `offset` [m] off the surface."""
+        return ToolLine(path=self.path, placement=self.placement, offset=offset)
+
+    def tool_at(self, s: float, depth: float = 0.0) -> Array:
+        """Tool pose X_WG (4, 4) at arc length `s` [m], `depth` [m] below the surface along its axis."""
+        return self.line(0.0).at(s, depth)[0]
+
+
+def on_path(
+    own: OwnVehicle, target: TargetModel, path: ModelPath, X_WT: Array, *, force: float, standoff: float
+) -> WorkPlace:
+    """Place of work on a path of an object.
+
+    Args:
+        own: The vehicle.
+        target: The object.
+        path: Tool path on it, in T.
+        X_WT: (4, 4) its pose.
+        force: [N] to press with.
+        standoff: [m] from which the tool approaches.
+
+    Raises:
+        ConfigurationError: The vehicle lacks a part.
+        ReachError: From no hull pose does the arm take the path.
+    """
+    return standing(own, target, path_on_model(X_WT, path, spacing=PATH_SPACING), X_WT, force=force, standoff=standoff)
+
+
+def standing(
+    own: OwnVehicle, target: TargetModel, path: ToolPath, X_WT: Array, *, force: float, standoff: float
+) -> WorkPlace:
+    """Place of work on a tool path in W; as `on_path`."""
+    check_parts(own.model, but=("camera", "home", "ready"))
+    known = own.at_work()
+    stand = PathStanding(
+        vehicle=known.vehicle,
+        chain=known.chain,
+        model=target,
+        hull_box=known.hull_box,
+        limits=StandingLimits(force=force, standoff=standoff, roomy=0.0),  # the hull does not travel
+        floor=scenes.seabed_height(target, X_WT),
+        holding=ThrustMargin.of(own.model),
+    )
+    found = Target(
+        time=0.0,
+        X_WT=X_WT,
+        accepted=True,
+        check_m=0.0,
+        range_m=float(np.linalg.norm(X_WT[:3, 3])),
+        reason="",
+        path=path,
+    )
+    placement, worked, _ = stand(found, path)
+    return WorkPlace(target=target, X_WT=X_WT, path=worked, placement=placement)

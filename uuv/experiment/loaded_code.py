@@ -1,0 +1,100 @@
+"""Files that a result depends on: source of all loaded modules that belong to no installed package, and their data."""
+
+import hashlib
+import os
+import sys
+from collections.abc import Iterable, Mapping
+from functools import cache
+from importlib.util import find_spec
+from pathlib import Path
+
+from uuv.sim.interfaces.files import regular
+from uuv.sim.runs.command_line import ROOMS, is_installed
+from uuv.sim.runs.provenance import HOME
+
+PACKAGES = frozenset(
+    (*ROOMS, "scenarios", "studies", "benchmarks", "papers")
+)  # the project's, wherever it is installed
+
+_MOST_BYTES = 1_000_000_000  # of a file
+
+
+def loaded_files() -> frozenset[str]:
+    """Source files of the project's and the user's modules that this process has loaded, and the data beside them.
+
+    Data are all other files in a package's folder. Paths are relative to the checkout where they lie in it.
+    """
+    found: set[str] = set()
+    for name, module in list(sys.modules.items()):
+        file = getattr(module, "__file__", None)
+        if file and file.endswith(".py"):
+            found.update(_with_data(name.partition(".")[0], file))
+    return frozenset(found)
+
+
+def new_digests() -> dict[str, str]:
+    """Digests of those `loaded_files` that this process has not told before; what it has told, it does not read again.
+
+    So a process that loads a changed file later than another one tells another digest of it. With them are those
+    that processes started by this one have told since (`told_by_another`).
+    """
+    files = loaded_files() - _told
+    _told.update(files)
+    told = digests(files) | _of_others
+    _of_others.clear()
+    return told
+
+
+def told_by_another(code: Mapping[str, str]) -> None:
+    """Takes the digests of files that a process started by this one has loaded; `new_digests` tells them on."""
+    _of_others.update(code)
+
+
+def file_of(module: str) -> str:
+    """File of a module that is not imported here, named as by `loaded_files`.
+
+    Raises:
+        ImportError: There is no such module, or it has no file.
+    """
+    try:
+        spec = find_spec(module)
+    except ValueError as error:
+        raise ModuleNotFoundError(module) from error
+    if spec is None or spec.origin is None or not Path(spec.origin).is_file():
+        raise ModuleNotFoundError(module)
+    return _named(Path(spec.origin).resolve())
+
+
+_told: set[str] = set()
+_of_others: dict[str, str] = {}
+
+
+def digests(files: Iterable[str]) -> dict[str, str]:
+    """Digest of the content of each of `files`, named as by `loaded_files`; empty for one that is not there."""
+    return {file: _digest(HOME / file) for file in sorted(files)}
+
+
+@cache
+def _with_data(package: str, file: str) -> tuple[str, ...]:
+    """A module's file and its data; none for one that is installed and not of the project."""
+    if package not in PACKAGES and is_installed(Path(file)):
+        return ()
+    path = Path(file).resolve()
+    found = [path]
+    if (path.parent / "__init__.py").exists():
+        found += [other for other in path.parent.iterdir() if other.is_file() and other.suffix not in (".py", ".pyc")]
+    return tuple(map(_named, found))
+
+
+def _named(file: Path) -> str:
+    return str(file.relative_to(HOME) if file.is_relative_to(HOME) else file)
+
+
+def _digest(file: Path) -> str:
+    """Digest of a file; empty for what is none, or too large to be source or data of the project."""
+    try:
+        with regular(file, "file") as stream:
+            large = os.fstat(stream.fileno()).st_size > _MOST_BYTES
+            return "" if large else hashlib.file_digest(stream, "sha256").hexdigest()[:16]
+    except (OSError, ValueError):  # also a name that is none
+        return ""

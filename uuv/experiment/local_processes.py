@@ -1,0 +1,85 @@
+"""Local processes by loky: each run in a fresh worker's memory, and a worker that dies costs its own runs only."""
+
+import os
+import warnings
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, wait
+from concurrent.futures.process import BrokenProcessPool
+from typing import TYPE_CHECKING, TypeVar
+
+from uuv.experiment.worker import Limits, begin
+
+if TYPE_CHECKING:
+    from loky import ProcessPoolExecutor
+
+Task = TypeVar("Task")
+Result = TypeVar("Result")
+NO_LIMITS = Limits()
+
+
+def run_all(
+    tasks: Sequence[Task],
+    workers: int,
+    run: Callable[[Task], Result],
+    died: Callable[[Task], Result],
+    limits: Limits = NO_LIMITS,
+) -> Iterator[tuple[Task, Result]]:
+    """Runs all tasks in worker processes and yields each task with its result, in order of completion.
+
+    A result depends neither on the other tasks nor on the process. A process that dies breaks its pool: the tasks that
+    were under way are done again, one at a time, so that one which kills its process is told from the others. Both
+    functions must be importable by a fresh Python under their module's name.
+
+    Args:
+        tasks: Picklable tasks.
+        workers: Number of processes.
+        run: Result of a task.
+        died: Result of a task whose process died each time.
+        limits: Memory of a worker, and how often a task whose process died is done again.
+
+    Yields:
+        Task, result.
+    """
+    from uuv import first_start  # not in the workers: it loads the compiler
+
+    first_start.build()  # else every worker would compile the same
+    waiting: list[Task] = list(reversed(tasks))
+    suspects: list[tuple[Task, int]] = []  # and how often their process has died
+    while waiting or suspects:
+        alone = bool(suspects)
+        source = [task for task, _ in suspects] if alone else waiting
+        size = 1 if alone else min(workers, len(source))
+        under_way: dict[Future[Result], Task] = {}
+        pool = _pool(size, limits)
+        try:
+            while source or under_way:
+                while source and len(under_way) < size:
+                    task = source[-1]
+                    under_way[pool.submit(run, task)] = task  # raises if the pool broke since the last one
+                    source.pop()
+                for done in wait(under_way, return_when=FIRST_COMPLETED).done:
+                    result = done.result()
+                    task = under_way.pop(done)
+                    if alone:
+                        suspects.pop()
+                    yield task, result
+        except BrokenProcessPool:
+            if not alone:
+                suspects = [(task, 1) for task in reversed(list(under_way.values()))]
+            elif under_way:
+                task, deaths = suspects.pop()
+                if deaths < limits.retries:
+                    suspects.append((task, deaths + 1))
+                else:
+                    yield task, died(task)
+        finally:
+            pool.shutdown(wait=True, kill_workers=True)
+
+
+def _pool(workers: int, limits: Limits) -> "ProcessPoolExecutor":
+    from loky import ProcessPoolExecutor
+
+    os.environ.setdefault("OMP_NUM_THREADS", "1")  # one thread for each worker: the workers share the cores
+    # loky replaces a worker that has grown by 300 MB, and says so; no run is lost by that.
+    warnings.filterwarnings("ignore", "A worker (stopped|was restarted) while some jobs", UserWarning)
+    return ProcessPoolExecutor(workers, initializer=begin, initargs=(os.getpid(), limits))

@@ -1,0 +1,145 @@
+"""Ray engine: runs of a study on a Ray cluster, one that exists or one started on this machine for the study."""
+
+import os
+import signal
+import sys
+import time
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, nullcontext
+from dataclasses import dataclass
+from importlib import import_module
+from typing import Any, TypeVar
+
+import numpy as np
+
+from uuv.experiment.cluster_keeper import kept_cluster
+from uuv.experiment.worker import Limits, limit_memory
+from uuv.sim.interfaces.errors import ConfigurationError, one_line
+from uuv.sim.interfaces.kernels import store
+
+# Read when Ray is imported. Under `uv run` it would start each worker by uv, in a copy of this folder; nothing is sent
+# home from here.
+os.environ.setdefault("RAY_ENABLE_UV_RUN_RUNTIME_ENV", "0")
+os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
+try:
+    ray: Any = import_module("ray")
+    lost: Any = import_module("ray.exceptions")
+except ImportError as error:
+    raise ConfigurationError(
+        "--engine ray: Ray is not installed here; ./uvw sync --extra cluster, or pip install 'uuv-arm[cluster]'"
+    ) from error
+
+Task = TypeVar("Task")
+Result = TypeVar("Result")
+ADDRESS = "RAY_ADDRESS"  # Ray's own variable: address of a cluster
+_AHEAD = 2  # tasks that wait or run, for each processor of the cluster: the next one is there when one is done
+_LOOK = 5.0  # [s] between two looks how many processors there are: a cluster may grow
+_THREADS = "OMP_NUM_THREADS"
+_SIGNALS = (signal.SIGINT, signal.SIGTERM)  # Ray takes them, and prints a trace of its stack; they are the command's
+_HANDED_ON = (store.FOLDER, store.LIMIT)  # variables of this process that workers get
+
+
+@dataclass(frozen=True, slots=True)
+class RayCluster:
+    """Carries out runs on the cluster of RAY_ADDRESS, or on one that is started here and ends with the study.
+
+    A task takes one processor and is a message of a few kB; results come back the same way. A run whose worker or node
+    is lost is done again as often as `Limits.retries` says, wherever there is room.
+    """
+
+    workers: int  # processors of a cluster that is started here; 0: all
+    limits: Limits
+
+    @property
+    def place(self) -> str:
+        """As `Engine.place`."""
+        return f"the Ray cluster {os.environ[ADDRESS]}" if os.environ.get(ADDRESS) else "a Ray cluster started here"
+
+    def results(
+        self, tasks: Sequence[Task], run: Callable[[Task], Result], died: Callable[[Task], Result]
+    ) -> Iterator[Sequence[tuple[Task, Result]]]:
+        """As `Engine.results`."""
+        from uuv import first_start
+
+        first_start.build()  # else every worker would compile the same
+        with nullcontext() if os.environ.get(ADDRESS) else kept_cluster() as folder, _connected(self.workers, folder):
+            yield from _carried_out(tasks, ray.put(run), died, self.limits)
+
+
+@contextmanager
+def _connected(workers: int, folder: str | None) -> Iterator[None]:
+    """Connects to the cluster; ends what was started, and the tasks under way, in the end.
+
+    Args:
+        workers: As in `RayCluster`.
+        folder: For the files of a cluster that is started here; None: Ray's own.
+    """
+    exists = os.environ.get(ADDRESS)
+    settings = {_THREADS: "1", "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
+    handlers = {number: signal.getsignal(number) for number in _SIGNALS}
+    settings |= {name: value for name in _HANDED_ON if (value := os.environ.get(name))}
+    try:
+        ray.init(
+            address=exists or "local",
+            num_cpus=None if exists else (workers or os.cpu_count()),
+            include_dashboard=None if exists else False,
+            log_to_driver=False,
+            _temp_dir=folder,
+            logging_level="ERROR",
+            runtime_env={"env_vars": settings},
+        )
+    except (ConnectionError, RuntimeError, ValueError, lost.RayError) as error:
+        where = f" at {exists}" if exists else ""
+        raise ConfigurationError(f"--engine ray: no cluster{where}: {one_line(str(error))}") from error
+    for number, handler in handlers.items():
+        signal.signal(number, handler)
+    try:
+        yield
+    finally:
+        ray.shutdown()
+
+
+def _carried_out(
+    tasks: Sequence[Task], run: Any, died: Callable[[Task], Result], limits: Limits
+) -> Iterator[Sequence[tuple[Task, Result]]]:
+    """The tasks with their results; `run` is the reference of a function that the cluster holds."""
+    remote: Any = ray.remote(num_cpus=1, max_retries=0)(_one)  # again, if need be, by this loop: it counts the deaths
+    waiting, deaths = deque(range(len(tasks))), [0] * len(tasks)
+    under_way: dict[Any, int] = {}
+    room, looked = 0, -np.inf
+    while waiting or under_way:
+        if (now := time.monotonic()) > looked + _LOOK:
+            room, looked = max(1, int(_AHEAD * ray.cluster_resources().get("CPU", 1.0))), now
+        while waiting and len(under_way) < room:
+            number = waiting.popleft()
+            under_way[remote.remote(run, tasks[number], limits)] = number
+        ray.wait(list(under_way), num_returns=1)
+        done, _ = ray.wait(list(under_way), num_returns=len(under_way), timeout=0.0)
+        found: list[tuple[Task, Result]] = []
+        for reference in done:
+            number = under_way.pop(reference)
+            try:
+                result = ray.get(reference)
+            except lost.RayTaskError as error:
+                raise error.as_instanceof_cause() from None
+            except (lost.LocalRayletDiedError, lost.RuntimeEnvSetupError) as error:
+                raise ConfigurationError(
+                    f"--engine ray: the cluster is lost ({one_line(str(error))}); the rows are kept, the same command "
+                    "goes on"
+                ) from error
+            except lost.RayError:  # its worker or node is gone, or the result with it
+                deaths[number] += 1
+                if deaths[number] <= limits.retries:
+                    waiting.append(number)
+                    continue
+                result = died(tasks[number])
+            found.append((tasks[number], result))
+        if found:
+            yield found
+
+
+def _one(run: Callable[[Task], Result], task: Task, limits: Limits) -> Result:
+    """The result of a task, in a worker."""
+    limit_memory(limits)
+    return run(task)

@@ -1,0 +1,310 @@
+"""Rows of a study as Parquet files: typed columns with dotted names, whole at every moment, read back bit for bit."""
+
+import json
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.files import bytes_of
+from uuv.sim.runs.saving import write_whole
+
+Row = dict[str, Any]  # result of one case, of JSON types
+
+SCHEMA_VERSION = 1  # of the files; another one is refused
+ROWS = "rows"  # folder of the files
+LAYOUT = "_layout"  # column: the row's nesting, in JSON, with a letter for each value (`_leaf`)
+CHUNK = 256  # rows of a file
+_MOST_BYTES = 64_000_000  # of a file, and of its content unpacked
+_VERSION_KEY, _JSON = b"uuv_arm.schema_version", {b"uuv_arm.encoding": b"json"}  # metadata of a file, of a column
+_EXACT = 2**53  # whole numbers up to here are exact in a double
+
+
+class RowTable:
+    """Table of rows in the folder `rows`: one file for each 256 rows, in the order in which the rows came.
+
+    A value that is nested in tables has a column with a dotted name: `figures.force_rms_n`. Columns are boolean, int64,
+    double, text, lists of these, or JSON as text where the values are of several types. A new row replaces the last
+    file by a longer one, atomically; a new column, or a column of a wider type, replaces the files one by one from the
+    first. So a reader finds whole rows, none twice, at every moment.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        """Reads the rows that are there.
+
+        Args:
+            folder: Folder of the study; `rows` in it is created with the first row.
+
+        Raises:
+            ConfigurationError: A file cannot be read, or is of another version.
+        """
+        self._home = folder / ROWS
+        self.rows: list[Row] = []
+        self._kinds: dict[str, pa.DataType | None] = {}  # type of each column; None: JSON as text
+        self._last = pa.table({})  # content of the file that is not full
+        uneven = False
+        for file in _files(self._home):
+            table = _read(file)
+            self.rows += _decoded(table, file)
+            kinds = _kinds_of(table.schema)
+            uneven |= bool(self._kinds) and kinds != self._kinds
+            for name, kind in kinds.items():
+                self._kinds[name] = _wider(self._kinds[name], kind) if name in self._kinds else kind
+            self._last = table
+        if uneven:  # a kill between two files of a change of columns
+            self._write_all()
+        if len(self.rows) % CHUNK == 0:
+            self._last = pa.table({})
+
+    def extend(self, rows: Sequence[Row]) -> None:
+        """Adds rows; they are on the disk when this returns. Each file that they go to is written once.
+
+        Raises:
+            ConfigurationError: A file cannot be written, or two values of a row have one name.
+        """
+        self._widen(rows)
+        for start in range(0, len(rows), CHUNK):
+            self._append(rows[start : start + CHUNK])
+
+    def replace(self, rows: Mapping[int, Row]) -> None:
+        """Puts rows in the places of those with the numbers that are their keys; each file is written once.
+
+        They are on the disk when this returns. Raises as `extend`.
+        """
+        self._widen([*rows.values()])
+        files: dict[int, dict[int, Row]] = {}
+        for at, row in rows.items():
+            files.setdefault(at // CHUNK, {})[at] = row
+
+        for number, changed in sorted(files.items()):
+            numbers = range(number * CHUNK, min((number + 1) * CHUNK, len(self.rows)))
+            table = self._table([changed.get(at, self.rows[at]) for at in numbers])
+            self._write(number, table)
+            for at, row in changed.items():
+                self.rows[at] = row
+            if table.num_rows < CHUNK:
+                self._last = table
+
+    def _widen(self, rows: Sequence[Row]) -> None:
+        """Makes the columns wide enough for new rows, in all files if there are some."""
+        kinds = dict(self._kinds)
+        for row in rows:
+            for name, value in _flat(row):
+                kinds[name] = _wider(kinds[name], _kind(value)) if name in kinds else _kind(value)
+        if kinds == self._kinds:
+            return
+        before, self._kinds = self._kinds, kinds
+        try:
+            self._write_all()
+        except ConfigurationError:
+            self._kinds = before
+            raise
+
+    def _append(self, rows: Sequence[Row]) -> None:
+        """Adds at most CHUNK rows, to the file that is not full and to another one."""
+        room = CHUNK - len(self.rows) % CHUNK
+        for part in (rows[:room], rows[room:]):
+            if not part:
+                continue
+            last = self._table(part)
+            if self._last.num_rows:
+                last = pa.concat_tables([self._last, last]).combine_chunks()
+            self._write(len(self.rows) // CHUNK, last)
+            self.rows += part
+            self._last = last if last.num_rows < CHUNK else pa.table({})
+
+    def _write_all(self) -> None:
+        """Writes all files anew with the columns of now, the first one first: pandas takes the columns from it."""
+        for number in range(-(-len(self.rows) // CHUNK)):
+            self._last = self._table(self.rows[number * CHUNK : (number + 1) * CHUNK])
+            self._write(number, self._last)
+        if len(self.rows) % CHUNK == 0:
+            self._last = pa.table({})
+
+    def _write(self, number: int, table: pa.Table) -> None:
+        if self._home.is_symlink():
+            raise ConfigurationError(f"{self._home}: is a link, and its rows would go where it leads to")
+        try:
+            self._home.mkdir(exist_ok=True)
+        except OSError as error:
+            raise ConfigurationError(f"{self._home}: cannot be made a folder ({error.strerror})") from error
+        content = pa.BufferOutputStream()
+        pq.write_table(table, content, compression="zstd")
+        write_whole(self._home / f"{number:06d}.parquet", content.getvalue().to_pybytes(), part_in=self._home.parent)
+
+    def _table(self, rows: Iterable[Row]) -> pa.Table:
+        flat = [dict(_flat(row)) for row in rows]
+        fields, columns = [], []
+        for name, kind in self._kinds.items():
+            values = [row.get(name) for row in flat]
+            if kind is None:
+                values = [json.dumps(row[name]) if name in row else None for row in flat]
+            fields.append(pa.field(name, kind or pa.string(), metadata=None if kind else _JSON))
+            columns.append(pa.array(values, fields[-1].type))
+        return pa.table(columns, pa.schema(fields, {_VERSION_KEY: str(SCHEMA_VERSION).encode()}))
+
+
+def read_rows(folder: str | Path) -> list[Row]:
+    """Rows of a study or campaign as they were made, nested; for tables, read the folder `rows` with pandas instead.
+
+    Args:
+        folder: Folder of the study.
+
+    Raises:
+        ConfigurationError: A file cannot be read, or is of another version.
+    """
+    return [row for file in _files(Path(folder) / ROWS) for row in _rows_of(file)]
+
+
+def delete_rows(folder: Path) -> None:
+    """Deletes the files of a `RowTable` in `folder`, the last one first."""
+    for file in reversed(_files(folder / ROWS)):
+        file.unlink()
+
+
+def has_rows(folder: Path) -> bool:
+    """True if there is a file of a `RowTable` in `folder`."""
+    return bool(_files(folder / ROWS))
+
+
+def _files(home: Path) -> list[Path]:
+    return sorted(home.glob("*.parquet"))
+
+
+def _read(file: Path) -> pa.Table:
+    raw = bytes_of(file, "rows", _MOST_BYTES)
+    try:
+        stored = pq.ParquetFile(pa.BufferReader(raw))
+        told = stored.metadata
+        unpacked = sum(told.row_group(i).total_byte_size for i in range(told.num_row_groups))
+        if told.num_rows > CHUNK or unpacked > _MOST_BYTES:
+            raise ConfigurationError(f"{file}: more than {CHUNK} rows or {_MOST_BYTES} bytes; take it out")
+        table = stored.read()
+    except (OSError, ValueError, MemoryError, pa.ArrowException) as error:
+        if isinstance(error, ConfigurationError):
+            raise
+        said = (str(error).splitlines() or [""])[0]
+        raise ConfigurationError(f"{file}: is no whole Parquet file ({said}); mend it or take it out") from error
+    version = (table.schema.metadata or {}).get(_VERSION_KEY, b"none").decode()
+    if version != str(SCHEMA_VERSION):
+        raise ConfigurationError(
+            f"{file}: schema version {version}; this code reads {SCHEMA_VERSION}; --anew throws the rows away, or take "
+            "another --out"
+        )
+    return table
+
+
+def _kinds_of(schema: pa.Schema) -> dict[str, pa.DataType | None]:
+    return {field.name: None if field.metadata == _JSON else field.type for field in schema}
+
+
+# -- one row -----------------------------------------------------------------------------------------------------------
+
+
+def _flat(row: Row) -> Iterator[tuple[str, Any]]:
+    """Name and value of each column of a row, its layout last."""
+    found: dict[str, Any] = {}
+    layout = _laid_out(row, "", found)
+    yield from found.items()
+    yield LAYOUT, json.dumps(layout, separators=(",", ":"))
+
+
+def _laid_out(value: Any, name: str, found: dict[str, Any]) -> Any:
+    """Layout of `value`; adds its columns to `found`."""
+    if isinstance(value, Mapping):
+        return {key: _laid_out(each, f"{name}.{key}" if name else key, found) for key, each in value.items()}
+    if name in found or name == LAYOUT:
+        raise ConfigurationError(f"a row has two values of the name {name!r}")
+    found[name] = value
+    return _leaf(value)
+
+
+def _leaf(value: Any) -> str:
+    """Letter for what a column does not tell of a value: i whole, f not, n none; empty: nothing."""
+    if value is None:
+        return "n"
+    if isinstance(value, list):
+        letters = {_leaf(each) for each in value} - {"n"}
+        return letters.pop() if len(letters) == 1 else ""
+    return "i" if type(value) is int else "f" if isinstance(value, float) else ""
+
+
+def _rows_of(file: Path) -> list[Row]:
+    return _decoded(_read(file), file)
+
+
+def _decoded(table: pa.Table, file: Path) -> list[Row]:
+    """Rows of a table, which was read from `file`."""
+    try:
+        return _nested_rows(table)
+    except (ValueError, KeyError, TypeError, RecursionError) as error:
+        raise ConfigurationError(f"{file}: is no table of rows ({error}); mend it or take it out") from error
+
+
+def _nested_rows(table: pa.Table) -> list[Row]:
+    columns: dict[str, list[Any]] = {name: table[name].to_pylist() for name in table.schema.names}
+    for name, kind in _kinds_of(table.schema).items():
+        if kind is None:
+            columns[name] = [None if each is None else json.loads(each) for each in columns[name]]
+    layouts = columns.pop(LAYOUT)
+    rows = [{name: values[i] for name, values in columns.items()} for i in range(table.num_rows)]
+    return [_nested(json.loads(layout), "", row) for layout, row in zip(layouts, rows, strict=True)]
+
+
+def _nested(layout: Any, name: str, values: Row) -> Any:
+    if isinstance(layout, dict):
+        return {key: _nested(each, f"{name}.{key}" if name else key, values) for key, each in layout.items()}
+    return _as_laid_out(values[name], {"i": int, "f": float}.get(layout))
+
+
+def _as_laid_out(value: Any, kind: type | None) -> Any:
+    if kind is None or value is None:
+        return value
+    return [_as_laid_out(each, kind) for each in value] if isinstance(value, list) else kind(value)
+
+
+# -- types of columns --------------------------------------------------------------------------------------------------
+
+
+def _kind(value: Any) -> pa.DataType | None:
+    """Type of a column that holds `value`; None: JSON as text."""
+    if isinstance(value, list):
+        kind: pa.DataType | None = pa.null()
+        for each in value:
+            kind = _wider(kind, None if isinstance(each, list | Mapping) else _kind(each))
+        mixed = len({type(each) for each in value} - {type(None)}) > 1  # the layout has one letter for a list
+        return None if kind is None or mixed else pa.list_(kind)
+    if isinstance(value, bool):
+        return pa.bool_()
+    if isinstance(value, int):
+        return pa.int64() if abs(value) <= _EXACT else None
+    if isinstance(value, float):
+        return pa.float64()
+    if isinstance(value, str):
+        return pa.string() if _is_utf8(value) else None
+    return pa.null() if value is None else None
+
+
+def _is_utf8(value: str) -> bool:
+    try:
+        value.encode()
+    except UnicodeEncodeError:
+        return False
+    return True
+
+
+def _wider(one: pa.DataType | None, other: pa.DataType | None) -> pa.DataType | None:
+    """Type that holds the values of both, exactly."""
+    if one == other or one is None or other is None:
+        return one if one == other else None
+    if pa.types.is_null(one) or pa.types.is_null(other):
+        return other if pa.types.is_null(one) else one
+    if pa.types.is_list(one) and pa.types.is_list(other):
+        inner = _wider(one.value_type, other.value_type)
+        return None if inner is None else pa.list_(inner)
+    if {one, other} == {pa.int64(), pa.float64()}:
+        return pa.float64()
+    return None

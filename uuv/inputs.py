@@ -1,0 +1,99 @@
+"""Inputs of a run, checked before anything is compiled: names against the registries, files by their readers.
+
+A door calls `check_inputs` before it imports what runs a scenario, and before `first_start.build`. Nothing compiled is
+called here, so that what is refused is refused at once, also in a clone without compiled kernels.
+"""
+
+from collections.abc import Collection
+from pathlib import Path
+
+import mujoco
+
+from uuv import models
+from uuv.models.naming import check_parts
+from uuv.models.completing.complete import COMPUTABLE, is_armed
+from uuv.models.site.scenes import given_vehicle
+from uuv.models.tools.tools import TOOLS
+from uuv.kinds import CONTROLLER, CONTROLLERS, SENSORS, class_of
+from uuv.own_vehicle import vehicle_spec, with_tool
+from uuv.scenario import Scenario, VehicleSetup
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.spatial import finite_number
+
+_MOST_SECONDS = 1e6  # [s] simulated in one run
+
+
+def check_inputs(scenario: Scenario, longest: float | None = None) -> None:
+    """Refuses a scenario that names what there is not, or a file that cannot be read or lacks what the job needs.
+
+    Args:
+        scenario: The description.
+        longest: [s] limit of the simulated time; None: that of the task.
+
+    Raises:
+        ConfigurationError: Which name or file, what is allowed, and what was given.
+    """
+    # Names cost nothing: they come first.
+    CONTROLLERS.resolve(scenario.control.controller)
+    SENSORS.resolve(scenario.sensing.sensor)
+    _check_names(scenario.vehicle)
+
+    # Files of the job, and the object that it works on.
+    scenario.task.check_inputs(scenario)
+    if longest is not None:
+        _check_limit(scenario, longest)
+    if scenario.belief.arm is not None:
+        from uuv.calib.arm_files import read_arm
+
+        read_arm(Path(scenario.belief.arm))
+
+    # A user's own classes.
+    if ":" in scenario.control.controller:
+        class_of(scenario.control.controller, CONTROLLER)
+    if ":" in scenario.sensing.sensor:
+        SENSORS.maker(scenario.sensing.sensor)
+
+    # Last the vehicle: its thrusters bring numba, though they call nothing compiled.
+    spec = check_vehicle(scenario.vehicle, scenario.task.tool, scenario.task.spares)
+    for perturbation in scenario.perturbations:
+        perturbation.check_inputs(spec)
+
+
+def check_vehicle(
+    setup: VehicleSetup, needs: str | None = None, spares: Collection[str] | None = None
+) -> mujoco.MjSpec:
+    """Refuses a vehicle that there is not, whose files cannot be read, or that lacks parts.
+
+    Args:
+        setup: The vehicle.
+        needs: Tool of a task, as for `uuv.own_vehicle.vehicle_spec`.
+        spares: Named parts that it can do without; None: it is not asked for any.
+
+    Returns:
+        Its spec, without the parts that are computed.
+
+    Raises:
+        ConfigurationError: Which vehicle, file or part.
+    """
+    _check_names(setup)
+    if setup.vehicle in models.available() and setup.parts is None:
+        spec = vehicle_spec(setup.vehicle, setup.tool, None, needs)
+    else:
+        spec = with_tool(given_vehicle(setup.vehicle, parts=setup.parts)[0], setup.tool, needs)
+    if spares is not None:
+        check_parts(spec.compile(), {*spares, *(COMPUTABLE if is_armed(spec) else ())})
+    return spec
+
+
+def _check_limit(scenario: Scenario, longest: float) -> None:
+    finite_number(longest, "--longest [s]", above=0.0, most=_MOST_SECONDS)
+    least = scenario.task.least_seconds(scenario)
+    if longest < least:
+        raise ConfigurationError(f"--longest {longest:g} s: the work alone takes {least:.0f} s")
+
+
+def _check_names(setup: VehicleSetup) -> None:
+    if setup.tool is not None:
+        TOOLS.resolve(setup.tool)
+    if ":" not in setup.vehicle and not Path(setup.vehicle).suffix and setup.vehicle not in models.available():
+        given_vehicle(setup.vehicle)  # which refuses it

@@ -1,0 +1,214 @@
+"""Perturbations of the loop: misplaced surface, failure of a thruster or of a sensor."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
+
+import mujoco
+import numpy as np
+
+from uuv.models.vehicle import thruster_names
+from uuv.perturbations.perturbation import Loop, Perturbation
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.messages import Measurement, StateEstimate, Target, WorkState
+from uuv.sim.interfaces.protocols import TargetFinder
+from uuv.sim.interfaces.spatial import finite_number, readonly, shown
+from uuv.sim.loop.rollout import Observer
+from uuv.sim.plant.onset import Onset
+
+if TYPE_CHECKING:
+    from uuv.sim.plant.faults import SensorFault
+
+SENSORS = {  # and their classes in `uuv.sim.sensors.proprioception`
+    "encoders": "Encoders",
+    "torque": "JointTorqueSensors",
+    "imu": "Imu",
+    "dvl": "Dvl",
+    "vision": "VisionDrift",
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class MisplacedSurface(Perturbation):
+    """The surface lies farther along the tool than identified."""
+
+    offset: float = 0.0  # [m]
+
+    def __post_init__(self) -> None:
+        finite_number(self.offset, "MisplacedSurface offset [m]")
+
+    def on_loop(self, loop: Loop) -> Loop:
+        """Wraps the finder."""
+        if not self.offset:
+            return loop
+        if loop.parts.finder is None:
+            raise ConfigurationError("MisplacedSurface: this task looks for no object")
+        return replace(loop, parts=replace(loop.parts, finder=ShiftedFinder(loop.parts.finder, self.offset)))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ShiftedFinder:
+    """Wrapper of a TargetFinder that shifts the found pose and path against the tool's approach direction."""
+
+    finder: TargetFinder
+    offset: float  # [m] the found surface lies so far before the true one
+
+    def init(self) -> Any:
+        """Initial state of the wrapped finder."""
+        return self.finder.init()
+
+    def step(self, state: Any, estimate: StateEstimate, measurement: Measurement) -> tuple[Any, Target | None]:
+        """Step of the wrapped finder, its target shifted.
+
+        Args:
+            state: State of the wrapped finder.
+            estimate: State estimate of the vehicle.
+            measurement: Measurements of this step.
+
+        Returns:
+            New state, shifted target or None.
+        """
+        state, target = self.finder.step(state, estimate, measurement)
+        if target is None or target.path is None:
+            return state, target
+        way = target.path.z[len(target.path.z) // 2]
+        X_WT = np.array(target.X_WT)
+        X_WT[:3, 3] -= self.offset * way
+        path = replace(target.path, p=readonly(target.path.p - self.offset * way))
+        return state, replace(target, X_WT=readonly(X_WT), path=path)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Failure(Perturbation):
+    """Failure that begins at a time, or when the planner enters a state."""
+
+    at: float | None = None  # [s]
+    state: str | None = None  # a WorkState, such as "work"
+    force: float = 0.0  # [N] smallest set force for the event
+    after: float = 0.0  # [s] delay after time or event
+    duration: float | None = None  # [s] None: to the end
+
+    def __post_init__(self) -> None:
+        if (self.at is None) == (self.state is None):
+            raise ConfigurationError(f"{type(self).__name__}: give `at` [s] or `state`, one of the two")
+        if self.state is not None and self.state not in (states := [str(state) for state in WorkState]):
+            raise ConfigurationError(
+                f"{type(self).__name__} state: allowed {', '.join(states)}, got {shown(self.state)}"
+            )
+        self.onset()
+
+    def onset(self) -> Onset:
+        """A new onset."""
+        return Onset(
+            at=self.at,
+            state=None if self.state is None else WorkState(self.state),
+            force=self.force,
+            after=self.after,
+            duration=np.inf if self.duration is None else self.duration,
+        )
+
+    def _observers(self, onset: Onset) -> tuple[Observer, ...]:
+        return () if self.state is None else (onset,)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ThrusterFailure(Failure):
+    """A thruster gives `share` of the commanded thrust, or keeps its last command.
+
+    The command is changed, ahead of the thruster's lag, slew and saturation.
+    """
+
+    joins: ClassVar[bool] = True
+    thruster: str  # of `Vehicle.thruster_names`: its actuator's name without "thruster_", such as "heave_front"
+    share: float = 0.0  # from 0 to 1
+    stuck: bool = False
+
+    def check_inputs(self, spec: mujoco.MjSpec) -> None:
+        """Refuses a thruster that the vehicle has not."""
+        self._index(thruster_names(spec.compile()))
+
+    def on_loop(self, loop: Loop) -> Loop:
+        """Wraps the plant."""
+        from uuv.sim.plant.faults import FaultyPlant, ThrusterFault
+        from uuv.sim.plant.plant import Plant
+
+        plant = loop.plant
+        sound: Any = plant
+        while isinstance(sound, FaultyPlant):
+            sound = sound.plant
+        if not isinstance(sound, Plant):
+            raise ConfigurationError(
+                f"ThrusterFailure: comes before perturbations that wrap the plant, found {type(sound).__name__}"
+            )
+        index, onset = self._index(sound.vehicle.thruster_names), self.onset()
+        fault = ThrusterFault(index, onset, self.share, self.stuck)
+        faulty: Any = FaultyPlant(sound, [*(plant.faults if isinstance(plant, FaultyPlant) else ()), fault])
+        return replace(loop, plant=faulty, observers=(*loop.observers, *self._observers(onset)))
+
+    def _index(self, names: Sequence[str]) -> int:
+        """Number of the thruster among `names`."""
+        if self.thruster not in names:
+            raise ConfigurationError(
+                f"ThrusterFailure thruster: allowed {', '.join(names)}, got {shown(self.thruster)}"
+            )
+        return names.index(self.thruster)
+
+
+@dataclass(frozen=True, kw_only=True)
+class SensorFailure(Failure):
+    """A sensor falls silent, or a field of its messages freezes, takes a value, or is off by it.
+
+    The attitude of the inertial unit is "turned" about axis `index` of the hull, by `value` [rad].
+    """
+
+    joins: ClassVar[bool] = True
+    sensor: Literal["encoders", "torque", "imu", "dvl", "vision"]
+    effect: Literal["lost", "frozen", "fixed", "offset", "turned"] = "lost"
+    field: str = ""  # of the sensor's message, such as "tau"; unused if lost or turned
+    index: int | None = None  # element of the field; None: all
+    value: float = 0.0
+    rate: float = 0.0  # [1/s] by which an offset, or what is turned, grows
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        finite_number(self.rate, "SensorFailure rate [1/s]")
+        if self.rate and self.effect not in ("offset", "turned"):
+            raise ConfigurationError(f"SensorFailure rate: an offset or a turn grows, not effect {self.effect!r}")
+        if self.effect != "turned":
+            return
+        finite_number(self.value, "SensorFailure value [rad]")
+        if self.sensor != "imu" or self.index not in (0, 1, 2):
+            raise ConfigurationError(
+                "SensorFailure turned: allowed for sensor 'imu' about index 0, 1 or 2 (axis of the hull), "
+                f"got {shown(self.sensor)} and {shown(self.index)}"
+            )
+
+    def on_loop(self, loop: Loop) -> Loop:
+        """Wraps the sensor."""
+        from uuv.sim.plant.faults import FaultySensor
+        from uuv.sim.sensors import proprioception
+
+        onset, kind = self.onset(), getattr(proprioception, SENSORS[self.sensor])
+        sensors = [
+            FaultySensor(sensor, self._fault(), onset) if isinstance(getattr(sensor, "sound", sensor), kind) else sensor
+            for sensor in loop.parts.sensors
+        ]
+        return replace(
+            loop, parts=replace(loop.parts, sensors=sensors), observers=(*loop.observers, *self._observers(onset))
+        )
+
+    def _fault(self) -> "SensorFault":
+        from uuv.sim.plant.faults import Fixed, Frozen, Lost, Offset, Turned
+
+        match self.effect:
+            case "lost":
+                return Lost()
+            case "frozen":
+                return Frozen((self.field,), self.index)
+            case "fixed":
+                return Fixed(self.field, self.index, self.value)
+            case "offset":
+                return Offset(self.field, self.index, jump=self.value, rate=self.rate)
+            case "turned":
+                assert self.index is not None
+                return Turned(self.index, jump=self.value, rate=self.rate)

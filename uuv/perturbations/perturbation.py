@@ -1,0 +1,106 @@
+"""Perturbation: base class of all, its registry, and how a list of them is applied.
+
+A new one is a frozen dataclass that overrides one hook, here with a random draw of its own:
+
+    @dataclass(frozen=True, kw_only=True)
+    class HeavyTool(Perturbation):
+        spread: float = 0.2
+
+        def on_vehicle(self, spec, rng):
+            factor = rng.uniform(1.0, 1.0 + self.spread)
+            spec.body("pad").mass = factor * spec.body("pad").mass
+            return {"tool_mass": factor}
+
+A package makes it known to scenario files by an entry point of the group `uuv_arm.perturbation`.
+"""
+
+import zlib
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from functools import cache
+from typing import ClassVar
+
+import mujoco
+import numpy as np
+
+from uuv.models.registry import Registry
+from uuv.sim.loop.rollout import Observer, Parts, SteppedPlant
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Loop:
+    """What runs in the loop: plant, parts and observers beside the recorder."""
+
+    plant: SteppedPlant
+    parts: Parts
+    observers: tuple[Observer, ...] = ()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Perturbation:
+    """One deviation; each hook does nothing unless it is overridden."""
+
+    stream: ClassVar[int | None] = None  # of the random draws; None: by the class's name
+    joins: ClassVar[bool] = False  # it may be added to a saved run: until its onset the run is as without it
+
+    def check_inputs(self, spec: mujoco.MjSpec) -> None:
+        """Refuses names that the vehicle `spec` has not, before anything is compiled; by default it names none."""
+
+    def on_vehicle(self, spec: mujoco.MjSpec, rng: np.random.Generator) -> Mapping[str, float]:
+        """Changes the true vehicle's spec in place, and returns means of the drawn factors by name."""
+        return {}
+
+    def on_scene(self, scene: mujoco.MjSpec) -> None:
+        """Changes the spec of vehicle and site in place."""
+
+    def on_loop(self, loop: Loop) -> Loop:
+        """The loop with parts wrapped or replaced."""
+        return loop
+
+    def rng(self, seed: int) -> np.random.Generator:
+        """Random stream of this kind; other perturbations do not change what it draws."""
+        stream = zlib.crc32(type(self).__name__.encode()) if self.stream is None else self.stream
+        return np.random.default_rng(np.random.SeedSequence([seed, 7], spawn_key=(stream,)))
+
+
+def perturb(spec: mujoco.MjSpec, perturbations: Iterable[Perturbation], seed: int = 0) -> dict[str, float]:
+    """Applies the perturbations of a vehicle's `spec` in place, in their order.
+
+    Args:
+        spec: The true vehicle.
+        perturbations: Those of a scenario.
+        seed: Seed of their draws.
+
+    Returns:
+        Means of the drawn factors by name.
+
+    Raises:
+        ConfigurationError: The vehicle lacks what a perturbation changes.
+    """
+    drawn: dict[str, float] = {}
+    for each in perturbations:
+        drawn |= each.on_vehicle(spec, each.rng(seed))
+    return drawn
+
+
+@cache
+def registry() -> Registry[Perturbation]:
+    """All kinds of perturbation, those of other packages included."""
+    kinds = {
+        "Water": "uuv.perturbations.vehicle:Water",
+        "Payload": "uuv.perturbations.vehicle:Payload",
+        "Thrusters": "uuv.perturbations.vehicle:ThrusterSpread",
+        "Gears": "uuv.perturbations.vehicle:Gears",
+        "Pad": "uuv.perturbations.pad:Pad",
+        "ElasticGears": "uuv.perturbations.elastic_gears:ElasticGears",
+        "WanderingVision": "uuv.perturbations.sensing:WanderingVision",
+        "DriftingTorque": "uuv.perturbations.sensing:DriftingTorque",
+        "AttitudeError": "uuv.perturbations.sensing:AttitudeError",
+        "MovingObject": "uuv.perturbations.target:MovingObject",
+        "MountedObject": "uuv.perturbations.target:MountedObject",
+        "MisplacedSurface": "uuv.perturbations.loop:MisplacedSurface",
+        "PushedObject": "uuv.perturbations.target:PushedObject",
+        "ThrusterFailure": "uuv.perturbations.loop:ThrusterFailure",
+        "SensorFailure": "uuv.perturbations.loop:SensorFailure",
+    }
+    return Registry("perturbation", kinds)

@@ -1,0 +1,75 @@
+"""Perturbations of the sensors' quality: vision that wanders, torque sensors that drift, an attitude that is off."""
+
+from dataclasses import dataclass, replace
+
+from uuv.perturbations.perturbation import Loop, Perturbation
+from uuv.sim.interfaces.spatial import finite_number
+
+
+@dataclass(frozen=True, kw_only=True)
+class WanderingVision(Perturbation):
+    """The position from vision has a slow error beside its white noise (first-order Gauss-Markov)."""
+
+    sigma: float = 3e-3  # [m] standard deviation per axis
+    time: float = 60.0  # [s] correlation time
+
+    def __post_init__(self) -> None:
+        finite_number(self.sigma, "WanderingVision sigma [m]", least=0.0)
+        finite_number(self.time, "WanderingVision time [s]", above=0.0)
+
+    def on_loop(self, loop: Loop) -> Loop:
+        """Replaces the vision sensor; its messages state the wander."""
+        from uuv.sim.sensors.proprioception import VisionDrift
+
+        sensors = [
+            replace(sensor, bias=self.sigma, bias_time=self.time) if isinstance(sensor, VisionDrift) else sensor
+            for sensor in loop.parts.sensors
+        ]
+        return replace(loop, parts=replace(loop.parts, sensors=sensors))
+
+
+@dataclass(frozen=True, kw_only=True)
+class DriftingTorque(Perturbation):
+    """The torque sensors have coloured noise (first-order Gauss-Markov) and a drift beside white noise and bias."""
+
+    sigma: float = 0.3  # [N m] standard deviation of the coloured noise, each sensor its own
+    time: float = 2.0  # [s] its correlation time
+    drift: float = 0.0  # [N m/s] standard deviation of a constant rate, each sensor its own
+
+    def __post_init__(self) -> None:
+        finite_number(self.sigma, "DriftingTorque sigma [N m]", least=0.0)
+        finite_number(self.time, "DriftingTorque time [s]", above=0.0)
+        finite_number(self.drift, "DriftingTorque drift [N m/s]", least=0.0)
+
+    def on_loop(self, loop: Loop) -> Loop:
+        """Wraps the torque sensors."""
+        from uuv.sim.sensors.proprioception import JointTorqueSensors
+        from uuv.sim.sensors.torque_drift import DriftingTorqueSensors
+
+        sensors = [
+            DriftingTorqueSensors(sensor, sigma=self.sigma, time=self.time, drift=self.drift)
+            if isinstance(sensor, JointTorqueSensors)
+            else sensor
+            for sensor in loop.parts.sensors
+        ]
+        return replace(loop, parts=replace(loop.parts, sensors=sensors))
+
+
+@dataclass(frozen=True, kw_only=True)
+class AttitudeError(Perturbation):
+    """The inertial unit's attitude is off by a constant of this standard deviation; its data sheet says so."""
+
+    sigma: float = 1.7e-3  # [rad] per axis: 0.1 deg
+
+    def __post_init__(self) -> None:
+        finite_number(self.sigma, "AttitudeError sigma [rad]", least=0.0)
+
+    def on_loop(self, loop: Loop) -> Loop:
+        """Replaces the inertial unit."""
+        from uuv.sim.sensors.proprioception import Imu
+
+        sensors = [
+            replace(sensor, attitude_bias=self.sigma) if isinstance(sensor, Imu) else sensor
+            for sensor in loop.parts.sensors
+        ]
+        return replace(loop, parts=replace(loop.parts, sensors=sensors))

@@ -1,0 +1,172 @@
+"""Perturbations of the vehicle: water, payload, thrusters, gears.
+
+A spread draws a factor uniform in 1 +- spread for each number independently.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, replace
+from typing import ClassVar
+
+import mujoco
+import numpy as np
+
+from uuv.models import hydrodynamics
+from uuv.models.arms import gear_friction
+from uuv.models.arms.gear_friction import GearFriction
+from uuv.models.naming import ARM_BASE_BODY, HULL_BODY
+from uuv.models.water import thrusters
+from uuv.perturbations.perturbation import Perturbation
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.spatial import Array, finite_number
+
+_TRANSLATION = slice(0, 3)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Spread(Perturbation):
+    """Perturbation whose fields are spreads, but for those in `signed`."""
+
+    signed: ClassVar[tuple[str, ...]] = ()
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            name, value = f"{type(self).__name__} {field.name}", getattr(self, field.name)
+            if field.name in self.signed:
+                finite_number(value, name)
+            elif not 0.0 <= finite_number(value, name) < 1.0:
+                raise ConfigurationError(f"{name}: must be in [0, 1), got {value}")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Water(_Spread):
+    """Added mass and drag coefficients of every body of the plant."""
+
+    stream: ClassVar[int | None] = 0
+    spread: float = 0.0  # of each coefficient
+
+    def on_vehicle(self, spec: mujoco.MjSpec, rng: np.random.Generator) -> Mapping[str, float]:
+        """Scales diagonal coefficients by one factor each, couplings by the geometric mean: all stay semidefinite."""
+        if not self.spread:
+            return {}
+        bodies = hydrodynamics.attached(spec)
+        hull: dict[str, float] = {}
+        for name, body in bodies.items():
+            added, linear, quadratic, strip = (_factors(rng, self.spread, size) for size in (6, 6, 6, 2))
+            bodies[name] = replace(
+                body,
+                added_mass=_scaled(body.added_mass, added),
+                linear_damping=_scaled(body.linear_damping, linear),
+                quadratic_damping=quadratic * body.quadratic_damping,
+                strips=tuple(
+                    replace(s, normal=strip[0] * s.normal, tangential=strip[1] * s.tangential) for s in body.segments
+                ),
+                forms=tuple(
+                    form.scaled(float(factor))
+                    for form, factor in zip(body.terms, _factors(rng, self.spread, len(body.terms)), strict=True)
+                ),
+            )
+            if name == HULL_BODY:
+                hull = {
+                    "hull_added_mass": float(added[_TRANSLATION].mean()),
+                    "hull_drag": float(quadratic[_TRANSLATION].mean()),
+                }
+        hydrodynamics.attach(spec, bodies)
+        return hull
+
+
+@dataclass(frozen=True, kw_only=True)
+class Payload(_Spread):
+    """Masses of the arm's parts, and the ballast of the hull."""
+
+    stream: ClassVar[int | None] = 1
+    signed: ClassVar[tuple[str, ...]] = ("trim_error",)
+    spread: float = 0.0  # of the mass of each part of the arm
+    trim_error: float = 0.0  # share of the arm's mass by which the hull is too light (negative: too heavy)
+
+    def on_vehicle(self, spec: mujoco.MjSpec, rng: np.random.Generator) -> Mapping[str, float]:
+        """Scales masses and inertias; the hull is ballasted for the nominal arm, less the trim error."""
+        if not (self.spread or self.trim_error):
+            return {}
+        arm = spec.body(ARM_BASE_BODY)
+        if arm is None:
+            raise ConfigurationError(f"a payload varies the arm, but the vehicle has no body named {ARM_BASE_BODY!r}")
+        parts = [arm, *arm.find_all(mujoco.mjtObj.mjOBJ_BODY)]
+        before = sum(float(part.mass) for part in parts)
+        for part, factor in zip(parts, _factors(rng, self.spread, len(parts)), strict=True):
+            part.mass = factor * float(part.mass)
+            part.inertia = factor * np.array(part.inertia)
+        after = sum(float(part.mass) for part in parts)
+        water = hydrodynamics.attached(spec)[HULL_BODY]
+        lift = self.trim_error * before / hydrodynamics.density_of(spec)  # [m^3]
+        hydrodynamics.attach(spec, {HULL_BODY: replace(water, volume=water.volume + lift)})
+        return {"arm_mass": after / before, "too_heavy_kg": after - before - self.trim_error * before}
+
+
+@dataclass(frozen=True, kw_only=True)
+class ThrusterSpread(_Spread):
+    """Time constant and gain of each thruster."""
+
+    stream: ClassVar[int | None] = 2
+    lag: float = 0.0  # spread of the time constants
+    gain: float = 0.0  # spread of the gains
+
+    def on_vehicle(self, spec: mujoco.MjSpec, rng: np.random.Generator) -> Mapping[str, float]:
+        """Scales the thrusters' tables."""
+        if not (self.lag or self.gain):
+            return {}
+        carriers = [actuator for actuator in spec.actuators if thrusters.carries(np.array(actuator.userdata))]
+        lags, gains = _factors(rng, self.lag, len(carriers)), _factors(rng, self.gain, len(carriers))
+        table = {}
+        for actuator, slower, stronger in zip(carriers, lags, gains, strict=True):
+            one = thrusters.unpack(np.array(actuator.userdata))
+            curve = {}
+            if one.polynomial is not None:
+                curve["polynomial"] = tuple(tuple(stronger * c for c in side) for side in one.polynomial)
+            if one.table is not None:
+                curve["table"] = (one.table[0], tuple(stronger * t for t in one.table[1]))
+            table[actuator.name] = replace(
+                one,
+                forward=stronger * one.forward,
+                reverse=stronger * one.reverse,
+                least_thrust=stronger * one.least_thrust,
+                time_constant=slower * one.time_constant,
+                **curve,
+            )
+        thrusters.attach(spec, table)
+        return {"thruster_lag": float(lags.mean()), "thruster_gain": float(gains.mean())} if carriers else {}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Gears(_Spread):
+    """Friction in each gear, dry and viscous alike."""
+
+    stream: ClassVar[int | None] = 3
+    spread: float = 0.0
+
+    def on_vehicle(self, spec: mujoco.MjSpec, rng: np.random.Generator) -> Mapping[str, float]:
+        """Scales the friction of each driven joint."""
+        if not self.spread:
+            return {}
+        names = {actuator.target for actuator in spec.actuators}
+        joints = [joint for joint in spec.joints if joint.name in names]
+        model, factors, table = spec.copy().compile(), _factors(rng, self.spread, len(joints)), {}
+        dry = gear_friction.read(model, np.array([model.joint(joint.name).id for joint in joints], dtype=np.int64))
+        for i, (joint, factor) in enumerate(zip(joints, factors, strict=True)):
+            joint.damping = factor * np.asarray(joint.damping)
+            if dry.coulomb[i] > 0.0:
+                table[joint.name] = GearFriction(
+                    coulomb=factor * dry.coulomb[i],
+                    stiction=factor * dry.stiction[i],
+                    stribeck_speed=dry.stribeck_speed[i],
+                )
+        gear_friction.attach(spec, table)
+        return {"gear_friction": float(factors.mean())} if joints else {}
+
+
+def _factors(rng: np.random.Generator, spread: float, size: int) -> Array:
+    return rng.uniform(1.0 - spread, 1.0 + spread, size)
+
+
+def _scaled(matrix: Array, factors: Array) -> Array:
+    root = np.sqrt(factors)
+    return root[:, None] * matrix * root

@@ -1,0 +1,285 @@
+"""Scenario: everything a run needs and nothing else, as a value and (`scenario_file`) as a TOML file.
+
+A `Task` says what is to be done; placed at a site that was drawn from the seed it is a `PlacedTask`.
+"""
+
+from abc import ABC, abstractmethod
+from collections.abc import Collection, Iterable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
+
+import mujoco
+import numpy as np
+
+from uuv.controllers.ik.method import Method as IkMethod
+from uuv.methods import AblatedMethod, PublishedMethod
+from uuv.outcome import CloudRecorder, NoFigures, Pictures, RunResult
+from uuv.own_vehicle import OwnVehicle
+from uuv.perturbations.perturbation import Perturbation
+from uuv.sensors.arm_camera import ArmCameraSetup
+from uuv.site import Site
+from uuv.sim.evaluation.metrics import Assessment, Bounds
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.files import folder_name
+from uuv.sim.interfaces.messages import WorkState
+from uuv.sim.interfaces.protocols import Controller, Estimator, Planner, Sensor, TargetFinder, TargetFollower
+from uuv.sim.interfaces.spatial import Array, finite_number, whole_number
+from uuv.sim.loop.rollout import Observer
+
+if TYPE_CHECKING:  # a task is described, and refused, without the kernels of what carries it out
+    from rich.table import Table
+
+    from uuv.perception.clouds.scan import SensorModel
+    from uuv.sim.loop.recording import Recorder
+    from uuv.sim.plant.soil_contact import SoilForce
+
+P = TypeVar("P", bound=Perturbation)
+LONGEST = 400.0  # [s] simulated, default limit of a run
+_MOST_LOOKS = 40  # frames that arrive before the wait for a scan times out
+_NOT_FOLLOWED = "--follow: this task has no object that it could follow"
+
+
+@dataclass(frozen=True, kw_only=True)
+class VehicleSetup:
+    """The vehicle as it is."""
+
+    vehicle: str = "uuv_puma"  # a name of uuv.models.available(), or a file, MJCF or URDF, with the named parts
+    arm_errors: int | None = None  # seed of the errors with which the arm was built; None: no errors
+    tool: str | None = None  # of uuv.models.tools.tools.TOOLS, on its tip; None: its own, or the one that the task needs
+    parts: str | None = None  # file that maps its names to those of the contract; None: the one beside its file
+
+    def __post_init__(self) -> None:
+        if self.arm_errors is not None:
+            whole_number(self.arm_errors, "--arm-errors")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Belief:
+    """What the vehicle believes of itself beside its nominal model."""
+
+    water_error: float = 0.15  # share by which all its added masses and drags are wrong, alike
+    calibrated: bool = False  # its arm model is identified from touches on deck
+    arm: str | None = None  # file of its arm model; excludes `calibrated`
+
+    def __post_init__(self) -> None:
+        finite_number(self.water_error, "water_error")
+        if self.calibrated and self.arm is not None:
+            raise ConfigurationError("--calibrated and --arm: one of the two")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sensing:
+    """Sensors, and noise of those that a study varies."""
+
+    sensor: str = "camera"  # for identification: camera, sonar, survey, or one that an installed package registers
+    looks: int = 1  # depth frames, or pings, whose median the path is planned on
+    follow: bool = False  # follow the object by further depth frames while the vehicle scans it
+    dead_beams: tuple[int, ...] = ()  # of the Doppler log, 1 to 4
+    vision_period: float = 0.1  # [s]
+    vision_delay: float = 0.1  # [s]
+    vision_noise: float = 2e-3  # [m]
+    torque_noise: float = 0.01  # share of the reading
+    torque_bias: float = 0.5  # [N m] uniform in +-
+    arm_camera: ArmCameraSetup | None = None  # camera beside the tool; None: there is none
+
+    def __post_init__(self) -> None:
+        whole_number(self.looks, "--looks", least=1, most=_MOST_LOOKS)
+        for name in ("vision_period", "vision_delay", "vision_noise", "torque_noise", "torque_bias"):
+            finite_number(getattr(self, name), name, least=0.0)
+
+    def proprioception(self) -> list[Sensor]:
+        """Encoders, torque sensors, IMU, DVL and vision of a drifting hull."""
+        from uuv.sim.sensors import proprioception
+
+        return [
+            proprioception.Encoders(),
+            proprioception.JointTorqueSensors(noise=self.torque_noise, bias=self.torque_bias),
+            proprioception.Imu(),
+            proprioception.Dvl(),
+            proprioception.VisionDrift(period=self.vision_period, delay=self.vision_delay, noise=self.vision_noise),
+        ]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Control:
+    """The controller, and methods that it does without."""
+
+    controller: str = "work"  # registered name, or MODULE:CLASS
+    without: tuple[AblatedMethod, ...] = ()
+    ik: IkMethod = "hybrid"  # inverse kinematics that tracks the tool pose
+    published: tuple[PublishedMethod, ...] = ()  # methods as in [Konoplin 2022], in place of the default ones
+    elastic_gears: bool = False  # the softer joint servo for gears that twist under load
+
+    def __post_init__(self) -> None:
+        laws = {"force-law", "normal-force-law"} & {*self.published}
+        if len(laws) + ("force-control" in self.without) > 1:
+            raise ConfigurationError("--without force-control, --published force-law and normal-force-law: one of them")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Task(ABC):
+    """What is to be done; the base of all tasks. Its fields are keys of a scenario's file."""
+
+    spares: ClassVar[Collection[str]] = ()  # named parts of the vehicle that it does without
+    looks: ClassVar[bool] = False  # a camera or a sonar looks at the site, which takes a ray caster
+
+    @property
+    def tool(self) -> str | None:
+        """Tool that the task needs, in place of one of another shape; None: the vehicle's own."""
+        return None
+
+    def check_inputs(self, scenario: "Scenario") -> None:
+        """Refuses an object that is none for it, and names and files that there are not, before anything is compiled.
+
+        Calls nothing compiled. A task that follows an object overrides it, others add to it.
+
+        Raises:
+            ConfigurationError: Which one, what is allowed, and what was given.
+        """
+        if scenario.sensing.follow:
+            raise ConfigurationError(_NOT_FOLLOWED)
+
+    def least_seconds(self, scenario: "Scenario") -> float:
+        """Time [s] that the work itself takes at least, as it is asked for; 0 where nothing says so."""
+        del scenario
+        return 0.0
+
+    @abstractmethod
+    def place(self, scenario: "Scenario", own: OwnVehicle, rng: np.random.Generator) -> "PlacedTask":
+        """The task at its site.
+
+        Args:
+            scenario: The whole description.
+            own: The vehicle's model of itself.
+            rng: Draws the site and its coarse detection.
+
+        Raises:
+            UuvError: A number is out of range, or the vehicle is not fit for the task.
+        """
+
+
+class PlacedTask(ABC):
+    """A task at its site. The truth about the site goes to plant and evaluation only."""
+
+    begun: ClassVar[tuple[WorkState, ...]] = (WorkState.WORK,)  # a run in none of these states counts as refused
+    exact_start: ClassVar[bool] = False  # True: the hull starts at `X_WB`, without an error of place and heading
+
+    @property
+    def longest(self) -> float:
+        """Limit [s] of the simulated time of a run."""
+        return LONGEST
+
+    @property
+    def stands(self) -> bool:
+        """True if the pressed tool stops on its path, which tells navigation how the hull moves."""
+        return False
+
+    @property
+    @abstractmethod
+    def title(self) -> str:
+        """Title of log and report."""
+
+    @property
+    @abstractmethod
+    def X_WB(self) -> Array:
+        """Pose (4, 4) of the hull at which the work begins, but for the start's error."""
+
+    @property
+    def bounds(self) -> Bounds | None:
+        """Bounds of force and path, drawn in log and report; None: it has none."""
+        return None
+
+    @property
+    def soil(self) -> "SoilForce | None":
+        """Soil that acts on the tool."""
+        return None
+
+    @abstractmethod
+    def scene(self, vehicle: mujoco.MjSpec) -> mujoco.MjSpec:
+        """Adds the site to the spec of the true vehicle, in place, and returns it."""
+
+    def sensors(self, model: mujoco.MjModel) -> "tuple[list[Sensor], SensorModel | None]":
+        """Sensors that see the site, and the model that perception has of them; None: its default."""
+        return [], None
+
+    def estimator(self, navigation: Estimator) -> Estimator:
+        """Estimator of the vehicle's state, around `navigation`."""
+        return navigation
+
+    def finder(self, sensor: "SensorModel | None", seed: int) -> TargetFinder | None:
+        """Finder of the object; `seed` is that of its random sampling."""
+        return None
+
+    def follower(self, sensor: "SensorModel | None") -> TargetFollower:
+        """Follower of the object while the vehicle looks at it.
+
+        Raises:
+            ConfigurationError: This task follows nothing.
+        """
+        del sensor
+        raise ConfigurationError(_NOT_FOLLOWED)
+
+    @abstractmethod
+    def planner(self) -> Planner:
+        """Planner of the task."""
+
+    def controller(self) -> Controller | None:
+        """Controller of a test rig, in place of that of the scenario; None: that of the scenario."""
+        return None
+
+    def assess(self, ran: RunResult, seed: int) -> Assessment:
+        """Assessment of a run against the truth; here, that it ended well."""
+        return Assessment.of(ran.recording, NoFigures(), [], seed=seed, wall_s=ran.wall_s)
+
+    def pictures(self, ran: RunResult) -> Pictures:
+        """Figures of the report."""
+        return ()
+
+    def tables(self) -> "Iterable[Table]":
+        """Tables for the terminal beside that of the metrics, once the run is assessed."""
+        return ()
+
+    def observers(self) -> tuple[Observer, ...]:
+        """Observers of the loop whose results the assessment needs."""
+        return ()
+
+    def write_files(self, folder: Path) -> tuple[Path, ...]:
+        """Write what the task leaves beside report and metrics to `folder`; returns the files."""
+        return ()
+
+    def story(self, recorder: "Recorder", log: Any) -> Observer:
+        """Observer that adds clouds to recording and log."""
+        return CloudRecorder(recorder, log)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Scenario:
+    """Everything a run needs."""
+
+    name: str  # of the folder of results
+    task: Task
+    seed: int = 0  # of everything random but the perturbations
+    site: Site = field(default_factory=Site)
+    vehicle: VehicleSetup = field(default_factory=VehicleSetup)
+    belief: Belief = field(default_factory=Belief)
+    sensing: Sensing = field(default_factory=Sensing)
+    control: Control = field(default_factory=Control)
+    perturbations: tuple[Perturbation, ...] = ()  # applied in this order
+    perturbation_seed: int = 0
+
+    def __post_init__(self) -> None:
+        folder_name(self.name, "name")
+        whole_number(self.seed, "--seed")
+        whole_number(self.perturbation_seed, "perturbation_seed")
+
+    def perturbation(self, kind: type[P]) -> P:
+        """The first perturbation of that kind.
+
+        Raises:
+            ConfigurationError: There is none.
+        """
+        for each in self.perturbations:
+            if isinstance(each, kind):
+                return each
+        raise ConfigurationError(f"scenario {self.name!r} has no perturbation {kind.__name__}")

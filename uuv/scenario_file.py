@@ -1,0 +1,273 @@
+"""Scenario files: a `Scenario` as TOML, in SI units and radians, and back.
+
+    name = "clean_barrel"
+    seed = 0
+
+    [site]
+    current = [0.15, 0.0, 0.0]
+
+    [site.object]
+    kind = "Barrel"
+    length = 0.6
+
+    [task]
+    kind = "SurfaceWork"
+    forces = [60.0, 90.0, 60.0]
+
+    [[perturbations]]
+    kind = "Water"
+    spread = 0.3
+
+Tables with a `kind` are of one of several classes. A key that is left out has its default.
+"""
+
+import json
+import math
+import tomllib
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import fields, is_dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from uuv.models.registry import Registry
+from uuv.kinds import TRUST
+from uuv.perturbations import perturbation
+from uuv.perturbations.perturbation import Perturbation
+from uuv.scenario import Scenario, Task
+from uuv.site import SITE_OBJECTS, SiteObject
+from uuv.tasks import registry as tasks
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.spatial import shown
+from uuv.sim.interfaces.tables import TableReader, toml_of
+from uuv.sim.runs.saving import write_whole
+
+PERTURBATIONS = "perturbations"
+KIND = "kind"
+SCENARIO_FILE = "scenario.toml"  # in the folder of every run
+_MOST = 1_000_000  # [bytes] of a file
+
+
+@cache
+def registries() -> Mapping[type, Registry[Any]]:
+    """Registry of each base class of which a file names the kind."""
+    return {SiteObject: SITE_OBJECTS, Task: tasks.registry(), Perturbation: perturbation.registry()}
+
+
+def read_scenario(file: str | Path, *, trust: bool = False) -> Scenario:
+    """The scenario in a TOML file.
+
+    Args:
+        file: The file.
+        trust: Import the classes MODULE:CLASS that it names, which runs their code.
+
+    Raises:
+        ConfigurationError: The file cannot be read, names code without `trust`, or a key or value is none of those
+            allowed; the message names them.
+    """
+    found = toml_of(file, "scenario", _MOST)
+    what = f"scenario {shown(str(file))}"
+    refuse_code(found, what, trust=trust)
+    try:
+        return from_dict(found)
+    except ConfigurationError as error:
+        raise ConfigurationError(f"{what}: {str(error).removeprefix('--')}") from error
+
+
+def refuse_code(document: Any, what: str, *, trust: bool) -> None:
+    """Refuses a document that names code, MODULE:ATTRIBUTE, before any of it is imported.
+
+    What is typed on the command line needs no such leave: only what stands in a file, which may be another's.
+
+    Args:
+        document: Tables of the file.
+        what: The file; the message begins with it.
+        trust: The user has given leave; nothing is refused.
+
+    Raises:
+        ConfigurationError: It names code.
+    """
+    for name in () if trust else names_of_code(document):
+        raise ConfigurationError(f"{what}: names code, {shown(name)}, which is not run unless you say {TRUST}")
+
+
+def names_of_code(value: Any) -> Iterator[str]:
+    """Texts of a document with a colon; a path with one is none: no module's name has a slash."""
+    if isinstance(value, str):
+        if ":" in value and "/" not in value:
+            yield value
+    elif isinstance(value, Mapping | list):
+        for each in value.values() if isinstance(value, Mapping) else value:
+            yield from names_of_code(each)
+
+
+def write_scenario(scenario: Scenario, file: str | Path) -> None:
+    """Writes `scenario` as TOML, with every default."""
+    write_whole(Path(file), to_toml(scenario))
+
+
+def from_dict(nested: Mapping[str, Any]) -> Scenario:
+    """The scenario in nested tables.
+
+    Raises:
+        ConfigurationError: A key or value is none of those allowed.
+    """
+    return _READER.made(Scenario, nested)
+
+
+def with_values(scenario: Scenario, assignments: Iterable[str], option: str = "--set") -> Scenario:
+    """The scenario with other values at some keys of its file.
+
+    Args:
+        scenario: The base.
+        assignments: As for `assigned`.
+        option: Where they were given; messages begin with it.
+
+    Raises:
+        ConfigurationError: A key or value is none of those allowed.
+    """
+    nested = as_dict(scenario)
+    try:
+        for key, value in assigned(assignments).items():
+            put(nested, key, value)
+        return from_dict(nested)
+    except ConfigurationError as error:
+        raise ConfigurationError(f"{option}: {str(error).removeprefix('--')}") from error
+
+
+def assigned(assignments: Iterable[str]) -> dict[str, Any]:
+    """Values by dotted key.
+
+    Args:
+        assignments: Each `KEY=VALUE`: a dotted key such as task.speed, and a TOML value; what is none is text.
+
+    Raises:
+        ConfigurationError: One has no =.
+    """
+    values: dict[str, Any] = {}
+    for assignment in assignments:
+        key, equals, text = assignment.partition("=")
+        if not equals:
+            raise ConfigurationError(f"allowed KEY=VALUE with a key of a scenario file, got {shown(assignment)}")
+        try:
+            values[key.strip()] = tomllib.loads(f"value = {text}")["value"]
+        except tomllib.TOMLDecodeError:
+            values[key.strip()] = text
+    return values
+
+
+def put(nested: dict[str, Any], key: str, value: Any) -> None:
+    """Sets the value at a dotted key of a scenario's tables.
+
+    A perturbation that is missing is appended. Another `kind` empties its table: what it had were keys of the old kind.
+
+    Raises:
+        ConfigurationError: The key is in no table of a scenario.
+    """
+    *tables, last = key.split(".")
+    table: Any = nested
+    if tables[:1] == [PERTURBATIONS]:
+        if len(tables) != 2:
+            raise ConfigurationError(f"no parameter {shown(key)}: perturbations.KIND.FIELD")
+        several = table.setdefault(PERTURBATIONS, [])
+        found = [each for each in several if each[KIND] == tables[1]]
+        if not found:
+            several.append({KIND: tables[1]})
+            found = several[-1:]
+        table = found[0]
+    else:
+        for name in tables:
+            table = table.setdefault(name, {}) if isinstance(table, dict) else None
+    if not isinstance(table, dict):
+        raise ConfigurationError(f"no parameter {shown(key)}: it is in no table of a scenario")
+    if last == KIND and table.get(KIND) != value:
+        table.clear()  # another kind has other keys
+    table[last] = value
+
+
+def as_dict(scenario: Scenario) -> dict[str, Any]:
+    """Nested tables of a scenario; None and an empty list of perturbations are left out.
+
+    `kind` is the name of a class that is one of several.
+    """
+    return _table(scenario)
+
+
+def to_toml(scenario: Scenario) -> str:
+    """Text of a scenario's file."""
+    head = ["# SI units and radians; keys and their meaning: uuv/scenario.py, site.py, tasks/"]
+    return "\n".join([*head, *_lines(as_dict(scenario), "")]) + "\n"
+
+
+def _table(value: Any) -> Any:
+    if is_dataclass(value) and not isinstance(value, type):
+        several = isinstance(value, tuple(registries()))
+        kind = {KIND: _kind_of(value)} if several else {}
+        own = {field.name: getattr(value, field.name) for field in fields(value)}
+        return {**kind, **{name: _table(each) for name, each in own.items() if not _left_out(name, each)}}
+    return [_table(each) for each in value] if isinstance(value, tuple | list) else value
+
+
+def _left_out(name: str, value: Any) -> bool:
+    """True for None, which TOML does not know, and for no perturbations: tables of them can then be appended."""
+    return value is None or (name == "perturbations" and not value)
+
+
+def _kind_of(value: Any) -> str:
+    """Name under which a registry makes the class of `value`; MODULE:CLASS for one that is in none."""
+    registry = next(known for base, known in registries().items() if isinstance(value, base))
+    own = f"{type(value).__module__}:{type(value).__qualname__}"
+    return registry.name_of(type(value)) or own
+
+
+def flat(nested: dict[str, Any], before: str = "") -> dict[str, Any]:
+    """Values of nested tables by their keys, joined by dots."""
+    found: dict[str, Any] = {}
+    for key, value in nested.items():
+        found |= flat(value, f"{before}{key}.") if isinstance(value, dict) else {before + key: value}
+    return found
+
+
+def _lines(nested: Mapping[str, Any], name: str) -> list[str]:
+    plain = {key: value for key, value in nested.items() if not _holds_tables(value)}
+    lines = [f"{key} = {_text(value)}" for key, value in plain.items()]
+    for key, value in nested.items():
+        if key in plain:
+            continue
+        for each in [value] if isinstance(value, dict) else value:
+            brackets = "[{}]" if isinstance(value, dict) else "[[{}]]"
+            lines += ["", brackets.format(name + key), *_lines(each, f"{name}{key}.")]
+    return lines
+
+
+def _holds_tables(value: Any) -> bool:
+    return isinstance(value, dict) or (isinstance(value, list) and bool(value) and isinstance(value[0], dict))
+
+
+def _text(value: Any) -> str:
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, float):
+        return repr(value) if math.isfinite(value) else str(value)
+    if isinstance(value, str):
+        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")  # TOML takes no raw delete
+    return f"[{', '.join(map(_text, value))}]" if isinstance(value, list) else str(value)
+
+
+def _class_of(kind: type, given: dict[str, Any], place: str) -> type:
+    """The class for an annotation: that of the table's `kind`, where it is a base of several."""
+    registry = registries().get(kind)
+    if registry is None:
+        return kind
+    name = given.pop(KIND, None)
+    if name is None:
+        raise ConfigurationError(f"{place}: needs a {KIND}; there are {', '.join(registry.names())}")
+    chosen = registry.maker(str(name))
+    if not (isinstance(chosen, type) and issubclass(chosen, kind) and is_dataclass(chosen)):
+        raise ConfigurationError(
+            f"{place}: {registry.kind} {shown(name)} must be a dataclass that inherits {kind.__name__}"
+        )
+    return chosen
+
+
+_READER = TableReader(choose=_class_of)

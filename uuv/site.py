@@ -1,0 +1,306 @@
+"""The site: the object to work on with its true pose, growth and dents, or the seabed; current and gusts."""
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+
+from uuv.models.objects import targets
+from uuv.models.objects.block import RADIUS as BLOCK_RADIUS
+from uuv.models.objects.manifold import Manifold as ManifoldBlock
+from uuv.models.objects.manifold import manifold
+from uuv.models.objects.target_model import ModelPath
+from uuv.models.objects.targets import TargetModel, helix, pile, ring, vertical
+from uuv.models.registry import Registry
+from uuv.models.site.seabed import Seabed, seabed
+from uuv.models.site.terrain_kinds import KINDS, Kind
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.spatial import Array, checked_pose, exp_so3, finite_number, pose, shown
+
+ALTITUDE = 2.5  # [m] height of the hull above the seabed during the scan
+HALF = 3.0  # [m] half the side of the terrain
+TILT = float(np.radians(5.0))  # [rad] largest tilt of the manifold on the seabed, about x and about y
+LEAN = float(np.radians(0.5))  # [rad] standard deviation of the pile's tilt about x and about y
+SHORTEST_LINE = 0.05  # [m]
+BESIDE = 41  # places across an object at which a path over it is tried
+OVER = "over"  # path that is laid over an object
+_HIGHEST = 1.0  # [m] largest growth or dents
+_PATCHES = 3  # patches of growth or dents on an object
+Pose = tuple[tuple[float, float, float, float], ...]  # 4 rows
+
+
+@dataclass(frozen=True, kw_only=True)
+class SiteObject:
+    """What there is to work on; the base of all kinds."""
+
+    def draw_pose(self, rng: np.random.Generator) -> Array:
+        """True pose X_WT (4, 4): on the seabed 1.5 m below the origin, turned by up to 0.6 rad about z."""
+        return pose(exp_so3([0.0, 0.0, rng.uniform(-0.6, 0.6)]), rng.uniform(-0.2, 0.2, 3) - [0.0, 0.0, 1.5])
+
+
+@dataclass(frozen=True, kw_only=True)
+class OpenWater(SiteObject):
+    """Nothing: the vehicle is alone."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Workpiece(SiteObject, ABC):
+    """Object with tool paths on it; growth and dents lie along the path, and the vehicle knows the clean object."""
+
+    fouled: float = 0.0  # [m] largest height of growth
+    dented: float = 0.0  # [m] largest depth of dents
+
+    def model(self) -> TargetModel:
+        """Clean model, where no path is needed. Raises ConfigurationError if there is no such object."""
+        return self.target(None)[0]
+
+    @abstractmethod
+    def target(self, path: str | None) -> tuple[TargetModel, str]:
+        """Clean model and name of the path; None: the object's first.
+
+        Raises:
+            ConfigurationError: There is no such object or path.
+        """
+
+    def as_it_is(self, target: TargetModel, path: str | None, rng: np.random.Generator) -> TargetModel:
+        """The true object: `target` with growth and dents near `path`; None: all over it.
+
+        Raises:
+            ConfigurationError: A height is out of range.
+        """
+        near = None if path is None else target.path(path).p
+        return with_growth_and_dents(target, self.fouled, self.dented, rng, near=near) or target
+
+
+@dataclass(frozen=True, kw_only=True)
+class Barrel(Workpiece):
+    """Barrel on its stand, with the paths "longitudinal", "transverse" and "corner"."""
+
+    length: float = 0.6  # [m] of the longitudinal path
+    arc: float = float(np.pi)  # [rad] of the transverse path
+    azimuth: float = 0.0  # [rad] of the path around the barrel, from the top
+    corner: float = float(0.5 * np.pi)  # [rad] by which the path "corner" turns on the top
+
+    def target(self, path: str | None) -> tuple[TargetModel, str]:
+        """The barrel, and the path's name; default longitudinal."""
+        made = targets.barrel(
+            line_length=self.length,
+            line_azimuth=self.azimuth,
+            arc=self.arc,
+            arc_azimuth=self.azimuth,
+            corner=self.corner,
+        )
+        made.path(name := path or "longitudinal")
+        return made, name
+
+
+@dataclass(frozen=True, kw_only=True)
+class Block(Workpiece):
+    """Block with rounded edges, with the paths "edge" and "corner"."""
+
+    radius: float = BLOCK_RADIUS  # [m] of its edges
+    corner: float = float(0.5 * np.pi)  # [rad] by which the path "corner" turns on the top
+
+    def target(self, path: str | None) -> tuple[TargetModel, str]:
+        """The block, and the path's name; default edge."""
+        made = targets.block(radius=self.radius, corner=self.corner)
+        made.path(name := path or "edge")
+        return made, name
+
+
+@dataclass(frozen=True, kw_only=True)
+class Pile(Workpiece):
+    """Vertical pile with a flange, and one path on it: "vertical", "ring" or "helix"."""
+
+    length: float = 0.5  # [m] of the vertical path
+    arc: float = float(np.radians(100.0))  # [rad] of ring and helix
+    rise: float = 0.3  # [m] of the helix
+    azimuth: float = 0.0  # [rad] of the path's middle, from the side that the vehicle approaches
+    height: float = -0.15  # [m] of the path's middle above the pile's
+
+    def target(self, path: str | None) -> tuple[TargetModel, str]:
+        """The pile with that path alone, default vertical."""
+        name = path or "vertical"
+        shapes = {
+            "vertical": lambda: vertical(self.length, self.azimuth, self.height),
+            "ring": lambda: ring(self.arc, self.azimuth, self.height),
+            "helix": lambda: helix(self.arc, self.rise, self.azimuth, self.height),
+        }
+        if name not in shapes:
+            raise ConfigurationError(f"--path: allowed {', '.join(shapes)}, got {name!r}")
+        return pile({name: shapes[name]()}), name
+
+    def draw_pose(self, rng: np.random.Generator) -> Array:
+        """True pose: nearly upright; the vehicle approaches from -x, to within 0.6 rad of azimuth 0."""
+        lean = LEAN * rng.standard_normal(3) * [1.0, 1.0, 0.0]
+        return pose(exp_so3(lean) @ exp_so3([0.0, 0.0, np.pi + rng.uniform(-0.6, 0.6)]), rng.uniform(-0.2, 0.2, 3))
+
+
+@dataclass(frozen=True, kw_only=True)
+class KnownObject(Workpiece):
+    """Object of the library by name, those of other packages included, or a mesh file with a line laid over its top."""
+
+    object: str = "rock"  # a name of uuv.models.objects.targets.available(), or a mesh file
+    scale: float | None = None  # [m] unit of a mesh file; None: metres
+    length: float = 0.3  # [m] of the line over a mesh
+    line: tuple[float, float, float, float] | None = None  # [m] x, y of both ends of a path over it; None: its own
+
+    def __post_init__(self) -> None:
+        if self.line is None:
+            return
+        for value in self.line:
+            finite_number(value, "--line [m]")
+        if math.dist(self.line[:2], self.line[2:]) < SHORTEST_LINE:
+            raise ConfigurationError(f"--line: must be at least {SHORTEST_LINE:g} m long, got {shown(self.line)}")
+
+    def model(self) -> TargetModel:
+        """Clean model as the library or the file has it."""
+        return targets.of(self.object, self.scale)
+
+    def target(self, path: str | None) -> tuple[TargetModel, str]:
+        """The object and the path's name; "over", from above, is `line`, or along x on a mesh without paths."""
+        made = self.model()
+        if self.line is not None or not made.paths:
+            above, path = float(made.center[2] + made.radius), OVER if self.line is not None else path
+            lines = (self.line,) if self.line is not None else self._lines_over(made)
+            made = made.with_path(OVER, _first_laid(made, lines, above))
+        name = path or next(iter(made.paths), "none")
+        made.path(name)  # raises for an unknown name, and lists the known ones
+        return made, name
+
+    def _lines_over(self, made: TargetModel) -> Iterator[tuple[float, float, float, float]]:
+        """Lines along x over the middle, and beside it where the object may have a hole there."""
+        x, y = made.center[:2]
+        half = 0.5 * self.length
+        for aside in sorted(np.linspace(-made.radius, made.radius, BESIDE), key=abs):
+            yield x - half, y + aside, x + half, y + aside
+
+
+def _first_laid(made: TargetModel, lines: Iterable[tuple[float, float, float, float]], above: float) -> ModelPath:
+    """The first of the lines (x, y of both ends) that lies on the object all along, seen from above."""
+    from uuv.perception.toolpath.path_shapes import laid_on, line  # casts rays
+
+    refused: ConfigurationError | None = None
+    for x0, y0, x1, y1 in lines:
+        try:
+            return laid_on(made, line([x0, y0, above], [x1, y1, above]), [0.0, 0.0, -1.0])
+        except ConfigurationError as error:
+            refused = refused or error
+    assert refused is not None
+    raise ConfigurationError(f"{refused}; --line x0 y0 x1 y1 [m] lays the path elsewhere") from refused
+
+
+@dataclass(frozen=True, kw_only=True)
+class HoleManifold(SiteObject):
+    """Subsea manifold with two holes, "a" and "b"."""
+
+    clearance: float = 2e-3  # [m] radial, between tool and hole
+    depth: float = 0.08  # [m] of the holes
+    chamfer: float = 2e-3  # [m] of their mouths
+
+    def __post_init__(self) -> None:
+        if not self.clearance > 0.0:
+            raise ConfigurationError(f"--clearance: must be > 0 mm, got {1e3 * self.clearance:g}")
+
+    def block(self, tool_radius: float) -> ManifoldBlock:
+        """The manifold for a tool of that radius [m]."""
+        return manifold(tool_radius + self.clearance, self.depth, self.chamfer)
+
+    def draw_pose(self, rng: np.random.Generator) -> Array:
+        """True pose: on the seabed, tilted by up to TILT."""
+        lean = exp_so3([*rng.uniform(-TILT, TILT, 2), 0.0])
+        return pose(exp_so3([0.0, 0.0, rng.uniform(-0.6, 0.6)]) @ lean, rng.uniform(-0.2, 0.2, 3) - [0.0, 0.0, 1.5])
+
+
+@dataclass(frozen=True, kw_only=True)
+class Ground(SiteObject):
+    """Terrain of the seabed, drawn anew by each seed, and its soil."""
+
+    terrain: Kind | Literal["any"] = "ripples"  # any: the kinds in turn, by the seed
+    soil: str = "sand"  # of uuv.models.site.soil.SOILS
+
+    def draw(self, seed: int, rng: np.random.Generator) -> Seabed:
+        """The terrain, ALTITUDE below the origin."""
+        kind = KINDS[seed % len(KINDS)] if self.terrain == "any" else self.terrain
+        middle = rng.uniform(-0.2, 0.2, 3) - np.array([0.0, 0.0, ALTITUDE])
+        return seabed(kind, rng, center_W=middle, half=HALF)
+
+
+SITE_OBJECTS: Registry[SiteObject] = Registry(
+    "site_object",
+    {
+        "Barrel": Barrel,
+        "Block": Block,
+        "Pile": Pile,
+        "KnownObject": KnownObject,
+        "Manifold": HoleManifold,
+        "Ground": Ground,
+        "OpenWater": OpenWater,
+    },
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Site:
+    """Where the work is."""
+
+    object: SiteObject = field(default_factory=Barrel)
+    X_WT: Pose | None = None  # true pose of the object; None: drawn from the seed
+    current: tuple[float, float, float] = (0.15, 0.0, 0.0)  # [m/s] steady, in W
+    gust: float = 0.03  # [m/s] standard deviation per axis
+    wave: tuple[float, float, float] = (0.0, 0.0, 0.0)  # [m/s] amplitude of a regular wave, in W
+    wave_frequency: float = 0.1  # [Hz]
+
+    def __post_init__(self) -> None:
+        if self.X_WT is not None:
+            checked_pose(self.X_WT, "X_WT")
+            if isinstance(self.object, Ground):
+                raise ConfigurationError("X_WT: terrain has no pose; leave it out")
+
+    def pose(self, rng: np.random.Generator) -> Array:
+        """True pose X_WT (4, 4) of the object; drawn even if it is set, so that later draws stay the same."""
+        drawn = self.object.draw_pose(rng)
+        return drawn if self.X_WT is None else np.array(self.X_WT)
+
+
+def with_growth_and_dents(
+    target: TargetModel, fouled: float, dented: float, rng: np.random.Generator, near: Array | None = None
+) -> TargetModel | None:
+    """`target` with random growth and dents.
+
+    Args:
+        target: Model of the clean object.
+        fouled: [m] largest height of the growth.
+        dented: [m] largest depth of the dents.
+        rng: Draws the patches.
+        near: (N, 3) [m] points in T around which the patches lie; None: all over the object.
+
+    Returns:
+        The deformed object; None, and nothing drawn, if both heights are 0.
+
+    Raises:
+        ConfigurationError: A height is out of range.
+    """
+    shown = target
+    for name, height in (("fouled", fouled), ("dented", dented)):
+        finite_number(height, f"--{name} [m]", least=0.0, most=_HIGHEST)
+        if height > 0.0:
+            from uuv.models.objects import deformed  # brings compiled kernels
+
+            shown = getattr(deformed, name)(shown, rng, _PATCHES, (0.4 * height, height), near=near).target
+    return None if shown is target else shown
+
+
+def coarse_detection(X_WT: Array, rng: np.random.Generator) -> tuple[Array, Array]:
+    """Coarse pose of an object at `X_WT` (4, 4), with a random error.
+
+    Returns:
+        Position (3,) [m], 10 to 30 cm off; rotation (3, 3), up to 30 deg off.
+    """
+    way, axis = rng.standard_normal((2, 3))
+    approach = X_WT[:3, 3] + rng.uniform(0.1, 0.3) * way / np.linalg.norm(way)
+    turn = exp_so3(rng.uniform(0.0, np.radians(30.0)) * axis / np.linalg.norm(axis))
+    return approach, turn @ X_WT[:3, :3]

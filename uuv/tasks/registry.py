@@ -1,0 +1,20 @@
+"""All tasks by name, those of other packages included."""
+
+from functools import cache
+
+from uuv.models.registry import Registry
+from uuv.scenario import Task
+
+
+@cache
+def registry() -> Registry[Task]:
+    """All tasks, those of other packages included."""
+    kinds = {
+        "SurfaceWork": "uuv.tasks.surface_work:SurfaceWorkTask",
+        "Tapping": "uuv.tasks.tapping:TappingTask",
+        "Insertion": "uuv.tasks.insertion:InsertionTask",
+        "Inspection": "uuv.tasks.inspection:InspectionTask",
+        "SeabedSampling": "uuv.tasks.seabed_sampling:SeabedSamplingTask",
+        "GearIdentification": "uuv.tasks.gear_identification:GearIdentificationTask",
+    }
+    return Registry("task", kinds)

@@ -1,0 +1,306 @@
+"""Surface work: a tool is pressed on an object, or held above it, along a path."""
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, ClassVar
+
+import mujoco
+import numpy as np
+
+from uuv.controllers.planning.promise import PromiseLimits
+from uuv.controllers.planning.trajectories import FASTEST, SLOWEST
+from uuv.controllers.tasks.approach_limits import ApproachLimits
+from uuv.controllers.tasks.contact_phases import FollowLimits
+from uuv.models.objects.targets import TargetModel
+from uuv.models.site import scenes
+from uuv.models.site.sliding_contact import let_tool_slide
+from uuv.kinds import SURVEY
+from uuv.outcome import Pictures, RunResult
+from uuv.own_vehicle import OwnVehicle
+from uuv.scenario import LONGEST, PlacedTask, Scenario, Task
+from uuv.site import Workpiece, coarse_detection
+from uuv.tasks.approach import object_of, scan_pose
+from uuv.tasks.work_time import WorkTime
+from uuv.sim.evaluation.metrics import AskedWork, Assessment, Bounds, TrueObject, assess
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.protocols import Sensor
+from uuv.sim.interfaces.spatial import Array, finite_number, shown
+
+if TYPE_CHECKING:
+    from uuv.controllers.tasks.surface_work import SurfaceTaskConfig
+    from uuv.controllers.tasks.task import TaskPlanner
+    from uuv.perception.clouds.scan import SensorModel
+    from uuv.perception.finding.object_tracker import FoundObjectFollower
+    from uuv.perception.finding.surveyed_object import SurveyedObjectFinder
+    from uuv.perception.finding.target_finder import KnownObjectFinder
+
+TAP_FORCE, TAPPED = 40.0, (0.0, 0.06, 0.12)  # [N] to tap with, [m] along a path
+_ARRIVAL = 150.0  # [s] simulated from the start to the contact, and off again, with another look
+_ROOM = 1.5  # limit of the simulated time over what the work needs
+_MOST_FORCE = 1e3  # [N] beyond the capability of any vehicle here
+
+
+@dataclass(frozen=True, kw_only=True)
+class ToolTurn:
+    """How a tool that is not round is turned about its axis."""
+
+    angle: float = 0.0  # [rad] of its x axis from the path, kept along it
+    blend: float = 0.0  # [m] of the path over which it turns at a corner; at least 0.04
+    dwell: bool = False  # it stops at a corner and turns there
+
+    def __post_init__(self) -> None:
+        finite_number(self.angle, "--turn [rad]", least=-np.pi, most=np.pi)
+        finite_number(self.blend, "--blend [m]", least=0.0, most=1.0)
+        if self.dwell and self.blend:
+            raise ConfigurationError(f"--dwell and --blend {self.blend:g}: in a corner the tool does one of the two")
+
+
+@dataclass(frozen=True, kw_only=True)
+class SurfaceWorkTask(Task):
+    """Press a tool along a path of an object with set forces."""
+
+    looks: ClassVar[bool] = True
+    path: str | None = None  # of the object; None: its first
+    turn: ToolTurn | None = None  # of a tool that is not round; None: it is round
+    forces: tuple[float, ...] = (60.0, 90.0, 60.0)  # [N] set forces on equal parts of the path
+    speed: float = 0.02  # [m/s] of the tool along the path
+    force_rate: float = 60.0  # [N/s] rate of change of the set force
+    contactless: float | None = None  # [m] distance to keep from the surface; None: press [Konoplin 2019]
+    least: float = 1.0  # share of the path that must be within reach
+    range: float = 1.25  # [m] from camera to object at the scan
+    approach: ApproachLimits = field(default_factory=ApproachLimits)
+    promise: PromiseLimits = field(default_factory=PromiseLimits)
+
+    def __post_init__(self) -> None:
+        finite_number(self.speed, "--speed [m/s]", least=SLOWEST, most=FASTEST)
+        finite_number(self.least, "--least, a share of the path", above=0.0, most=1.0)
+        if not self.forces:
+            raise ConfigurationError("--forces [N]: needs at least one set force, got none")
+        for force in self.forces:
+            finite_number(force, "--forces [N]", above=0.0, most=_MOST_FORCE)
+
+    def check_inputs(self, scenario: Scenario) -> None:
+        """Refuses an object without surface, a path that it has not, and options that exclude each other."""
+        workpiece: Workpiece = object_of(scenario, Workpiece)
+        self._check_stops(scenario)
+        if scenario.sensing.follow:
+            check_follows(scenario)
+        self.time(*workpiece.target(self.path), self.force_rate).check()
+
+    def least_seconds(self, scenario: Scenario) -> float:
+        """Time [s] along the path at the set speed."""
+        workpiece: Workpiece = object_of(scenario, Workpiece)
+        return self.time(*workpiece.target(self.path), self.force_rate).seconds
+
+    def time(self, target: TargetModel, path: str, force_rate: float) -> WorkTime:
+        """The timed work on a path of the object, with a rate [N/s] at which the set force changes."""
+        p = np.asarray(target.path(path).p)
+        return WorkTime(
+            length=float(np.linalg.norm(np.diff(p, axis=0), axis=1).sum()),
+            speed=self.speed,
+            forces=self.forces if self.contactless is None else (),
+            force_rate=force_rate,
+        )
+
+    def _check_stops(self, scenario: Scenario) -> None:
+        """Refuses stops for navigation where they tell nothing."""
+        if self.promise.stops is None:
+            return
+        for given, why in (
+            (scenario.sensing.arm_camera is not None, "--arm-camera: it sees more than stops tell"),
+            (self.contactless is not None, "--contactless: nothing holds the tool"),
+            ("fusion" in scenario.control.without, "--without fusion: nothing takes what they tell"),
+        ):
+            if given:
+                raise ConfigurationError(f"--stop-every (task.promise.stops) and {why}; one of the two")
+
+    def place(self, scenario: Scenario, own: OwnVehicle, rng: np.random.Generator) -> "PlacedSurfaceWork":
+        """The work on the site's object; draws its pose, its coarse detection, growth and dents."""
+        self._check_stops(scenario)
+        workpiece: Workpiece = object_of(scenario, Workpiece)
+        target, path = workpiece.target(self.path)
+        if self.turn is not None:
+            turned = target.path(path).turned(self.turn.angle, self.turn.blend, dwell=self.turn.dwell)
+            target = target.with_path(path, turned)
+        X_WT = scenario.site.pose(rng)
+        approach_W, orientation_W = coarse_detection(X_WT, rng)
+        there = workpiece.as_it_is(target, path, rng)
+        placed = PlacedSurfaceWork(
+            scenario=scenario,
+            own=own,
+            task=self,
+            target=target,
+            approach_W=approach_W,
+            orientation_W=orientation_W,
+            truth=TrueObject(
+                model=there, path=path, X_WT=X_WT, contactless=self.contactless, deformed=there is not target
+            ),
+        )
+        self.time(target, path, placed.job().force_rate).check()  # a small arm's force changes more slowly
+        return placed
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PlacedSurfaceWork(PlacedTask):
+    """Surface work at its site."""
+
+    scenario: Scenario
+    own: OwnVehicle
+    task: SurfaceWorkTask
+    target: TargetModel  # as the vehicle knows it
+    approach_W: Array  # (3,) [m] coarse position of its centre
+    orientation_W: Array  # (3, 3) its coarse orientation
+    truth: TrueObject
+
+    @property
+    def title(self) -> str:
+        """Title of log and report."""
+        return f"Cleaning the {self.target.name}, {self.truth.path} path, seed {self.scenario.seed}"
+
+    @property
+    def stands(self) -> bool:
+        """True if the tool stops on its path."""
+        return self.task.promise.stops is not None
+
+    @property
+    def longest(self) -> float:
+        """Limit [s] of the simulated time: 1.5 times what looks, length, speed and stops need, at least the usual."""
+        from uuv.perception.toolpath.path_planner import PACE
+
+        stops = self.task.promise.stops
+        work = self.task.time(self.target, self.truth.path, self.job().force_rate)
+        working = work.slowed(PACE).seconds  # as on a surface that deviates
+        if stops is not None:
+            standing = stops.settle + stops.patience + stops.lasting + 2.0 * FollowLimits().pace_time
+            working *= 1.0 + standing / stops.every
+        return max(LONGEST, _ROOM * (_ARRIVAL + self.scenario.sensing.looks + working))
+
+    @property
+    def X_WB(self) -> Array:
+        """Scan pose of the hull."""
+        return scan_pose(self.own.X_BC, self.approach_W, self.task.range)
+
+    @property
+    def bounds(self) -> Bounds:
+        """The usual bounds; those of the force by the arm's size, and an axis that leans for one of fewer joints."""
+        from uuv.controllers.planning.arm_margins import TILT
+        from uuv.controllers.planning.arm_size import FULL
+
+        own, usual = self.own.at_work(), Bounds()
+        return Bounds(
+            force_error_rms=own.size * usual.force_error_rms,
+            force_error_max=own.size * usual.force_error_max,
+            tilt=usual.tilt if own.chain.n >= FULL else TILT,
+        )
+
+    def scene(self, vehicle: mujoco.MjSpec) -> mujoco.MjSpec:
+        """Adds the true object, on which the tool slides, and flat seabed."""
+        scene = scenes.work_site(vehicle, self.truth.model, self.truth.X_WT)
+        let_tool_slide(scene, speed=self.task.speed, force=min(self.task.forces))
+        return scene
+
+    def sensors(self, model: mujoco.MjModel) -> "tuple[list[Sensor], SensorModel | None]":
+        """The camera, sonar, survey or registered sensor."""
+        from uuv.components.contact_parts import exteroceptive_sensor
+
+        sensor, seen_as = exteroceptive_sensor(self.scenario.sensing.sensor, model, self.own.X_BC)
+        return [sensor], seen_as
+
+    def finder(self, sensor: "SensorModel | None", seed: int) -> "KnownObjectFinder | SurveyedObjectFinder":
+        """Finder of the clean object."""
+        from uuv.perception.finding.surveyed_object import SurveyedObjectFinder
+        from uuv.perception.finding.target_finder import KnownObjectFinder, PublishedFinder
+
+        if self.scenario.sensing.sensor == SURVEY:
+            return SurveyedObjectFinder(self.target, self.truth.path)
+        kind = PublishedFinder if "identification" in self.scenario.control.published else KnownObjectFinder
+        return kind(
+            self.target,
+            self.truth.path,
+            self.approach_W,
+            self.orientation_W,
+            sensor=sensor,
+            tool_radius=self.own.tool_radius,
+            looks=self.scenario.sensing.looks,
+            seed=seed,
+        )
+
+    def follower(self, sensor: "SensorModel | None") -> "FoundObjectFollower":
+        """Follower of the clean object."""
+        from uuv.perception.finding.object_tracker import FoundObjectFollower
+
+        check_follows(self.scenario)
+        return FoundObjectFollower(self.target, sensor=sensor)
+
+    def job(self) -> "SurfaceTaskConfig":
+        """Forces and limits of the work, for the arm's size."""
+        from uuv.controllers.tasks.arrival import ArrivalLimits
+        from uuv.controllers.tasks.hull_phases import EscapeLimits
+        from uuv.controllers.tasks.surface_work import SurfaceTaskConfig
+
+        size, task = self.own.at_work().size, self.task
+        usual_rate = task.force_rate == SurfaceWorkTask.force_rate
+        return SurfaceTaskConfig(
+            forces=task.forces,
+            speed=task.speed,
+            least_share=task.least,
+            # A lighter hull is pushed away sooner; a rate that is not the default was chosen for it.
+            force_rate=size**2 * task.force_rate if usual_rate else task.force_rate,
+            force_control="force-control" not in self.scenario.control.without,
+            contactless=task.contactless,
+            approach=task.approach.of_size(size),
+            arrival=ArrivalLimits.of_size(size),
+            escape=EscapeLimits.of_size(size),
+            promise=task.promise,
+        )
+
+    def planner(self) -> "TaskPlanner":
+        """Planner of the work."""
+        from uuv.controllers.hull.thrust_margin import ThrustMargin
+        from uuv.controllers.tasks.surface_work import SurfaceWork
+
+        return SurfaceWork(
+            self.own.at_work(),
+            self.target,
+            self.job(),
+            X_WB_scan=self.X_WB,
+            floor=scenes.seabed_height(self.target, self.truth.X_WT),  # the charted depth there
+            holding=ThrustMargin.of(self.own.model),
+        )
+
+    def assess(self, ran: RunResult, seed: int) -> Assessment:
+        """Assessment against the true object."""
+        from uuv.perception.finding.target_finder import FinderState
+
+        state = ran.last.found
+        found = state.last if isinstance(state, FinderState) else None
+        return assess(
+            ran.recording,
+            self.truth,
+            seed=seed,
+            wall_s=ran.wall_s,
+            identification_s=found.duration_s if found is not None else None,
+            bounds=self.bounds,
+            asked=AskedWork(
+                forces=() if self.task.contactless is not None else self.task.forces, speed=self.task.speed
+            ),
+        )
+
+    def pictures(self, ran: RunResult) -> Pictures:
+        """What was found of the object."""
+        from uuv.sim.reporting.report_figures import object_as_found
+
+        return object_as_found(ran.recording, self.truth)
+
+
+def check_follows(scenario: Scenario) -> None:
+    """Refuses to follow an object without depth frames."""
+    if scenario.sensing.sensor != "camera":
+        raise ConfigurationError(
+            f"--follow: takes depth frames; the sensor is {shown(scenario.sensing.sensor)}, not camera"
+        )
+
+
+def first_force(scenario: Scenario) -> float:
+    """First set force [N] of a scenario of surface work."""
+    assert isinstance(scenario.task, SurfaceWorkTask)
+    return scenario.task.forces[0]

@@ -1,0 +1,79 @@
+"""Tapping: points of an object are touched one after another with a set force, for some time each."""
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+
+from uuv.models.site import scenes
+from uuv.own_vehicle import OwnVehicle
+from uuv.scenario import Scenario
+from uuv.tasks.surface_work import TAP_FORCE, TAPPED, PlacedSurfaceWork, SurfaceWorkTask
+from uuv.sim.evaluation.metrics import Bounds
+
+if TYPE_CHECKING:
+    from uuv.controllers.planning.hull_placement import PathStanding
+    from uuv.controllers.tasks.task import TaskPlanner
+
+
+@dataclass(frozen=True, kw_only=True)
+class TappingTask(SurfaceWorkTask):
+    """Touch points on a line along a path of an object with the first of the set forces."""
+
+    points: ClassVar[tuple[float, ...]] = TAPPED  # [m] along the path
+    hold: ClassVar[float] = 2.0  # [s] at each point
+    forces: tuple[float, ...] = (TAP_FORCE,)
+
+    def place(self, scenario: Scenario, own: OwnVehicle, rng: np.random.Generator) -> "PlacedTapping":
+        """The work on the site's object, as `SurfaceWorkTask.place`."""
+        placed = super().place(scenario, own, rng)
+        return PlacedTapping(
+            scenario=scenario,
+            own=own,
+            task=self,
+            target=placed.target,
+            approach_W=placed.approach_W,
+            orientation_W=placed.orientation_W,
+            truth=placed.truth,
+        )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PlacedTapping(PlacedSurfaceWork):
+    """Tapping at its site."""
+
+    @property
+    def title(self) -> str:
+        """Title of log and report."""
+        return f"Tapping the {self.target.name}, {self.truth.path} path, seed {self.scenario.seed}"
+
+    @property
+    def bounds(self) -> Bounds:
+        """Those of the force: there is no path."""
+        return replace(super().bounds, path_deviation=float("inf"))
+
+    @property
+    def standing(self) -> "PathStanding":
+        """Chooses the hull's place from which all points are within reach."""
+        from uuv.controllers.hull.thrust_margin import ThrustMargin
+        from uuv.controllers.planning.hull_placement import PathStanding, StandingLimits
+
+        own, job = self.own.at_work(), self.job()
+        return PathStanding(
+            vehicle=own.vehicle,
+            chain=own.chain,
+            model=self.target,
+            hull_box=own.hull_box,
+            limits=StandingLimits(force=max(job.forces), standoff=job.approach.standoff),
+            floor=scenes.seabed_height(self.target, self.truth.X_WT),
+            holding=ThrustMargin.of(self.own.model),
+        )
+
+    def planner(self) -> "TaskPlanner":
+        """Planner of the work."""
+        from uuv.controllers.tasks.arrival import WorkSite, around
+        from uuv.controllers.tasks.tap import tap
+
+        own, job = self.own.at_work(), self.job()
+        site = WorkSite(own=own, X_WB_scan=self.X_WB, stand=self.standing, around=around(own, self.target))
+        return tap(site, job, TappingTask.points, own.tip, TappingTask.hold)

@@ -1,0 +1,531 @@
+"""Residuals of logs against their replay: the log in windows, each with a start and a current of its own.
+
+A window begins as the log has it, within what its noise allows, in a current that is the log's within the gusts. Both
+are numbers of the window that the fit finds and discards. So neither a gap nor a drift that has added up counts, and
+what a window tells of the water is what its own few seconds show.
+"""
+
+import queue
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from uuv.calib.water.estimator import WaterFit, estimate
+from uuv.calib.water.logs import ATTITUDE, DEPTH, FORCE, POSITION, RATE, VELOCITY, WaterLog
+from uuv.calib.water.named_fit import NamedParameter, Slopes, fit_blocks, values_of
+from uuv.water_identification.settings import FitSettings
+from uuv.water_identification.vehicle_replay import ReplayVehicle, Script
+from uuv.sim.interfaces.errors import ConfigurationError, UuvError
+from uuv.sim.interfaces.spatial import GRAVITY, Array
+
+STEP = 1e-4  # prior standard deviations, of the differences: small, for what only a sum tells is their small sum
+NODES = 3  # of a window's current: at its begin, middle and end, straight between
+STATE = 12  # numbers of a window's start: position, attitude, velocity, rate; (3,) each
+OWN = STATE + 3 * NODES  # numbers of a window
+_SMOOTHED = 0.3  # [s] before and after the start of a window, from which its first guess is taken
+_STILL = 3.0  # standard deviations within which a hull counts as at rest
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Samples:
+    """Samples of one channel in all windows."""
+
+    row: np.ndarray  # (k,) row of the replay before each
+    share: Array  # (k,) of the step from there
+    measured: Array  # (k, d)
+    sigma: Array  # (k,)
+    window: np.ndarray  # (k,)
+
+
+class LogReplay:
+    """One log, cut into windows, with what moves the vehicle and what was measured."""
+
+    def __init__(self, own: ReplayVehicle, log: WaterLog, settings: FitSettings) -> None:
+        """Cut the log.
+
+        Raises:
+            ConfigurationError: No part of it is long enough for a window.
+        """
+        self.log, self.settings, self._dt = log, settings, own.timestep
+        cut = _windows(log, settings.window)
+        self.windows = [each for each in cut if _seen(log, *each, self._dt)][:: settings.every]
+        if not self.windows:
+            raise ConfigurationError(f"{log.name}: nothing was measured within its {len(cut)} windows")
+        if curveless := [
+            name for name, has in zip(own.names, own.has_curve, strict=True) if name in log.commands and not has
+        ]:
+            raise ConfigurationError(
+                f"{log.name}: thruster {curveless[0]} has no curve in the vehicle; give thrust.{curveless[0]} [N] in "
+                f"place of thruster.{curveless[0]}"
+            )
+        begin = np.array([a for a, _ in self.windows])
+        steps = np.array([max(1, int((b - a) / self._dt)) for a, b in self.windows], dtype=np.int64)
+        self.first = np.concatenate([[0], np.cumsum(steps + 1)[:-1]]).astype(np.int64)
+        self.steps, self.begin = steps, begin
+        self.time = np.concatenate([a + self._dt * np.arange(n + 1) for a, n in zip(begin, steps, strict=True)])
+        # Of each row: share (R, NODES) of the nodes of its window's current.
+        through = np.concatenate([np.linspace(0.0, NODES - 1.0, n + 1) for n in steps])
+        self._nodes = np.maximum(0.0, 1.0 - np.abs(through[:, None] - np.arange(NODES)))
+        self._of_row = np.repeat(np.arange(len(begin)), steps + 1)
+        self.script = self._script(own)
+        self.starts = np.array([_start(log, a) for a in begin])
+        seen = log.channels
+        self.spread = np.repeat(
+            [
+                10.0 * settings.noise[POSITION],
+                10.0 * settings.noise[ATTITUDE] if ATTITUDE in seen else 0.1,
+                0.1 if POSITION in seen or VELOCITY in seen else 0.2,
+                0.1 if RATE in seen or ATTITUDE in seen else 0.3,
+                *NODES * [settings.gust],
+            ],
+            3,
+        )
+        self._samples = {kind: self._sampled(kind) for kind in log.channels}
+        self._samples = {kind: each for kind, each in self._samples.items() if len(each.row)}
+        windows = np.concatenate(
+            [
+                np.repeat(each.window, each.measured.shape[1] if kind != ATTITUDE else 3)
+                for kind, each in self._samples.items()
+            ]
+        )
+        self.order = np.argsort(windows, kind="stable")
+        self.splits = np.cumsum(np.bincount(windows, minlength=len(begin)))[:-1]
+        kinds = list(self._samples)
+        widths = [
+            len(each.row) * (3 if kind == ATTITUDE else each.measured.shape[1]) for kind, each in self._samples.items()
+        ]
+        self.kinds = tuple(kinds)
+        self.kind = np.repeat(np.arange(len(kinds)), widths)[self.order]  # index into `kinds` of each residual
+        self.weight = np.ones(len(kinds))  # of each channel's residuals
+        steps_of = [float(np.median(np.diff(log.channels[kind].time))) for kind in kinds]
+        self.a_second = [round(min(settings.rate, 1.0 / step)) for step in steps_of]  # samples, by kind
+        self.nuisances = self._nuisances()
+
+    def _nuisances(self) -> tuple[NamedParameter, ...]:
+        """Numbers of this log that are fitted beside those of the vehicle."""
+        settings, name = self.settings, self.log.name
+        found = [(f"current {axis}", "m/s", settings.current) for axis in "xyz"]
+        if ATTITUDE in self.log.channels:
+            found += [(f"mount {axis}", "rad", settings.mount) for axis in ("roll", "pitch")]
+        if RATE in self.log.channels:
+            found += [(f"rate bias {axis}", "rad/s", settings.rate_bias) for axis in "xyz"]
+        if FORCE in self.log.channels:
+            found += [(f"force bias {axis}", "m/s^2", settings.force_bias) for axis in "xyz"]
+        return tuple(
+            NamedParameter(name=f"{name}: {word}", unit=unit, nominal=0.0, sigma=sigma)
+            for word, unit, sigma in found
+            if sigma > 0.0
+        )
+
+    def _script(self, own: ReplayVehicle) -> Script:
+        log, dt = self.log, self._dt
+        thrust = np.full((len(self.time), len(own.names)), np.nan)
+        amid = self.time + 0.5 * dt
+        commands = (
+            np.column_stack([log.commands.get(name, np.zeros(len(log.time))) for name in own.names])
+            if own.names
+            else np.zeros((len(log.time), 0))
+        )
+        speed = own.speeds(log.time, commands, self.time)
+        for i, name in enumerate(own.names):
+            if name in log.thrusts:
+                at = np.clip(np.searchsorted(log.time, amid + 1e-9) - 1, 0, len(log.time) - 1)
+                thrust[:, i] = log.thrusts[name][at]
+            elif not own.has_curve[i]:
+                thrust[:, i] = 0.0
+        n = len(own.joints)
+        q, qd, qdd = np.zeros((len(self.begin), n)), np.zeros((len(self.begin), n)), np.zeros((len(self.time), n))
+        for j, name in enumerate(own.joints):
+            q[:, j] = own.vehicle.q_home[j]
+            if name not in log.joints:
+                continue
+            angle, speed_at = _smooth(log.time, log.joints[name], self.time)
+            for w, (a, k) in enumerate(zip(self.first, self.steps, strict=True)):
+                q[w, j], qd[w, j] = angle[a], speed_at[a]
+                qdd[a : a + k, j] = np.diff(speed_at[a : a + k + 1]) / dt
+        return Script(first=self.first, steps=self.steps, speed=speed, thrust=thrust, q=q, qd=qd, qdd=qdd)
+
+    def _sampled(self, kind: str) -> _Samples:
+        """Samples of a channel in windows, averaged to the rate of the settings."""
+        channel, rate = self.log.channels[kind], self.settings.rate
+        at = np.searchsorted(self.begin, channel.time, side="right") - 1
+        ends = self.begin + self.steps * self._dt
+        inside = (at >= 0) & (channel.time <= ends[np.maximum(at, 0)] - 1e-9)
+        at, time, values = at[inside], channel.time[inside], channel.values[inside]
+        together = max(1, round(1.0 / (rate * float(np.median(np.diff(channel.time))))))
+        cells = np.floor((time - self.begin[at]) * rate).astype(np.int64)
+        cell = cells if together > 1 else np.arange(len(time))
+        key = at * (int(cell.max(initial=0)) + 1) + cell
+        _, first, of, count = np.unique(key, return_index=True, return_inverse=True, return_counts=True)
+        mean = np.zeros((len(first), values.shape[1]))
+        np.add.at(mean, of, values)
+        when = np.bincount(of, time) / count if len(first) else np.zeros(0)
+        mean /= count[:, None]
+        if kind == ATTITUDE:
+            mean /= np.linalg.norm(mean, axis=1, keepdims=True)
+        window = at[first]
+        steps = (when - self.begin[window]) / self._dt
+        k = np.minimum(np.floor(steps).astype(np.int64), self.steps[window] - 1)
+        return _Samples(self.first[window] + k, steps - k, mean, self.settings.noise[kind] / np.sqrt(count), window)
+
+    def begun(self, own: Array) -> tuple[Array, Array]:
+        """Starts (W, 13) and what is added to the current (R, 3), for each window's own numbers (OWN,)."""
+        moved = own * self.spread
+        starts = self.starts.copy()
+        starts[:, :3] += moved[:, :3]
+        turned = Rotation.from_quat(self.starts[:, [4, 5, 6, 3]]) * Rotation.from_rotvec(moved[:, 3:6])
+        starts[:, 3:7] = turned.as_quat()[:, [3, 0, 1, 2]]
+        starts[:, 7:] += moved[:, 6:12]
+        nodes = moved[self._of_row, STATE:].reshape(-1, NODES, 3)
+        return starts, np.einsum("rk,rkj->rj", self._nodes, nodes)
+
+    def residuals(self, rows: Array, values: Mapping[str, float]) -> Array:
+        """Residuals (m,) of all windows, one after the other, in their standard deviations."""
+        found = []
+        for kind, weight in zip(self.kinds, self.weight, strict=True):
+            each = self._samples[kind]
+            off = self._off(kind, each, rows, values)
+            found.append((weight * off / each.sigma[:, None]).ravel())
+        return np.concatenate(found)[self.order]
+
+    def _off(self, kind: str, each: _Samples, rows: Array, values: Mapping[str, float]) -> Array:
+        """Replayed less measured (k, d)."""
+        share = each.share[:, None]
+
+        def bias(word: str) -> Array:
+            return np.array([values.get(f"{self.log.name}: {word} {axis}", 0.0) for axis in "xyz"])
+
+        def at(columns: slice) -> Array:
+            here = rows[each.row, columns]
+            return here + share * (rows[each.row + 1, columns] - here)
+
+        if kind == POSITION:
+            return at(slice(0, 3)) - each.measured
+        if kind == DEPTH:
+            return -at(slice(2, 3)) - each.measured
+        if kind == RATE:
+            return at(slice(10, 13)) + bias("rate bias") - each.measured
+        quat = at(slice(3, 7))
+        R_WB = Rotation.from_quat(quat[:, [1, 2, 3, 0]])
+        if kind == ATTITUDE:
+            mounted = [values.get(f"{self.log.name}: mount {axis}", 0.0) for axis in ("roll", "pitch")]
+            seen = R_WB * Rotation.from_rotvec([*mounted, 0.0])
+            return (Rotation.from_quat(each.measured).inv() * seen).as_rotvec()
+        if kind == VELOCITY:
+            return R_WB.inv().apply(at(slice(7, 10))) - each.measured
+        gain = (rows[each.row + 1, 7:10] - rows[each.row, 7:10]) / self._dt
+        return R_WB.inv().apply(gain + np.array([0.0, 0.0, GRAVITY])) + bias("force bias") - each.measured
+
+    def replayed(self, rows: Array, kind: str, values: Mapping[str, float]) -> tuple[Array, Array, Array, np.ndarray]:
+        """Time (k,) [s], measured and replayed values (k, d), and window (k,) of a channel, for pictures."""
+        each = self._samples[kind]
+        time = self.time[each.row] + each.share * self._dt
+        off = self._off(kind, each, rows, values)
+        if kind == ATTITUDE:
+            measured = Rotation.from_quat(each.measured)
+            shown = np.unwrap(measured.as_euler("ZYX"), axis=0)[:, ::-1]
+            return time, shown, shown + off, each.window  # small differences about the hull's axes
+        return time, each.measured, each.measured + off, each.window
+
+
+class WaterResiduals:
+    """Residuals of logs in blocks, one for each window, for `uuv.calib.water.named_fit.fit_blocks`."""
+
+    def __init__(self, vehicle: ReplayVehicle, logs: Sequence[WaterLog], settings: FitSettings) -> None:
+        """Cut the logs.
+
+        Raises:
+            ConfigurationError: A log has no part that is long enough, or nothing moves in any of them.
+        """
+        self.vehicle, self.settings = vehicle, settings
+        self.logs = tuple(LogReplay(vehicle, log, settings) for log in logs)
+        _check_excited(logs, settings)
+        self.parameters = (*vehicle.water.parameters, *(each for log in self.logs for each in log.nuisances))
+        self._index = {each.name: i for i, each in enumerate(self.parameters)}
+        self._last: tuple[Array, Array, list[Slopes]] | None = None  # where slopes were computed last
+        self._engines: queue.SimpleQueue[ReplayVehicle] = queue.SimpleQueue()
+        for i in range(settings.workers):
+            self._engines.put(vehicle if i == 0 else vehicle.copy())
+
+    @property
+    def own(self) -> list[int]:
+        """Numbers of each window."""
+        return [OWN] * sum(len(log.begin) for log in self.logs)
+
+    @property
+    def channels(self) -> list[str]:
+        """Channel and log of each kind of residual."""
+        return [f"{log.log.name}: {kind}" for log in self.logs for kind in log.kinds]
+
+    @property
+    def widths(self) -> list[int]:
+        """Numbers of a sample of each channel."""
+        return [1 if kind == DEPTH else 3 for log in self.logs for kind in log.kinds]
+
+    @property
+    def a_second(self) -> list[int]:
+        """Samples in a second of each channel."""
+        return [count for log in self.logs for count in log.a_second]
+
+    @property
+    def labels(self) -> list[np.ndarray]:
+        """Index into `channels` of each window's residuals."""
+        before = np.cumsum([0, *(len(log.kinds) for log in self.logs)])
+        return [
+            part for log, b in zip(self.logs, before[:-1], strict=True) for part in np.split(log.kind + b, log.splits)
+        ]
+
+    def widen(self, factors: Array) -> None:
+        """Multiply the noise of each channel."""
+        if self._last is not None:
+            x, own, slopes = self._last
+            shares = [(1.0 / factors)[label] for label in self.labels]
+            thinner = [
+                Slopes(r * s, J * s[:, None], L * s[:, None]) for (r, J, L), s in zip(slopes, shares, strict=True)
+            ]
+            self._last = x, own, thinner
+        ends = np.cumsum([len(log.kinds) for log in self.logs])
+        for log, its in zip(self.logs, np.split(factors, ends[:-1]), strict=True):
+            log.weight /= its
+
+    def _own_of(self, own: Sequence[Array]) -> list[Array]:
+        """Each log's part of the windows' own numbers, (W, OWN)."""
+        ends = np.cumsum([len(log.begin) for log in self.logs])
+        return np.split(np.array(own), ends[:-1])
+
+    def states(self, deviations: Array, own: Sequence[Array]) -> list[Array]:
+        """States (R, 13) of each log's replay."""
+        return self._run(deviations, self._own_of(own))
+
+    def _run(self, deviations: Array, own: Sequence[Array]) -> list[Array]:
+        values = values_of(self.parameters, deviations)
+        engine = self._engines.get()
+        try:
+            found = []
+            for log, its in zip(self.logs, own, strict=True):
+                starts, added = log.begun(its)
+                current = np.array([values.get(f"{log.log.name}: current {axis}", 0.0) for axis in "xyz"])
+                found.append(engine.run(values, log.script, starts, current + added))
+            return found
+        except UuvError:  # no vehicle has these values
+            return [np.full((log.script.rows, 13), np.nan) for log in self.logs]
+        finally:
+            self._engines.put(engine)
+
+    def _residuals(self, rows: Sequence[Array], values: Mapping[str, float]) -> list[Array]:
+        return [_finite(log, each, values) for log, each in zip(self.logs, rows, strict=True)]
+
+    def residuals(self, deviations: Array, own: Sequence[Array]) -> list[Array]:
+        """Residuals of each window."""
+        found = self._residuals(self.states(deviations, own), values_of(self.parameters, deviations))
+        return [part for log, r in zip(self.logs, found, strict=True) for part in np.split(r, log.splits)]
+
+    def slopes(self, deviations: Array, own: Sequence[Array]) -> list[Slopes]:
+        """Residuals of each window with their differences, by one replay of all windows for each number."""
+        if self._last is not None and np.array_equal(self._last[0], deviations) and np.array_equal(self._last[1], own):
+            return self._last[2]
+        x, y = np.array(deviations), self._own_of(own)
+        values = values_of(self.parameters, x)
+        base = self._run(x, y)
+        r = self._residuals(base, values)
+        physical = len(self.vehicle.water.parameters)
+        shared = [np.zeros((len(each), len(x))) for each in r]
+        starts = [np.zeros((len(each), OWN)) for each in r]
+
+        def differ(rows: Sequence[Array], changed: Mapping[str, float]) -> list[Array]:
+            found = self._residuals(rows, changed)
+            return [
+                (a - b) / STEP if np.all(np.isfinite(a)) else np.zeros_like(b) for a, b in zip(found, r, strict=True)
+            ]
+
+        def parameter(j: int) -> None:
+            there = x + STEP * np.eye(len(x))[j]
+            # The sensors' own numbers need no other replay.
+            rows = self._run(there, y) if j < physical else base
+            for J, column in zip(shared, differ(rows, values_of(self.parameters, there)), strict=True):
+                J[:, j] = column
+
+        def window(k: int) -> None:
+            if k < 3:  # the water is the same everywhere: another place is the same motion there
+                rows = [each + STEP * log.spread[k] * np.eye(13)[k] for each, log in zip(base, self.logs, strict=True)]
+            else:
+                rows = self._run(x, [each + STEP * np.eye(OWN)[k] for each in y])
+            for L, column in zip(starts, differ(rows, values), strict=True):
+                L[:, k] = column
+
+        currents = {
+            self._index[f"{log.log.name}: current {axis}"]
+            for log in self.logs
+            for axis in "xyz"
+            if f"{log.log.name}: current {axis}" in self._index
+        }
+        tasks: list[tuple[Callable[[int], None], int]] = [(parameter, j) for j in range(len(x)) if j not in currents]
+        tasks += [(window, k) for k in range(OWN)]
+        if self.settings.workers > 1:
+            with ThreadPoolExecutor(self.settings.workers) as pool:
+                list(pool.map(lambda task: task[0](task[1]), tasks))
+        else:
+            for act, which in tasks:
+                act(which)
+        for log, J, L in zip(self.logs, shared, starts, strict=True):
+            for i, axis in enumerate("xyz"):
+                name = f"{log.log.name}: current {axis}"
+                if name in self._index:
+                    J[:, self._index[name]] = L[:, STATE + i :: 3].sum(axis=1) * (
+                        self.settings.current / self.settings.gust
+                    )
+        found = [
+            Slopes(*parts)
+            for log, each, J, L in zip(self.logs, r, shared, starts, strict=True)
+            for parts in zip(np.split(each, log.splits), np.split(J, log.splits), np.split(L, log.splits), strict=True)
+        ]
+        self._last = x, np.array(own), found
+        return found
+
+
+def identify(
+    vehicle: ReplayVehicle, logs: Sequence[WaterLog], settings: FitSettings
+) -> tuple[WaterFit, WaterResiduals]:
+    """Identify a vehicle's water from logs: a rough fit to short windows, from there one to long ones.
+
+    Raises:
+        ConfigurationError: As `WaterResiduals`.
+    """
+    rough = WaterResiduals(vehicle, logs, settings.short())
+    first = fit_blocks(rough, rough.parameters, rounds=6, enough=0.3, straight=True)
+    residuals = WaterResiduals(vehicle, logs, settings)
+    return estimate(residuals, residuals.parameters, start=first.deviations), residuals
+
+
+def _finite(log: LogReplay, rows: Array, values: Mapping[str, float]) -> Array:
+    return log.residuals(rows, values) if np.all(np.isfinite(rows)) else np.full(len(log.order), np.nan)
+
+
+def _windows(log: WaterLog, length: float) -> list[tuple[float, float]]:
+    """Begin and end [s] of windows of about this length, none across a gap."""
+    found, parts = [], _parts(log)
+    for a, b in parts:
+        count = max(1, round((b - a) / length))
+        if b - a >= 0.4 * length:
+            # Windows begin at rows: there commands change, and steps of the replay begin.
+            edges = log.time[np.searchsorted(log.time, np.linspace(a, b, count + 1) - 1e-9)]
+            found += [(float(p), float(q)) for p, q in pairwise(edges) if q > p]
+    if not found:
+        longest = max((b - a for a, b in parts), default=0.0)
+        raise ConfigurationError(
+            f"{log.name}: its longest part without a gap lasts {longest:.3g} s; windows of {length:g} s need "
+            f"{0.4 * length:g} s"
+        )
+    return found
+
+
+def _parts(log: WaterLog) -> list[tuple[float, float]]:
+    """Begin and end [s] of each part without a gap: from its first attitude on, and anew from its first position.
+
+    Before those nothing tells where the hull was when a window began.
+    """
+    found = []
+    for a, b in log.segments():
+        first = {}
+        for kind in (ATTITUDE, POSITION):
+            if kind in log.channels:
+                time = log.channels[kind].time
+                first[kind] = float(min(time[(time >= a) & (time <= b)], default=b))
+        begin = first.get(ATTITUDE, a)
+        again = max(begin, first.get(POSITION, begin))
+        found += [(p, q) for p, q in ((begin, again), (again, b)) if q > p]
+    return found
+
+
+def _seen(log: WaterLog, begin: float, end: float, dt: float) -> bool:
+    """True if anything was measured in a window, whose replay ends less than a step before it."""
+    last = begin + max(1, int((end - begin) / dt)) * dt - 1e-9
+    return any(np.any((each.time >= begin) & (each.time <= last)) for each in log.channels.values())
+
+
+def _smooth(time: Array, values: Array, at: Array) -> tuple[Array, Array]:
+    """Values and slopes at times `at` by local quadratics over a fifth of a second, or five samples."""
+    half = max(0.1, 2.5 * float(np.median(np.diff(time))))
+    angle, slope = np.empty(len(at)), np.empty(len(at))
+    low, high = np.searchsorted(time, at - half), np.searchsorted(time, at + half)
+    for k, t in enumerate(at):
+        angle[k], slope[k] = _local(time[low[k] : high[k]] - t, values[low[k] : high[k]], t, time, values)
+    return angle, slope
+
+
+def _local(dt: Array, values: Array, t: float, time: Array, every: Array) -> tuple[float, float]:
+    if len(dt) < 3:
+        return float(np.interp(t, time, every)), 0.0
+    c = np.linalg.lstsq(np.vander(dt, 3, increasing=True), values, rcond=None)[0]
+    return float(c[0]), float(c[1])
+
+
+def _near(log: WaterLog, kind: str, t: float) -> tuple[Array, Array] | None:
+    """Times from t and values of a channel's samples about t, on t's side of a gap; None if none is near or beyond."""
+    if kind not in log.channels:
+        return None
+    channel = log.channels[kind]
+    begin, end = next(part for part in log.segments() if part[0] - 1e-9 <= t <= part[1] + 1e-9)
+    inside = np.flatnonzero((channel.time >= begin - 1e-9) & (channel.time <= end + 1e-9))
+    dt, values = channel.time[inside] - t, channel.values[inside]
+    if not len(dt) or dt[0] > _SMOOTHED or dt[-1] < -_SMOOTHED:
+        return None
+    chosen = np.abs(dt) <= _SMOOTHED + 1e-9
+    if chosen.sum() < 4:
+        chosen = np.argsort(np.abs(dt))[:4]
+    return dt[chosen], values[chosen]
+
+
+def _line(found: tuple[Array, Array]) -> tuple[Array, Array]:
+    """Value and slope at 0 of a quadratic through samples."""
+    dt, values = found
+    degree = min(2, len(dt) - 1)
+    c = np.linalg.lstsq(np.vander(dt, degree + 1, increasing=True), values, rcond=None)[0]
+    return c[0], c[1] if degree else np.zeros(values.shape[1])
+
+
+def _start(log: WaterLog, t: float) -> Array:
+    """State (13,) of the hull at t as the samples about it have it."""
+    state = np.zeros(13)
+    R, w = Rotation.identity(), np.zeros(3)
+    attitude, force = _near(log, ATTITUDE, t), _near(log, FORCE, t)
+    if attitude is not None:
+        dt, quats = attitude
+        reference = Rotation.from_quat(quats[int(np.argmin(np.abs(dt)))])
+        off, w = _line((dt, (reference.inv() * Rotation.from_quat(quats)).as_rotvec()))
+        R = reference * Rotation.from_rotvec(off)
+    elif force is not None:
+        up = force[1].mean(axis=0) / np.linalg.norm(force[1].mean(axis=0))
+        R = Rotation.align_vectors([[0.0, 0.0, 1.0]], [up])[0]
+    if (rate := _near(log, RATE, t)) is not None:
+        w = _line(rate)[0]
+    if (place := _near(log, POSITION, t)) is not None:
+        state[:3], state[7:10] = _line(place)
+    elif (depth := _near(log, DEPTH, t)) is not None:
+        value, slope = _line(depth)
+        state[2], state[9] = -value[0], -slope[0]
+    if (velocity := _near(log, VELOCITY, t)) is not None:
+        state[7:10] = R.apply(_line(velocity)[0])
+    state[3:7] = R.as_quat()[[3, 0, 1, 2]]
+    state[10:] = w
+    return state
+
+
+def _check_excited(logs: Sequence[WaterLog], settings: FitSettings) -> None:
+    """Refuse logs in which nothing pushes the vehicle, no joint moves, and the hull is at rest."""
+    for log in logs:
+        pushed = any(np.any(each != 0.0) for each in (*log.commands.values(), *log.thrusts.values()))
+        swung = any(np.ptp(each) > 0.02 for each in log.joints.values())
+        moved = any(
+            np.any(np.std(each.values, axis=0) > _STILL * settings.noise[kind]) for kind, each in log.channels.items()
+        )
+        if pushed or swung or moved:
+            return
+    raise ConfigurationError(
+        f"{', '.join(log.name for log in logs)}: nothing moves: no thruster is commanded, no joint swings, the hull "
+        "rests; that tells nothing of the water"
+    )

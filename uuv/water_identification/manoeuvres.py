@@ -1,0 +1,268 @@
+"""Manoeuvres that tell of the water, and logs of them on a simulated vehicle."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from uuv.calib.water.logs import ATTITUDE, DEPTH, FORCE, POSITION, RATE, VELOCITY, Channel, WaterLog
+from uuv.calib.water.parameters import AXES, CENTER, added_mass_name
+from uuv.models.water.thruster_curves import command_for, thrust_at
+from uuv.water_identification.settings import NOISE
+from uuv.water_identification.vehicle_replay import ReplayVehicle, Script
+from uuv.sim.interfaces.spatial import GRAVITY, Array
+from uuv.sim.water.current import Current
+
+DURATION = 20.0  # [s] of a manoeuvre
+RATE_OF_LOGS = 20.0  # [Hz]
+SPEED = 0.3  # [m/s, rad/s] that a push reaches within REACHED
+REACHED = 5.0  # [s]
+TILT = 0.25  # [rad] of roll and pitch
+SHARE = 0.6  # of the thrusters' authority that a manoeuvre uses
+SLOW, FAST = 0.1, 0.4  # [Hz] of sines
+AGAINST = 0.25  # [m/s] current in which a vehicle hovers
+_FINE = 4  # steps of a simulated log in one of the replay
+_GUSTS_TURN = 5.0  # [s]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Manoeuvre:
+    """What the thrusters and the joints do."""
+
+    name: str
+    wrench: Array  # (N, 6) wanted wrench on the hull, hull axes
+    joints: Array  # (N, n) [rad]
+    current: tuple[float, float, float] = (0.0, 0.0, 0.0)  # [m/s]
+    stiffness: tuple[float, float] = (0.0, 0.0)  # [N m/rad] of roll and pitch about level, by the thrusters
+
+    def steadied(self, own: ReplayVehicle, state: Array) -> Array:
+        """Wrench (6,) that holds roll and pitch at a state (13,) of the hull."""
+        wrench = np.zeros(6)
+        a, b, c, d = state[3:7]
+        lean = np.array([2.0 * (c * d + a * b), 2.0 * (a * c - b * d)])  # of the hull's upright axis, about x and y
+        for i, stiff in enumerate(self.stiffness):
+            inertia = (
+                own.water.nominal[own.water.hull].added_mass[3 + i, 3 + i]
+                + own.model.body_inertia[own.vehicle.hull].max()
+            )
+            wrench[3 + i] = -stiff * lean[i] - 1.4 * np.sqrt(stiff * inertia) * state[10 + i]
+        return wrench
+
+
+def menu(own: ReplayVehicle, values: Mapping[str, float]) -> list[Manoeuvre]:
+    """All manoeuvres that a vehicle with such a water can fly.
+
+    Args:
+        own: The vehicle.
+        values: A value for each parameter, such as the fitted one.
+    """
+    time = _times(DURATION)
+    still = np.tile(own.vehicle.q_home, (len(time), 1))
+    pushes = amplitudes(own, values)
+
+    def along(axis: int, shape: Array) -> Array:
+        return shape[:, None] * (pushes[axis] * np.eye(6)[axis])
+
+    found = []
+    for axis in (0, 1, 2, 5):
+        if pushes[axis] <= 0.0:
+            continue
+        for word, shape in (
+            ("steps", np.where(np.floor(time / REACHED) % 2.0 == 0.0, 1.0, -1.0)),
+            ("slow sine", np.sin(2.0 * np.pi * SLOW * time)),
+            ("fast sine", np.sin(2.0 * np.pi * FAST * time)),
+        ):
+            found.append(Manoeuvre(name=f"{AXES[axis]} {word}", wrench=along(axis, shape), joints=still))
+    for axis in (3, 4):
+        if pushes[axis] > 0.0:
+            turn = np.select([time < 4.0, time < 10.0, time < 14.0], [1.0, 0.0, -1.0], 0.0)
+            found.append(Manoeuvre(name=f"{AXES[axis]} release", wrench=along(axis, turn), joints=still))
+    found.append(Manoeuvre(name="drift, thrusters off", wrench=np.zeros((len(time), 6)), joints=still))
+    if pushes[0] > 0.0:
+        drag = values["linear damping surge"] * AGAINST + values["quadratic damping surge"] * AGAINST**2
+        hold = np.tile(drag * np.eye(6)[0], (len(time), 1))
+        found.append(Manoeuvre(name="hover in a current", wrench=hold, joints=still, current=(-AGAINST, 0.0, 0.0)))
+    if own.joints:
+        found.append(Manoeuvre(name="arm swing", wrench=np.zeros((len(time), 6)), joints=swing(own, time)))
+    return found
+
+
+def survey(
+    own: ReplayVehicle,
+    values: Mapping[str, float],
+    seconds: float,
+    rng: np.random.Generator,
+    axes: Sequence[int] = range(6),
+) -> Manoeuvre:
+    """Sines of random frequency on all axes at once, and the arm swinging."""
+    time = _times(seconds)
+    pushes = amplitudes(own, values)
+    wrench = np.zeros((len(time), 6))
+    for axis in axes:
+        for f in rng.uniform([0.06, 0.2], [0.2, 0.6]):
+            wrench[:, axis] += 0.6 * pushes[axis] * np.sin(2.0 * np.pi * (f * time + rng.uniform()))
+    return Manoeuvre(name="survey", wrench=wrench, joints=swing(own, time), stiffness=_stiffness(own, values))
+
+
+def _stiffness(own: ReplayVehicle, values: Mapping[str, float]) -> tuple[float, float]:
+    """Stiffness [N m/rad] in roll and pitch of four times that of the water, where thrusters can hold them."""
+    righting = own.water.mass * GRAVITY * max(values[CENTER[2]], 1e-3)
+    roll, pitch = (4.0 * righting if each > 0.0 else 0.0 for each in amplitudes(own, values)[3:5])
+    return roll, pitch
+
+
+def amplitudes(own: ReplayVehicle, values: Mapping[str, float]) -> Array:
+    """Push (6,) [N, N m] along each axis: one that reaches SPEED or TILT, within the thrusters' authority."""
+    found = np.zeros(6)
+    if not own.names:
+        return found
+    most = _authority(own)
+    for i, axis in enumerate(AXES):
+        inertia = values[added_mass_name(i)] + (
+            own.water.mass if i < 3 else float(own.model.body_inertia[own.vehicle.hull].max())
+        )
+        drag = values[f"linear damping {axis}"] * SPEED + values[f"quadratic damping {axis}"] * SPEED**2
+        wanted = drag + inertia * SPEED / REACHED
+        if i in (3, 4):
+            wanted = min(wanted, TILT * own.water.mass * GRAVITY * max(values[CENTER[2]], 1e-3))
+        found[i] = min(wanted, SHARE * most[i])
+    return found
+
+
+def swing(own: ReplayVehicle, time: Array) -> Array:
+    """Joint angles (N, n) that go from the home posture towards the ready one and back, each joint in its own time."""
+    home, ready = own.vehicle.q_home, own.vehicle.q_ready
+    low, high = own.vehicle.q_limits.T if len(own.joints) else (home, home)
+    reach = np.where(np.abs(ready - home) > 0.1, ready - home, np.where(high - home > home - low, 0.5, -0.5))
+    reach = np.clip(home + np.clip(reach, -1.2, 1.2), low, high) - home
+    f = 0.07 + 0.02 * np.arange(len(home))
+    return home + reach * 0.5 * (1.0 - np.cos(2.0 * np.pi * np.outer(time, f)))
+
+
+def commands(own: ReplayVehicle, wrench: Array) -> Array:
+    """Commands (N, m) for a wanted wrench (N, 6): fractions, of thrusters without a curve newtons."""
+    forces = wrench @ np.linalg.pinv(own.wrench).T if own.names else np.zeros((len(wrench), 0))
+    for i in np.flatnonzero(own.has_curve):
+        forces[:, i] = [command_for(own.curve[i], force) for force in forces[:, i]]
+    return forces
+
+
+def simulated(
+    own: ReplayVehicle,
+    values: Mapping[str, float],
+    manoeuvre: Manoeuvre,
+    *,
+    name: str = "log",
+    rng: np.random.Generator | None = None,
+    gust: float = 0.0,
+    noise: Mapping[str, float] = NOISE,
+    channels: Sequence[str] = (POSITION, ATTITUDE, RATE),
+) -> WaterLog:
+    """Log of a manoeuvre by a vehicle with such a water, in steps finer than those of the replay.
+
+    Args:
+        own: The vehicle.
+        values: A value for each parameter.
+        manoeuvre: What it does.
+        name: Of the log.
+        rng: Draws noise and gusts; None: neither.
+        gust: Standard deviation [m/s] of gusts, each axis.
+        noise: Standard deviation of each channel's samples.
+        channels: Those in the log.
+    """
+    fine, n = own.copy(), len(own.joints)
+    substeps = int(np.ceil(_FINE / (RATE_OF_LOGS * own.timestep)))
+    dt = 1.0 / (RATE_OF_LOGS * substeps)
+    fine.model.opt.timestep = dt
+    time = np.arange(len(manoeuvre.wrench)) / RATE_OF_LOGS
+    grid = np.asarray(dt * np.arange(substeps * (len(time) - 1) + 1), dtype=np.float64)
+    turning = (
+        _smoothed(np.gradient(_at(grid, time, manoeuvre.joints), dt, axis=0), int(0.1 / dt))
+        if n
+        else np.zeros((len(grid), 0))
+    )
+    gone = np.vstack([np.zeros((1, n)), np.cumsum(0.5 * dt * (turning[1:] + turning[:-1]), axis=0)])
+    angle = manoeuvre.joints[:1] + gone  # what the joints really do, and the encoders read
+    flow = np.tile(manoeuvre.current, (len(grid), 1))
+    if gust > 0.0 and rng is not None:
+        gusts = Current((0.0, 0.0, 0.0), gust=gust, time_constant=_GUSTS_TURN, timestep=dt, rng=rng)
+        flow = flow + np.array([gusts.step()[0].copy() for _ in grid])
+    state, lag = np.zeros(13), None
+    state[3] = 1.0
+    seen, given, rates = np.zeros((len(time), 13)), np.zeros((len(time), len(own.names))), np.zeros((len(time), 3))
+    first, steps = np.zeros(1, dtype=np.int64), np.array([substeps])
+    for k in range(len(time)):
+        seen[k] = state
+        given[k] = commands(own, (manoeuvre.wrench[k] + manoeuvre.steadied(own, state))[None])[0]
+        if k == len(time) - 1:
+            break
+        at = slice(k * substeps, (k + 1) * substeps + 1)
+        # The propellers begin in their first command, as in a replay, which knows none before.
+        speed, lag = own.followed(given[k], lag or (given[k], given[k]), dt, substeps + 1)
+        script = Script(
+            first=first,
+            steps=steps,
+            speed=speed,
+            thrust=np.where(own.has_curve, np.nan, np.tile(given[k], (substeps + 1, 1))),
+            q=angle[at][:1],
+            qd=turning[at][:1],
+            qdd=np.vstack([np.diff(turning[at], axis=0), np.zeros((1, n))]) / dt,
+        )
+        rows = fine.run(values, script, state[None], flow[at])
+        rates[k], state = (rows[1, 7:10] - rows[0, 7:10]) / dt, rows[-1].copy()
+        state[3:7] /= np.linalg.norm(state[3:7])
+    rates[-1] = rates[-2]
+    R_WB = Rotation.from_quat(seen[:, [4, 5, 6, 3]])
+    specific = R_WB.inv().apply(rates + np.array([0.0, 0.0, GRAVITY]))
+    exact = {
+        POSITION: seen[:, :3],
+        ATTITUDE: np.zeros((len(time), 3)),
+        RATE: seen[:, 10:],
+        VELOCITY: R_WB.inv().apply(seen[:, 7:10]),
+        DEPTH: -seen[:, 2:3],
+        FORCE: specific,
+    }
+    if rng is not None:
+        exact = {kind: each + rng.normal(0.0, noise[kind], each.shape) for kind, each in exact.items()}
+    exact[ATTITUDE] = (R_WB * Rotation.from_rotvec(exact[ATTITUDE])).as_quat()
+    return WaterLog(
+        name=name,
+        time=time,
+        channels={kind: Channel(time=time, values=exact[kind]) for kind in channels},
+        commands={each: given[:, i] for i, each in enumerate(own.names) if own.has_curve[i]},
+        thrusts={each: given[:, i] for i, each in enumerate(own.names) if not own.has_curve[i]},
+        joints={each: angle[::substeps, j] for j, each in enumerate(own.joints)},
+    )
+
+
+def _at(grid: Array, time: Array, values: Array) -> Array:
+    return np.array([np.interp(grid, time, column) for column in values.T]).T
+
+
+def _smoothed(values: Array, count: int) -> Array:
+    """Running mean over an odd number of rows about each, twice; ends are held."""
+    count = max(1, count) | 1
+    for _ in range(2):
+        padded = np.pad(values, ((count // 2, count // 2), (0, 0)), mode="edge")
+        sums = np.cumsum(np.vstack([np.zeros((1, values.shape[1])), padded]), axis=0)
+        values = (sums[count:] - sums[:-count]) / count
+    return values
+
+
+def _times(seconds: float) -> Array:
+    return np.arange(int(seconds * RATE_OF_LOGS) + 1) / RATE_OF_LOGS
+
+
+def _authority(own: ReplayVehicle) -> Array:
+    """Largest push (6,) along each axis that the pseudo-inverse of the allocation gives; endless without a curve."""
+    shares = np.linalg.pinv(own.wrench)
+    reached = own.wrench @ shares
+    limits = np.full(len(own.names), np.inf)
+    for i in np.flatnonzero(own.has_curve):
+        limits[i] = min(thrust_at(own.curve[i], 1.0), -thrust_at(own.curve[i], -1.0))
+    found = np.zeros(6)
+    for axis in range(6):
+        if abs(reached[axis, axis] - 1.0) < 1e-6:  # the thrusters push along it and along nothing else
+            found[axis] = float(np.min(limits / np.maximum(np.abs(shares[:, axis]), 1e-9)))
+    return found

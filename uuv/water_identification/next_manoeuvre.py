@@ -1,0 +1,65 @@
+"""The manoeuvre that tells most next, of those that a vehicle can fly."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from uuv.calib.water.named_fit import NamedParameter, values_of
+from uuv.calib.water.planning import Planned, information, planned
+from uuv.water_identification.log_residuals import OWN, WaterResiduals
+from uuv.water_identification.manoeuvres import Manoeuvre, menu, simulated
+from uuv.water_identification.settings import FitSettings
+from uuv.water_identification.vehicle_replay import ReplayVehicle
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.spatial import Array
+
+
+def information_of(
+    own: ReplayVehicle, deviations: Array, manoeuvre: Manoeuvre, settings: FitSettings, channels: Sequence[str]
+) -> Array:
+    """Information (n, n) on the vehicle's parameters that a log of a manoeuvre would hold.
+
+    Args:
+        own: The vehicle.
+        deviations: (n,) of its parameters, at which it flies.
+        manoeuvre: What it does.
+        settings: How its log would be compared.
+        channels: That it would hold.
+    """
+    parameters = own.water.parameters
+    log = simulated(own, values_of(parameters, deviations), manoeuvre, name=manoeuvre.name, channels=channels)
+    try:
+        residuals = WaterResiduals(own, [log], settings)
+    except ConfigurationError:  # nothing moves
+        return np.zeros((len(parameters), len(parameters)))
+    x = np.concatenate([deviations, np.zeros(len(residuals.parameters) - len(parameters))])
+    return information(residuals.slopes(x, [np.zeros(OWN)] * len(residuals.own)), len(parameters))
+
+
+def next_manoeuvres(
+    own: ReplayVehicle,
+    deviations: Array,
+    known: Array,
+    settings: FitSettings,
+    *,
+    channels: Sequence[str],
+    aim: Sequence[str] = (),
+) -> tuple[list[Planned], Mapping[str, Manoeuvre]]:
+    """All manoeuvres in order, and each by its name.
+
+    Args:
+        own: The vehicle.
+        deviations: (n,) of its parameters as they are believed now.
+        known: Covariance (n, n) of them.
+        settings: How logs are compared; its noise is that which the intervals allow for.
+        channels: That the next log will hold.
+        aim: Groups of parameters that matter; none: all.
+
+    Raises:
+        ConfigurationError: There is no such group.
+    """
+    parameters: Sequence[NamedParameter] = own.water.parameters
+    flown = {each.name: each for each in menu(own, values_of(parameters, deviations))}
+    planned(known, {}, parameters, aim)  # refuses the aim before anything is flown
+    added = {name: information_of(own, deviations, each, settings, channels) for name, each in flown.items()}
+    return planned(known, added, parameters, aim), flown

@@ -1,0 +1,83 @@
+"""`report.html` of an identification of the water: what is told, measured against replayed, residuals by axis."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from uuv.calib.water.estimator import WaterFit
+from uuv.calib.water.findings import Finding
+from uuv.calib.water.logs import ATTITUDE, CHANNELS
+from uuv.water_identification.log_residuals import LogReplay, WaterResiduals
+from uuv.sim.interfaces.spatial import Array
+from uuv.sim.reporting.report_page import page, provenance, section, table, text
+
+_UNITS = {"position": "m", "rate": "rad/s", "specific force": "m/s^2", "velocity": "m/s", "depth": "m"}
+_ANGLES = ("roll [rad]", "pitch [rad]", "yaw [rad]")
+
+
+def write_page(
+    file: Path,
+    title: str,
+    found: Sequence[Finding],
+    said: Sequence[str],
+    fit: WaterFit,
+    residuals: WaterResiduals,
+    options: Mapping[str, Any],
+) -> None:
+    """Write the report.
+
+    Args:
+        file: To write.
+        title: Heading.
+        found: Parameters of the vehicle.
+        said: What the logs cannot tell.
+        fit: The estimate.
+        residuals: Of its logs.
+        options: Of the command.
+    """
+    rows = [
+        (
+            each.name,
+            each.unit,
+            f"{each.nominal:.4g}",
+            f"{each.value:.4g}",
+            f"{each.low:.4g} to {each.high:.4g}",
+            f"{100 * each.told:.0f} %",
+            each.verdict,
+        )
+        for each in found
+    ]
+    head = ("parameter", "unit", "before", "found", "95 %", "told", "")
+    body = [f"<h1>{text(title)}</h1>", "<section><h2>What the logs cannot tell</h2><ul>"]
+    body += [f"<li>{text(line)}</li>" for line in said]
+    body += ["</ul></section><section><h2>Parameters</h2>", table(head, rows), "</section>"]
+    states = residuals.states(fit.named.deviations, fit.named.own)
+    for log, rows_of_log in zip(residuals.logs, states, strict=True):
+        for kind, drawn in _pictures(log, rows_of_log, fit.named.values):
+            caption = "Above: measured (dots) and replayed (lines), window by window. Below: replayed less measured."
+            body.append(section(f"{log.log.name}: {kind}", drawn, caption))
+    body.append(f"<section><h2>How it was made</h2>{provenance(options)}</section>")
+    file.write_text(page(title, "\n".join(body)), encoding="utf-8")
+
+
+def _pictures(log: LogReplay, rows: Array, values: Mapping[str, float]) -> Iterator[tuple[str, Figure]]:
+    for kind in log.kinds:
+        time, measured, replayed, window = log.replayed(rows, kind, values)
+        labels = _ANGLES if kind == ATTITUDE else [f"{word} [{_UNITS[kind]}]" for word in CHANNELS[kind]]
+        figure = Figure(figsize=(3.3 * len(labels), 4.0), layout="constrained")
+        broken = np.where(np.diff(window, prepend=window[:1]) != 0)[0]
+        for i, label in enumerate(labels):
+            above = figure.add_subplot(2, len(labels), i + 1)
+            above.plot(time, measured[:, i], ".", ms=1.5, color="0.5", label="measured")
+            above.plot(
+                np.insert(time, broken, np.nan), np.insert(replayed[:, i], broken, np.nan), color="tab:orange", lw=1.0
+            )
+            above.set_title(label)
+            below = figure.add_subplot(2, len(labels), len(labels) + i + 1)
+            below.plot(time, replayed[:, i] - measured[:, i], ".", ms=1.5, color="tab:blue")
+            below.axhline(0.0, color="0.6", lw=0.6)
+            below.set_xlabel("time [s]")
+        yield kind, figure

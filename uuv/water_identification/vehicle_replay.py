@@ -1,0 +1,294 @@
+"""A vehicle that replays: its thrusters follow logged commands, its joints logged angles, in compiled code.
+
+The joints are driven to exact accelerations: each has an inertia of its own, far beyond all others, and the torque that
+belongs to it. The hull then feels the arm's motion as the log has it, and no servo limits the time step.
+"""
+
+import copy
+import ctypes
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from uuv.calib.water.parameters import VehicleWater
+from uuv.models.files.exact_mjcf import library
+from uuv.models.hydrodynamics import LAYOUT, world_row
+from uuv.models.vehicle import Vehicle
+from uuv.models.water.thruster_curves import thrust_in_flow
+from uuv.models.water.thrusters import INFLOW_LOSS, SLEW_RATE, TIME_CONSTANT, curves, inflow_levers
+from uuv.water_identification.replayed_parts import pushed_parts
+from uuv.sim import hydrodynamics
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.kernels import kernel
+from uuv.sim.interfaces.spatial import Array
+from uuv.sim.water.native_memory import call_physics
+
+LONGEST_STEP, SHORTEST_STEP = 0.05, 0.005  # [s] of the replay
+_USUAL_SPEED = 1.0  # [m/s, rad/s] for whose drag the step is chosen
+_ROTOR = 1e8  # [kg m^2] of the driven joints; MuJoCo takes controls up to 1e10
+_WILD = 30.0  # [m/s, rad/s] beyond which a window is given up
+_FINE = 0.01  # [s] grid on which the propellers' lag is followed
+PARTS = 8  # of a step, for whose middles thrusts are averaged
+STATE = 13  # numbers of the hull: p_WB, quat_WB_wxyz, v_WB_W, w_WB_B
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Script:
+    """What moves the vehicle through windows of time, step by step; rows are those of all windows, one after another.
+
+    A window of k steps has k + 1 rows.
+    """
+
+    first: np.ndarray  # (W,) row at which each window begins
+    steps: np.ndarray  # (W,) of each window
+    speed: Array  # (R, PARTS, m) propeller speeds during each step
+    thrust: Array  # (R, m) [N] instead, NaN where the speed counts
+    q: Array  # (W, n) [rad] joint angles at the start
+    qd: Array  # (W, n) [rad/s]
+    qdd: Array  # (R, n) [rad/s^2] during each step
+
+    @property
+    def rows(self) -> int:
+        """Number of rows."""
+        return len(self.speed)
+
+
+class ReplayVehicle:
+    """One vehicle, compiled for replay; not for two threads at a time (`copy`)."""
+
+    def __init__(self, spec: mujoco.MjSpec) -> None:
+        """Compile `spec` for replay.
+
+        Raises:
+            ConfigurationError: It is no vehicle of the contract, or has no hydrodynamics.
+            HydrodynamicsError: As `uuv.sim.hydrodynamics.compile`.
+        """
+        original = hydrodynamics.compile(spec.copy())
+        self.vehicle = vehicle = Vehicle.of(original)
+        if not hydrodynamics.carries_hydrodynamics(original):
+            raise ConfigurationError("the vehicle has no hydrodynamics to begin with: attach some to its bodies")
+        pushed = pushed_parts(original, vehicle)
+        self.names = tuple(pushed.values())
+        self.joints = vehicle.joint_names
+        self.water = VehicleWater.of(original, gains=self.names)
+        self.model = _compiled(spec, vehicle, [original.actuator(i).name for i in pushed])
+        water = world_row(original)
+        rate = float(water[LAYOUT.drag_rate] + _USUAL_SPEED * water[LAYOUT.drag_rate + 1])
+        self.timestep = float(np.clip(1.0 / max(rate, 1e-3), SHORTEST_STEP, LONGEST_STEP))
+        self.model.opt.timestep = self.timestep
+        row = world_row(self.model)  # what the callback warns of is not for RK4, and W is the log's own
+        row[LAYOUT.drag_rate : LAYOUT.drag_rate + 2], row[LAYOUT.ceiling] = 0.0, 1e9
+        own = vehicle.thruster_actuators
+        width = vehicle.thruster_table.shape[1] if len(own) else 0
+        rows = {int(a): row for a, row in zip(vehicle.thruster_actuators, vehicle.thruster_table, strict=True)}
+        self.has_curve = np.array([i in rows for i in pushed], dtype=np.bool_)
+        table = np.array([rows.get(i, np.zeros(width)) for i in pushed]).reshape(len(pushed), width)
+        self.lag = table[:, TIME_CONSTANT] if width else np.zeros(len(pushed))
+        self.slew = table[:, SLEW_RATE] if width else np.zeros(len(pushed))
+        loss = table[:, INFLOW_LOSS] if width else np.zeros(len(pushed))
+        found = curves(vehicle.thruster_table)
+        curve = np.zeros((len(pushed), max(found.shape[1], 1)))
+        if len(own):
+            curve[self.has_curve] = found
+        advance = np.zeros((6, len(pushed)))
+        if width:
+            advance[:, self.has_curve] = inflow_levers(vehicle.thruster_table, vehicle.thruster_wrench)
+        self._thrusters = curve, loss, advance
+        self.curve = curve  # (m, ...) static curves, zero where `has_curve` is not
+        self.pushes = np.array([self.model.actuator(original.actuator(i).name).id for i in pushed], dtype=np.int64)
+        self.wrench = self._wrenches()
+        self._bind()
+
+    def _wrenches(self) -> Array:
+        """Wrench (6, m) on the hull at its origin per newton, hull axes."""
+        data = mujoco.MjData(self.model)
+        found = np.zeros((6, len(self.pushes)))
+        first = self.vehicle.hull_dof
+        for k, i in enumerate(self.pushes):
+            data.ctrl[:] = 0.0
+            data.ctrl[i] = 1.0
+            mujoco.mj_forward(self.model, data)
+            found[:, k] = data.qfrc_actuator[first : first + 6]
+        return found
+
+    def _bind(self) -> None:
+        self.data = mujoco.MjData(self.model)
+        self._written: Mapping[str, float] | None = None
+        self._gains = np.ones(len(self.names))
+        driven = [self.model.joint(name) for name in self.joints]
+        step = ctypes.cast(library().mj_step, ctypes.c_void_p).value or 0
+        self._places = np.array([step, self.model._address, self.data._address], dtype=np.int64)
+        self._joints = (
+            np.array([int(each.qposadr[0]) for each in driven], dtype=np.int64),
+            np.array([int(each.dofadr[0]) for each in driven], dtype=np.int64),
+            np.array([self.model.actuator(f"drive {name}").id for name in self.joints], dtype=np.int64),
+        )
+
+    def copy(self) -> "ReplayVehicle":
+        """Another one with memory of its own, for another thread."""
+        made = object.__new__(ReplayVehicle)
+        made.__dict__.update(self.__dict__)
+        made.model = copy.deepcopy(self.model)
+        made._bind()
+        return made
+
+    def followed(
+        self, command: Array, state: tuple[Array, Array], dt: float, count: int
+    ) -> tuple[Array, tuple[Array, Array]]:
+        """Propeller speeds (count, PARTS, m) in steps of a held command, and the state after all but the last.
+
+        The state is the commands (m,) after the slew limit, and the speeds (m,).
+        """
+        passed, speed = state
+        decay = np.where(self.lag > 0.0, np.exp(-dt / np.where(self.lag > 0.0, self.lag, 1.0)), 0.0)
+        most = np.where(self.slew > 0.0, self.slew * dt, np.inf)
+        shares = decay[:, None] ** ((np.arange(PARTS) + 0.5) / PARTS)
+        found, after = np.empty((count, PARTS, len(command))), state
+        for k in range(count):
+            after = passed, speed
+            passed = passed + np.clip(command - passed, -most, most)
+            found[k] = passed + (speed - passed) * shares.T
+            speed = passed + (speed - passed) * decay
+        return found, after
+
+    def speeds(self, time: Array, commands: Array, at: Array) -> Array:
+        """Propeller speeds (k, PARTS, m) in steps that begin at times `at` (k,).
+
+        Commands (N, m) are held from their times (N,) on.
+        """
+        count = int(np.ceil((float(at.max(initial=time[0])) + self.timestep - float(time[0])) / _FINE)) + 2
+        grid = float(time[0]) + _FINE * np.arange(count)
+        held = commands[np.clip(np.searchsorted(time, grid + 1e-9) - 1, 0, len(time) - 1)]
+        state, found = (held[0], held[0]), np.empty((count, held.shape[1]))
+        for k, wanted in enumerate(held):
+            found[k] = state[1]
+            _, state = self.followed(wanted, state, _FINE, 2)
+        middles = at[:, None] + self.timestep * (np.arange(PARTS) + 0.5) / PARTS
+        made = [np.interp(middles.ravel(), grid, column).reshape(middles.shape) for column in found.T]
+        return np.stack(made, axis=-1) if made else np.zeros((*middles.shape, 0))
+
+    def write(self, values: Mapping[str, float]) -> None:
+        """Take a value for each parameter of `water`."""
+        if values is not self._written:
+            self.water.write(self.model, values)
+            self._gains = self.water.gains(values)
+            self._written = values
+
+    def run(self, values: Mapping[str, float], script: Script, starts: Array, currents: Array) -> Array:
+        """Simulate all windows.
+
+        Args:
+            values: A value for each parameter of `water`.
+            script: What moves the vehicle.
+            starts: (W, 13) state of the hull at the start of each window.
+            currents: (R, 3) [m/s] of the water at each row, world axes, straight between.
+
+        Returns:
+            States (R, 13) of the hull.
+        """
+        self.write(values)
+        rows = np.zeros((script.rows, STATE))
+        mujoco.mj_resetData(self.model, self.data)
+        addresses = self.vehicle.hull_qpos, self.vehicle.hull_dof
+        flow = world_row(self.model)[LAYOUT.current_acceleration :][:3]
+        views = self.data.qpos, self.data.qvel, self.data.ctrl, self.model.opt.wind, flow
+        _replay(
+            self._places,
+            views,
+            addresses,
+            self._joints,
+            self.pushes,
+            self._thrusters,
+            self._gains,
+            (script.first, script.steps, script.speed, script.thrust, script.q, script.qd, script.qdd),
+            starts,
+            currents,
+            float(self.model.opt.timestep),
+            rows,
+        )
+        return rows
+
+
+@kernel(nogil=True)
+def _replay(places, views, addresses, joints, pushes, thrusters, gains, script, starts, currents, dt, rows):
+    """Step all windows from their starts, and write the hull's state before each step and at the end to `rows`."""
+    qpos, qvel, ctrl, wind, flow = views
+    at_q, at_v = addresses
+    joint_q, joint_v, joint_ctrl = joints
+    curve, loss, advance = thrusters
+    first, steps, speed, thrust, q, qd, qdd = script
+    nu_r, before, R = np.empty(6), np.empty(6), np.empty((3, 3))
+    for w in range(first.shape[0]):
+        for i in range(7):
+            qpos[at_q + i] = starts[w, i]
+        for i in range(6):
+            qvel[at_v + i] = before[i] = starts[w, 7 + i]
+        for j in range(joint_q.shape[0]):
+            qpos[joint_q[j]], qvel[joint_v[j]] = q[w, j], qd[w, j]
+        for k in range(steps[w] + 1):
+            row = first[w] + k
+            for i in range(7):
+                rows[row, i] = qpos[at_q + i]
+            for i in range(6):
+                rows[row, 7 + i] = qvel[at_v + i]
+                # Beyond what a replay can mean MuJoCo would warn and reset.
+                if not abs(qvel[at_v + i]) < _WILD:
+                    rows[first[w] : first[w] + steps[w] + 1] = np.nan
+                    k = steps[w]
+            if k == steps[w]:
+                break
+            a, b, c, d = qpos[at_q + 3], qpos[at_q + 4], qpos[at_q + 5], qpos[at_q + 6]
+            R[0, 0], R[0, 1], R[0, 2] = 1.0 - 2.0 * (c * c + d * d), 2.0 * (b * c - a * d), 2.0 * (b * d + a * c)
+            R[1, 0], R[1, 1], R[1, 2] = 2.0 * (b * c + a * d), 1.0 - 2.0 * (b * b + d * d), 2.0 * (c * d - a * b)
+            R[2, 0], R[2, 1], R[2, 2] = 2.0 * (b * d - a * c), 2.0 * (c * d + a * b), 1.0 - 2.0 * (b * b + c * c)
+            # Inflow of the propellers amid the step: the velocity goes on as in the step before.
+            for i in range(6):
+                nu_r[i] = 0.0 if i < 3 else 1.5 * qvel[at_v + i] - 0.5 * before[i]
+            for j in range(3):
+                flow[j] = (currents[row + 1, j] - currents[row, j]) / dt
+                wind[j] = 0.5 * (currents[row + 1, j] + currents[row, j])  # amid the step
+                through = 1.5 * qvel[at_v + j] - 0.5 * before[j] - wind[j]
+                for i in range(3):
+                    nu_r[i] += R[j, i] * through
+            for i in range(6):
+                before[i] = qvel[at_v + i]
+            for i in range(pushes.shape[0]):
+                force = thrust[row, i]
+                if np.isnan(force):
+                    inflow = 0.0
+                    for j in range(6):
+                        inflow += advance[j, i] * nu_r[j]
+                    force = 0.0  # mean over the step: the curve has corners
+                    for part in range(speed.shape[1]):
+                        force += thrust_in_flow(curve[i], loss[i], inflow, speed[row, part, i]) / speed.shape[1]
+                ctrl[pushes[i]] = gains[i] * force
+            for j in range(joint_q.shape[0]):
+                ctrl[joint_ctrl[j]] = _ROTOR * qdd[row, j]
+            call_physics(places[0], places[1], places[2])
+
+
+def _compiled(spec: mujoco.MjSpec, vehicle: Vehicle, pushing: list[str]) -> mujoco.MjModel:
+    """The model with driven joints, passive ones locked, and nothing that touches."""
+    spec = spec.copy()
+    for group in (spec.sensors, spec.equalities, spec.tendons, spec.keys, spec.excludes, spec.pairs):
+        for each in list(group):
+            spec.delete(each)
+    for actuator in list(spec.actuators):
+        if actuator.name not in pushing:
+            spec.delete(actuator)
+    home = dict(zip(vehicle.joint_names, vehicle.q_home, strict=True))
+    for joint in list(spec.joints):
+        if joint.type == mujoco.mjtJoint.mjJNT_FREE:
+            continue
+        if joint.name not in home:
+            spec.delete(joint)
+            continue
+        joint.damping, joint.stiffness, joint.armature = [0.0, 0.0, 0.0], [0.0, 0.0, 0.0], _ROTOR
+        joint.frictionloss, joint.limited = 0.0, mujoco.mjtLimited.mjLIMITED_FALSE
+        actuator = spec.add_actuator(name=f"drive {joint.name}", trntype=mujoco.mjtTrn.mjTRN_JOINT, target=joint.name)
+        actuator.gear = [1.0, 0.0, 0.0, 0.0, 0.0, 0.0]
+    spec.option.integrator = mujoco.mjtIntegrator.mjINT_RK4
+    spec.option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT) | int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
+    return hydrodynamics.compile(spec)

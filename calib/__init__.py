@@ -3,6 +3,10 @@
 Names are imported on first use, so that `from uuv import calib` loads neither numba nor SciPy.
 """
 
+if __name__ != "uuv.calib":
+    raise ImportError(f"{__name__!r} is not a package of the project: import uuv.calib")
+
+
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 

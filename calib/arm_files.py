@@ -3,7 +3,8 @@
     source = read_arm("arm.urdf", tip="ball_link")
     source.arm, source.tcp
 
-A URDF or MJCF has six numbers a joint. They become rows of a table (`uuv.models.arms.serial_arm`), and the tip the flange.
+A URDF or MJCF has six numbers a joint. They become rows of a table (`uuv.models.arms.serial_arm`), and the tip the
+flange.
 """
 
 import hashlib
@@ -18,11 +19,21 @@ import numpy as np
 
 from uuv.models.files import urdf
 from uuv.models.files.mjcf_files import read_mjcf
-from uuv.models.naming import ARM_BASE_BODY, TIP_SITE
 from uuv.models.files.yaml_files import document_of
+from uuv.models.naming import ARM_BASE_BODY, TIP_SITE
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.files import bytes_of
-from uuv.sim.interfaces.spatial import Array, checked, checked_place, checked_pose, number, pose, readonly, real_array, shown
+from uuv.sim.interfaces.spatial import (
+    Array,
+    checked,
+    checked_place,
+    checked_pose,
+    number,
+    pose,
+    readonly,
+    real_array,
+    shown,
+)
 
 if TYPE_CHECKING:
     from uuv.models.arms.serial_arm import SerialArm

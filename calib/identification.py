@@ -25,7 +25,17 @@ from uuv.calib.verdicts.verification import PointTouches, kabsch, places, scores
 from uuv.models.arms.kinematics import ROW
 from uuv.models.arms.serial_arm import SerialArm
 from uuv.sim.interfaces.errors import ConfigurationError
-from uuv.sim.interfaces.spatial import Array, checked, finite_number, number, one_of, readonly, shown, transform_points, whole_number
+from uuv.sim.interfaces.spatial import (
+    Array,
+    checked,
+    finite_number,
+    number,
+    one_of,
+    readonly,
+    shown,
+    transform_points,
+    whole_number,
+)
 
 Method = Literal["map", "paper"]
 Distance = tuple[int, int, float] | tuple[int, int, float, float]
@@ -224,7 +234,8 @@ class Calibration:
     def half_widths(self, q: ArrayLike, payload_mass: float = 0.0, confidence: float = 0.95) -> Array:
         """Half-widths of the predictive intervals of touches of one new point about their mean, along the base's axes.
 
-        Errors that the parameters cannot express (gears, sag, seating) widen them: see `uuv.calib.verdicts.verification`.
+        Errors that the parameters cannot express (gears, sag, seating) widen them: see
+        `uuv.calib.verdicts.verification`.
 
         Args:
             q: (M, n) joint values of all touches of that point.

@@ -4,8 +4,8 @@
     result = solve(chain, X_base_tip, q0)
 
 This module is the public interface. Chains are built in `uuv.controllers.ik.chain`, pose sequences are tracked in
-`uuv.controllers.ik.tracking`. The compiled loops are in `uuv.controllers.ik`: `kinematics`, `damped_descent` (hybrid), `sweeps`
-(jacobian_free), `paper_stages` (plain).
+`uuv.controllers.ik.tracking`. The compiled loops are in `uuv.controllers.ik`: `kinematics`, `damped_descent` (hybrid),
+`sweeps` (jacobian_free), `paper_stages` (plain).
 """
 
 import math
@@ -25,7 +25,18 @@ from uuv.controllers.ik.method import Method
 from uuv.controllers.ik.pose_parts import PartTolerances, count_alike
 from uuv.controllers.ik.tracking import Track, Tracker, TrackState, TrackStep, track
 from uuv.sim.interfaces.errors import ConfigurationError
-from uuv.sim.interfaces.spatial import Array, checked, log_so3, not_a_pose, number, one_of, readonly, real_array, shown, whole_number
+from uuv.sim.interfaces.spatial import (
+    Array,
+    checked,
+    log_so3,
+    not_a_pose,
+    number,
+    one_of,
+    readonly,
+    real_array,
+    shown,
+    whole_number,
+)
 
 __all__ = [
     "Branch",

@@ -1,7 +1,12 @@
 """Models of vehicles, arms, targets and scenes as MjSpec, with hydrodynamic and thruster tables. Nothing is stepped.
 
-A vehicle's module is imported when it is loaded: `from uuv import models`, names and descriptions of files need no MuJoCo.
+A vehicle's module is imported when it is loaded: `from uuv import models`, names and descriptions of files need no
+MuJoCo.
 """
+
+if __name__ != "uuv.models":
+    raise ImportError(f"{__name__!r} is not a package of the project: import uuv.models")
+
 
 from dataclasses import dataclass
 from importlib import import_module
@@ -55,7 +60,8 @@ _MODELS = {
         source="PythonVehicleSimulator (Fossen), remus100.py; propeller as a thruster, fins by remus100.fin_wrench",
     ),
     "reach_alpha_5": _Entry(
-        build="uuv.models.vehicles.reach_alpha_5:build", source="Kolano et al., arXiv 2209.13577; friction: floating-KinDyn"
+        build="uuv.models.vehicles.reach_alpha_5:build",
+        source="Kolano et al., arXiv 2209.13577; friction: floating-KinDyn",
     ),
 }
 VEHICLES: "Registry[mujoco.MjSpec]" = Registry(
@@ -148,8 +154,8 @@ if not TYPE_CHECKING:  # which sees modules that are imported, and no others
         """A module of this package, such as `uuv.models.hydrodynamics`, imported when it is first asked for."""
         if not name.startswith("_"):
             try:
-                return import_module(f"models.{name}")
+                return import_module(f"{__name__}.{name}")
             except ModuleNotFoundError as error:
-                if error.name != f"models.{name}":
+                if error.name != f"{__name__}.{name}":
                     raise
         raise AttributeError(f"module 'models' has no attribute {name!r}")

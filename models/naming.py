@@ -1,7 +1,7 @@
 """The contract with a vehicle's MJCF: names of its bodies, sites, geoms, joints and keyframes, and their look-up.
 
-A vehicle is any MJCF with a free body `hull` and thruster actuators with a table of `uuv.models.water.thrusters`. If it has
-an arm: a body `arm_base` fixed to the hull, a serial arm whose driven joints each have an actuator (found by its
+A vehicle is any MJCF with a free body `hull` and thruster actuators with a table of `uuv.models.water.thrusters`. If it
+has an arm: a body `arm_base` fixed to the hull, a serial arm whose driven joints each have an actuator (found by its
 transmission), and a site `tip` (z out of the tool). Jobs also want a site `camera` (OpenCV axes), and optionally a
 sliding joint `pad` behind the face of the pad.
 """

@@ -3,14 +3,18 @@
 Names are imported on first use, so that `from uuv import perception` needs neither Embree nor SciPy.
 """
 
+if __name__ != "uuv.perception":
+    raise ImportError(f"{__name__!r} is not a package of the project: import uuv.perception")
+
+
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from uuv.perception.clouds.scan import Scan, SensorModel
+    from uuv.perception.finding.target_finder import KnownObjectFinder
     from uuv.perception.registration.identification import Identification, identify
     from uuv.perception.registration.recognition import Recognition, identify_together, recognise
-    from uuv.perception.finding.target_finder import KnownObjectFinder
     from uuv.perception.toolpath.path_planner import plan_path
 
 _HOME = {

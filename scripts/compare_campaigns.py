@@ -10,9 +10,9 @@ from pathlib import Path
 
 from tyro.conf import Positional
 
-from uuv.start import new_folder
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.runs.saving import write_json
+from uuv.start import new_folder
 
 NAME = "compare_campaigns"
 

@@ -20,12 +20,12 @@ def main() -> int:
     """Runs the identification, writes its files and returns the exit code."""
     options = parse(IdentificationOptions)
     check_inputs(options)
+    from uuv.clouds.deformation_report import figures, picture_of_deviations, save_cloud, table
+    from uuv.clouds.identification import candidates_of, found_in, models_among, picture, recognised_in, report
     from uuv.models.meshes.ply_files import write_ply
     from uuv.models.objects import targets
     from uuv.perception.registration.pose_check import Decision
     from uuv.perception.toolpath.deformation import map_deformation
-    from uuv.clouds.deformation_report import figures, picture_of_deviations, save_cloud, table
-    from uuv.clouds.identification import candidates_of, found_in, models_among, picture, recognised_in, report
     from uuv.sim.interfaces.spatial import transform_points
     from uuv.sim.runs.terminal import PlainConsole
 

@@ -42,8 +42,8 @@ def main() -> int:
     cloud = read_cloud(options.cloud)
     B, z = read_targets(options.targets)
     folder = new_folder("plan_seabed", options.out)
-    from uuv.perception.seabed.terrain_path import plan_seabed_work  # imported, and compiled, after the files are read
     from uuv.clouds.seabed_picture import picture
+    from uuv.perception.seabed.terrain_path import plan_seabed_work  # imported, and compiled, after the files are read
     from uuv.sim.runs.terminal import PlainConsole
 
     plan = plan_seabed_work(cloud, B, z, width=options.width)

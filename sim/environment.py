@@ -5,8 +5,8 @@
     while not timestep.last():
         timestep = environment.step(policy(timestep.observation))
 
-It advances the same `Plant.step` as `uuv.sim.loop.rollout`. An agent observes the true state: noise, delay and estimation
-belong to `uuv.sim.loop.rollout`. Frames: W world, B hull, H the hull pose to hold.
+It advances the same `Plant.step` as `uuv.sim.loop.rollout`. An agent observes the true state: noise, delay and
+estimation belong to `uuv.sim.loop.rollout`. Frames: W world, B hull, H the hull pose to hold.
 """
 
 from collections import OrderedDict

@@ -46,7 +46,19 @@ import numpy as np
 from numba.core import event
 
 from uuv.models.files.exact_mjcf import library
-from uuv.models.hydrodynamics import INDEFINITE, LAYOUT, TOO_FAST, TOO_HIGH, BodyHydrodynamics, attach, carries, is_wet, unpack, water_density, world_row
+from uuv.models.hydrodynamics import (
+    INDEFINITE,
+    LAYOUT,
+    TOO_FAST,
+    TOO_HIGH,
+    BodyHydrodynamics,
+    attach,
+    carries,
+    is_wet,
+    unpack,
+    water_density,
+    world_row,
+)
 from uuv.models.water.bounds import LARGEST
 from uuv.sim.interfaces.errors import ConfigurationError, HydrodynamicsError, PhysicsWarning
 from uuv.sim.interfaces.spatial import Array, skew

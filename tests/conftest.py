@@ -16,7 +16,7 @@ import hypothesis
 import numpy as np
 import pytest
 
-from uuv import sim
+import uuv
 from uuv.models.meshes import open3d_loader
 from uuv.sim.interfaces.errors import MissingLibraryError
 from uuv.sim.runs.command_line import run_scenario
@@ -32,8 +32,8 @@ SCALE = float(os.environ.get("UUV_TOLERANCE_SCALE", "1"))
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 sys.dont_write_bytecode = False
 
-if Path(sim.__file__ or "").resolve().parent != ROOT / "sim":
-    pytest.exit(f"{sim.__file__} hides the room {ROOT / 'sim'}; rename it or take it off PYTHONPATH", returncode=2)
+if Path(uuv.__file__ or "").resolve().parent != ROOT / "uuv":
+    pytest.exit(f"{uuv.__file__} hides {ROOT / 'uuv'}; rename it or take it off PYTHONPATH", returncode=2)
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -180,7 +180,8 @@ class Run(NamedTuple):
 
 @pytest.fixture
 def script(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]):
-    """`script("experiments.contact.contact", *arguments)`: what scripts/experiments/contact/contact.py does, in this process."""
+    """`script("experiments.contact.contact", *arguments)`: what scripts/experiments/contact/contact.py does, in this
+    process."""
     monkeypatch.chdir(ROOT)
     monkeypatch.setenv("COLUMNS", "200")
     monkeypatch.setenv("PYTHONSAFEPATH", "")  # has it restored: a command sets it

@@ -1,4 +1,4 @@
-"""Scenarios: from a description to a run and its assessment.
+"""An underwater vehicle that works with its arm: from a description to a run and its assessment.
 
     from uuv import barrel, run, show
 
@@ -10,10 +10,7 @@ Names are imported on first use, so that `uuv.start` can look at the Python that
 """
 
 import os
-from functools import cache
 from importlib import import_module
-from importlib.util import find_spec
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 # All matrices are small: a second thread of BLAS saves no time and burns a core. Read when numpy is first imported.
@@ -64,26 +61,9 @@ __all__ = [
 ]
 
 
-@cache
-def _check_rooms() -> None:
-    """Refuses a module from elsewhere that has the name of one of the project's packages and hides it.
-
-    Raises:
-        ImportError: There is one; the message says what hides what.
-    """
-    here = Path(__file__).resolve().parents[1]  # of the installed packages; in the checkout `scripts`
-    home = here if (here / "sim").is_dir() else here.parent
-    for room in ("models", "sim", "perception", "controllers", "calib"):
-        found = find_spec(room)
-        origin = Path(found.origin or next(iter(found.submodule_search_locations or ()), "")) if found else Path()
-        if not origin.resolve().is_relative_to(home / room):
-            raise ImportError(f"{origin} hides the package {home / room}; rename it, or run from another folder")
-
-
 def __getattr__(name: str) -> Any:
     if name not in _HOME:
-        raise AttributeError(f"module 'scenarios' has no attribute {name!r}; it has {__all__}")
-    _check_rooms()
+        raise AttributeError(f"module 'uuv' has no attribute {name!r}; it has {__all__}")
     return getattr(import_module(_HOME[name]), name)
 
 

@@ -5,21 +5,21 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from uuv.components.contact_parts import believed_and_built, controller
 from uuv.models.vehicle import Vehicle
+from uuv.own_vehicle import OwnVehicle
 from uuv.perception.navigation.raw_navigation import RawNavigation
 from uuv.perception.navigation.strapdown_filter import Navigation
-from uuv.components.contact_parts import believed_and_built, controller
-from uuv.own_vehicle import OwnVehicle
 from uuv.perturbations.perturbation import Loop, perturb
 from uuv.scenario import PlacedTask, Scenario
 from uuv.sensors.arm_camera import arm_camera, believed_mount
-from uuv.tasks.start_place import check_start
 from uuv.sim import hydrodynamics
 from uuv.sim.interfaces.spatial import Array, exp_so3, pose
 from uuv.sim.loop.rollout import Parts, ticks_per_period
 from uuv.sim.plant.plant import Plant
 from uuv.sim.sensors.arm_camera import beside_tool
 from uuv.sim.water.current import Current, Wave
+from uuv.tasks.start_place import check_start
 
 REACTION_TICKS = 10  # loop steps between measurements of the arm's reaction wrench on the hull, for the report
 

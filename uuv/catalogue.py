@@ -13,8 +13,7 @@ from functools import cache
 from importlib.metadata import entry_points
 from pathlib import Path
 
-HOME = Path(__file__).resolve().parents[2]  # of the installed packages; in a checkout `scripts`
-ROOT = HOME if (HOME / "sim").is_dir() else HOME.parent
+HOME = Path(__file__).resolve().parent  # the package `uuv`, with the rooms in it
 JOBS = {  # `uuv run`: name and class of its options in `uuv.jobs`
     "clean-barrel": "BarrelOptions",
     "clean-pile": "PileOptions",
@@ -83,35 +82,35 @@ def things(kind: str) -> Iterator[tuple[str, str]]:
     """Name and one line about each thing of a kind, those of other packages last."""
     match kind:
         case "job":
-            classes = _definitions(HOME / "scenarios" / "options.py")
+            classes = _definitions(HOME / "jobs.py")
             yield from ((name, classes[made]) for name, made in JOBS.items())
         case "study":
-            for file in sorted((ROOT / "scripts" / "studies").glob("[!_]*.py")):
+            for file in sorted((HOME.parent / "scripts" / "experiments").glob("[!_]*.py")):
                 yield file.stem, _first_line(_tree(file)).removeprefix("Study: ")
         case "vehicle":
             yield from _vehicles()
         case "arm":
-            yield from _arms(ROOT / "models" / "arms" / "published_arms.py")
+            yield from _arms(HOME / "models" / "arms" / "published_arms.py")
         case "object":
-            for name in _keys(ROOT / "models" / "objects" / "targets.py", "OBJECTS"):
-                file = ROOT / "models" / "objects" / f"{name}.py"
+            for name in _keys(HOME / "models" / "objects" / "targets.py", "OBJECTS"):
+                file = HOME / "models" / "objects" / f"{name}.py"
                 yield name, _definitions(file).get(name, "") if file.exists() else ""
         case "tool":
-            yield from _documented(ROOT / "models" / "tools" / "tools.py", "TOOLS")
+            yield from _documented(HOME / "models" / "tools" / "tools.py", "TOOLS")
         case "soil":
-            yield from _documented(ROOT / "models" / "site" / "soil.py", "SOILS")
+            yield from _documented(HOME / "models" / "site" / "soil.py", "SOILS")
         case "sensor":
-            documented = _definitions(HOME / "scenarios" / "contact_parts.py")
-            for name in _keys(HOME / "scenarios" / "kinds.py", "SENSORS"):
+            documented = _definitions(HOME / "components" / "contact_parts.py")
+            for name in _keys(HOME / "kinds.py", "SENSORS"):
                 yield name, documented.get(name, "")
         case "controller":
-            classes = _definitions(ROOT / "controllers" / "work_controller.py")
-            for name in _keys(HOME / "scenarios" / "kinds.py", "CONTROLLERS"):
+            classes = _definitions(HOME / "controllers" / "work_controller.py")
+            for name in _keys(HOME / "kinds.py", "CONTROLLERS"):
                 yield name, classes["WorkController"]
         case "task" | "perturbation":
-            folder = HOME / "scenarios" / f"{kind}s"
+            folder = HOME / f"{kind}s"
             documented = {}
-            for file in (*folder.glob("*.py"), HOME / "scenarios" / "arm_identification" / "friction_run.py"):
+            for file in folder.glob("*.py"):
                 documented |= _definitions(file)
             listed = folder / ("registry.py" if kind == "task" else "perturbation.py")
             for name, made in _kinds(listed):
@@ -121,7 +120,7 @@ def things(kind: str) -> Iterator[tuple[str, str]]:
 
 def _vehicles() -> Iterator[tuple[str, str]]:
     """Built-in vehicles with their sources."""
-    file = ROOT / "models" / "__init__.py"
+    file = HOME / "models" / "__init__.py"
     table = next(node for node in ast.walk(_assigned(file, "_MODELS")) if isinstance(node, ast.Dict))
     for key, entry in zip(table.keys, table.values, strict=True):
         if isinstance(key, ast.Constant) and isinstance(entry, ast.Call):

@@ -12,15 +12,15 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.text import Text
 
-from uuv.controllers.tuning import table
-from uuv.models.meshes import ray_casting
 from uuv import first_start
 from uuv.assembly import Assembly, assemble
+from uuv.check.preflight import preflight
+from uuv.controllers.tuning import table
 from uuv.kinds import SURVEY, TRUST
+from uuv.models.meshes import ray_casting
 from uuv.runner import Run, SignalStop, assessed, rehearse, run_through
 from uuv.scenario import Scenario
 from uuv.scenario_file import SCENARIO_FILE, as_dict, flat, names_of_code, write_scenario
-from uuv.check.preflight import preflight
 from uuv.sim.evaluation.metrics import Assessment
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.extras import LOG, absent, to_install

@@ -41,7 +41,7 @@ CALLS = (  # functions that compile something: their argument, roughly their sec
     ("uuv.controllers.ik.entries:entry", ("keep",), 2.0, "uuv.controllers.ik."),
     ("uuv.controllers.ik.entries:entry", ("hybrid",), 4.0, "uuv.controllers.ik."),
 )
-ROOMS = ("models", "sim", "controllers", "perception", "scenarios")
+PACKAGE = "uuv"
 _config: Any = importlib.import_module("numba.core.config")  # its names are made at run time
 MOST = 8  # processes; more would wait for each other
 
@@ -295,7 +295,7 @@ def _in_order(
 def kernels() -> Iterator[tuple[str, Any]]:
     """All kernels of the project that are imported, with their names module:name."""
     for module in list(sys.modules.values()):
-        if getattr(module, "__name__", "").partition(".")[0] in ROOMS:
+        if getattr(module, "__name__", "").partition(".")[0] == PACKAGE:
             for name, value in list(vars(module).items()):
                 if isinstance(value, CPUDispatcher) and value.py_func.__module__ == module.__name__:
                     yield f"{module.__name__}:{name}", value

@@ -10,11 +10,11 @@ from pathlib import Path
 import mujoco
 
 from uuv import models
-from uuv.models.naming import check_parts
+from uuv.kinds import CONTROLLER, CONTROLLERS, SENSORS, class_of
 from uuv.models.completing.complete import COMPUTABLE, is_armed
+from uuv.models.naming import check_parts
 from uuv.models.site.scenes import given_vehicle
 from uuv.models.tools.tools import TOOLS
-from uuv.kinds import CONTROLLER, CONTROLLERS, SENSORS, class_of
 from uuv.own_vehicle import vehicle_spec, with_tool
 from uuv.scenario import Scenario, VehicleSetup
 from uuv.sim.interfaces.errors import ConfigurationError

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 import numpy as np
 
 from uuv.controllers.ik.method import Method as IkMethod
-from uuv.models.site.terrain_kinds import Kind
-from uuv.methods import AblatedMethod, Method, PublishedMethod
 from uuv.experiment.engines import EngineName
 from uuv.experiment.options import at_least
+from uuv.methods import AblatedMethod, Method, PublishedMethod
+from uuv.models.site.terrain_kinds import Kind
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import finite_number
 from uuv.sim.runs.command_line import ScenarioOptions
@@ -460,10 +460,10 @@ class GearOptions(ScenarioOptions):
 
     def scenario(self) -> "Scenario":
         """The identification."""
-        from uuv.tasks.gear_identification import GearIdentificationTask
         from uuv.perturbations.vehicle import Gears
         from uuv.scenario import Scenario, VehicleSetup
         from uuv.site import OpenWater
+        from uuv.tasks.gear_identification import GearIdentificationTask
 
         finite_number(self.gear_spread, "--gear-spread", least=0.0, most=0.9)
         seconds = self.usual(self.seconds, 30.0, quick=15.0)

@@ -25,7 +25,9 @@ SENSORS: "Registry[tuple[Sensor, SensorModel | None]]" = Registry(
         SURVEY: "uuv.components.contact_parts:survey",
     },
 )
-CONTROLLERS: Registry[Controller] = Registry("controller", {"work": "uuv.controllers.whole_body.work_controller:WorkController"})
+CONTROLLERS: Registry[Controller] = Registry(
+    "controller", {"work": "uuv.controllers.whole_body.work_controller:WorkController"}
+)
 
 
 def class_of(name: str, option: str) -> Callable[..., Any]:

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Self
 
 import mujoco
 
-from uuv.models.naming import ARM_BASE_BODY, CAMERA_SITE, TIP_SITE, TOOL_GEOM, check_parts, find
 from uuv.models.completing.hull_box import hull_box
+from uuv.models.naming import ARM_BASE_BODY, CAMERA_SITE, TIP_SITE, TOOL_GEOM, check_parts, find
 from uuv.models.site import scenes
 from uuv.models.tools import attachment
 from uuv.models.tools.tools import TOOLS

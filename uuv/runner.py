@@ -13,14 +13,14 @@ from uuv.inputs import check_inputs
 from uuv.outcome import RunResult
 from uuv.saved_run import SavedRun, check_observers, checked_phase, snapshot_of
 from uuv.scenario import Scenario
-from uuv.ticks.compiled_ticks import reason
-from uuv.ticks.ticks_around import ticks_for
 from uuv.sim.evaluation.metrics import Assessment
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.loop.recording import Recorder, Recording
 from uuv.sim.loop.rollout import Moment, Observer, Rollout, Stage, Ticks, rollout, run_on
 from uuv.sim.runs.command_line import Interrupted
 from uuv.sim.water.current import Current
+from uuv.ticks.compiled_ticks import reason
+from uuv.ticks.ticks_around import ticks_for
 
 REHEARSAL = 0.1  # [s] simulated; loads all compiled code
 

@@ -18,7 +18,6 @@ from uuv.outcome import CloudRecorder, NoFigures, Pictures, RunResult
 from uuv.own_vehicle import OwnVehicle
 from uuv.perturbations.perturbation import Perturbation
 from uuv.sensors.arm_camera import ArmCameraSetup
-from uuv.site import Site
 from uuv.sim.evaluation.metrics import Assessment, Bounds
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.files import folder_name
@@ -26,6 +25,7 @@ from uuv.sim.interfaces.messages import WorkState
 from uuv.sim.interfaces.protocols import Controller, Estimator, Planner, Sensor, TargetFinder, TargetFollower
 from uuv.sim.interfaces.spatial import Array, finite_number, whole_number
 from uuv.sim.loop.rollout import Observer
+from uuv.site import Site
 
 if TYPE_CHECKING:  # a task is described, and refused, without the kernels of what carries it out
     from rich.table import Table
@@ -46,7 +46,9 @@ class VehicleSetup:
 
     vehicle: str = "uuv_puma"  # a name of uuv.models.available(), or a file, MJCF or URDF, with the named parts
     arm_errors: int | None = None  # seed of the errors with which the arm was built; None: no errors
-    tool: str | None = None  # of uuv.models.tools.tools.TOOLS, on its tip; None: its own, or the one that the task needs
+    tool: str | None = (
+        None  # of uuv.models.tools.tools.TOOLS, on its tip; None: its own, or the one that the task needs
+    )
     parts: str | None = None  # file that maps its names to those of the contract; None: the one beside its file
 
     def __post_init__(self) -> None:

@@ -30,17 +30,17 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from uuv.models.registry import Registry
 from uuv.kinds import TRUST
+from uuv.models.registry import Registry
 from uuv.perturbations import perturbation
 from uuv.perturbations.perturbation import Perturbation
 from uuv.scenario import Scenario, Task
-from uuv.site import SITE_OBJECTS, SiteObject
-from uuv.tasks import registry as tasks
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import shown
 from uuv.sim.interfaces.tables import TableReader, toml_of
 from uuv.sim.runs.saving import write_whole
+from uuv.site import SITE_OBJECTS, SiteObject
+from uuv.tasks import registry as tasks
 
 PERTURBATIONS = "perturbations"
 KIND = "kind"

@@ -10,7 +10,18 @@ from dataclasses import dataclass
 import numpy as np
 
 from uuv.calib.identification import Calibration
-from uuv.calib.verdicts.evidence import BRIEF, REFUSED, Again, Doubt, Told, freedom, log_evidence, log_likely, log_made, motion_of
+from uuv.calib.verdicts.evidence import (
+    BRIEF,
+    REFUSED,
+    Again,
+    Doubt,
+    Told,
+    freedom,
+    log_evidence,
+    log_likely,
+    log_made,
+    motion_of,
+)
 from uuv.models.arms.kinematics import ROW, THETA, D
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import Array

@@ -1,8 +1,8 @@
 """Joint servo: computed torque at the rate of the drives, tool motion against the drifting hull, gear friction.
 
 The kernels are compiled as a whole, since they run at the rate of the drives. Their dynamics are those of
-`uuv.controllers.arm.inverse_dynamics`; the tests compare them with their plain forms. They take records as plain tuples of
-their fields, which numba types faster.
+`uuv.controllers.arm.inverse_dynamics`; the tests compare them with their plain forms. They take records as plain tuples
+of their fields, which numba types faster.
 """
 
 from dataclasses import dataclass

@@ -96,7 +96,7 @@ class TangentialState(ComplianceState):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TangentialForceLoop(PublishedForceTuning):
-    """Components across the tool axis, whose set force is zero (`uuv.controllers.whole_body.tool_control.SideDisplacement`)."""
+    """Components across the tool axis, whose set force is zero: a `SideDisplacement` of the tool's control."""
 
     def init(self) -> TangentialState:
         """Initial state: no offset."""

@@ -1,6 +1,7 @@
 """Terms of the arm's wrench on the hull, to study the value of compensating each one.
 
-[Konoplin 2022] feeds C_F = D_F + A f_e forward as one. Here, with the equations of `uuv.controllers.arm.inverse_dynamics`:
+[Konoplin 2022] feeds C_F = D_F + A f_e forward as one. Here, with the equations of
+`uuv.controllers.arm.inverse_dynamics`:
 
     wrench = weight and buoyancy + dynamic (rigid inertia) + hydrodynamic (added mass and drag) + contact
 """

@@ -3,9 +3,9 @@
 `TorqueSensors` reads sensors on the gear outputs, with tare, payload and sigma. Another `ContactEstimator` takes its
 place by `WorkController(model, estimator=...)`, such as `uuv.controllers.estimation.load_observer.MomentumObserver`.
 
-The parts are those of `uuv.controllers.arm.inverse_dynamics` and `uuv.controllers.estimation.force_from_torques`. The tests
-compare the compiled forms here with the plain forms there. Records come as plain tuples of their fields, which numba
-types faster.
+The parts are those of `uuv.controllers.arm.inverse_dynamics` and `uuv.controllers.estimation.force_from_torques`. The
+tests compare the compiled forms here with the plain forms there. Records come as plain tuples of their fields, which
+numba types faster.
 """
 
 from dataclasses import dataclass, replace
@@ -14,7 +14,14 @@ from typing import Any, NamedTuple, Protocol
 import mujoco
 import numpy as np
 
-from uuv.controllers.arm.inverse_dynamics import ArmDynamics, ArmParameters, JointMotion, newton_euler, tip_kinematics, workspace
+from uuv.controllers.arm.inverse_dynamics import (
+    ArmDynamics,
+    ArmParameters,
+    JointMotion,
+    newton_euler,
+    tip_kinematics,
+    workspace,
+)
 from uuv.controllers.arm.joint_servo import FrictionTracking, track_gear_friction
 from uuv.controllers.estimation.payload_identification import PayloadIdentification, PayloadIdentificationState
 from uuv.controllers.tuning import DRIVE_PERIOD, ArmTuning

@@ -1,14 +1,14 @@
 """Thrust allocation: hull wrench to thruster commands, within bounds, through the inverse of the static thrust curve.
 
 Six thrusters leave no redundancy. Where they saturate, part of the wrench is given up in the order of `PRIORITIES`:
-strict priority levels (`uuv.controllers.hull.priorities`), no weights. Roll and pitch come first: a tilt of the hull tilts
-the tool and moves the tip by the length of the arm. The force comes next: where it lacks, the hull is pushed away
+strict priority levels (`uuv.controllers.hull.priorities`), no weights. Roll and pitch come first: a tilt of the hull
+tilts the tool and moves the tip by the length of the arm. The force comes next: where it lacks, the hull is pushed away
 slowly and the arm re-aims. Yaw is last. Among thrusts that are equal in all this, the effort is minimal.
 
-A rotating propeller gives at least a minimal thrust (`uuv.models.water.thrusters`). Thrusts between zero and that minimum
-do not exist (the gap), so the problem is no longer convex. There the wrench that the levels have chosen is approached
-by weighted least squares, |W (B x - w)|^2 + e^2 |D x|^2. Weights spread the small remaining error over all axes instead
-of putting all of it on one:
+A rotating propeller gives at least a minimal thrust (`uuv.models.water.thrusters`). Thrusts between zero and that
+minimum do not exist (the gap), so the problem is no longer convex. There the wrench that the levels have chosen is
+approached by weighted least squares, |W (B x - w)|^2 + e^2 |D x|^2. Weights spread the small remaining error over all
+axes instead of putting all of it on one:
 
 - With more thrusters than directions, some work against each other (preload). All such sign patterns are tried in a
   fixed order until one gives the wrench as well as without a gap. The fixed order keeps the pattern from changing

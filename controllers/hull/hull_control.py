@@ -3,8 +3,8 @@
 **Feedforward.** [Konoplin 2022] feeds C_F = C_D + A f_e forward to the thrusters: the wrench of the arm's motion in
 water, and that of the contact. `WithoutTerms` and `WithoutCompensation` leave parts of it out, for a study.
 
-**Lead.** A propeller follows its command with a first-order lag T (`uuv.models.water.thrusters`). Its present speed n is
-predicted from past commands. The command u that brings it towards the wanted speed c with a lag T_r < T is
+**Lead.** A propeller follows its command with a first-order lag T (`uuv.models.water.thrusters`). Its present speed n
+is predicted from past commands. The command u that brings it towards the wanted speed c with a lag T_r < T is
 
     u = n + (c - n) (1 - exp(-dt / T_r)) / (1 - exp(-dt / T)),    within full speed.
 

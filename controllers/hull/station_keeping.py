@@ -105,8 +105,9 @@ class StationKeeping:
     def current(self, state: StationKeepingState) -> Array:
         """Estimated current (3,) [m/s] in W, also during contact.
 
-        See `uuv.controllers.estimation.disturbance_observer` for the assumptions. A steady force that no sensor measures (a
-        tether, a wrong weight) appears as current. A direction without drag gives no information on the current.
+        See `uuv.controllers.estimation.disturbance_observer` for the assumptions. A steady force that no sensor
+        measures (a tether, a wrong weight) appears as current. A direction without drag gives no information on the
+        current.
         """
         return state.observer.current_W.copy()
 

@@ -20,7 +20,19 @@ from uuv.models.arms.kinematics import THETA, A, D
 from uuv.models.arms.serial_arm import SerialArm, tilt_of
 from uuv.models.files.urdf import CHAIN_TIP, model_from_urdf
 from uuv.sim.interfaces.errors import ConfigurationError
-from uuv.sim.interfaces.spatial import FARTHEST, Array, checked, checked_pose, checked_rows, exp_so3, inverse, pose, readonly, real_array, shown
+from uuv.sim.interfaces.spatial import (
+    FARTHEST,
+    Array,
+    checked,
+    checked_pose,
+    checked_rows,
+    exp_so3,
+    inverse,
+    pose,
+    readonly,
+    real_array,
+    shown,
+)
 
 _KINDS = {"r": kernels.HINGE, "p": kernels.SLIDE, "o": kernels.PANTOGRAPH}
 _JOINT_LETTERS = "r (hinge), p (slide), o (pantograph link)"

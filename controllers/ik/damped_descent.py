@@ -8,8 +8,53 @@ from typing import NamedTuple
 
 import numpy as np
 
-from uuv.controllers.ik.chain_kernels import ALONG, BAD_TARGET, BEST, BRANCH_LOST, CONVERGED, EXHAUSTED, HEAD, KIND, LOWER, OUT_OF_REACH, SLIDE, STALLED, STEP, SWEEPS, THROUGH, TWO_PI, UPPER, WITHIN, admit, begin, branch_left, column, drawn_in, errors, fold, hand_over, jit, note, partition, reach_fault, scatter, trace
-from uuv.controllers.ik.pose_parts import PartsNear, Weights, judged_by, measured, nearest_corner, options_good, parts_at, scaled_weights, tool_axis, weighted_column, within
+from uuv.controllers.ik.chain_kernels import (
+    ALONG,
+    BAD_TARGET,
+    BEST,
+    BRANCH_LOST,
+    CONVERGED,
+    EXHAUSTED,
+    HEAD,
+    KIND,
+    LOWER,
+    OUT_OF_REACH,
+    SLIDE,
+    STALLED,
+    STEP,
+    SWEEPS,
+    THROUGH,
+    TWO_PI,
+    UPPER,
+    WITHIN,
+    admit,
+    begin,
+    branch_left,
+    column,
+    drawn_in,
+    errors,
+    fold,
+    hand_over,
+    jit,
+    note,
+    partition,
+    reach_fault,
+    scatter,
+    trace,
+)
+from uuv.controllers.ik.pose_parts import (
+    PartsNear,
+    Weights,
+    judged_by,
+    measured,
+    nearest_corner,
+    options_good,
+    parts_at,
+    scaled_weights,
+    tool_axis,
+    weighted_column,
+    within,
+)
 from uuv.controllers.ik.sweeps import sweep
 
 # Tuned on several arms; success rates and times change little within a factor of two of each value.

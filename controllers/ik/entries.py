@@ -13,7 +13,18 @@ import numpy as np
 from numba import types
 from numpy.typing import DTypeLike
 
-from uuv.controllers.ik.chain_kernels import BAD_OPTION, HYBRID, JACOBIAN_FREE, PLAIN, PRIORITY, SCALE, Settings, forward, partition, set_goal
+from uuv.controllers.ik.chain_kernels import (
+    BAD_OPTION,
+    HYBRID,
+    JACOBIAN_FREE,
+    PLAIN,
+    PRIORITY,
+    SCALE,
+    Settings,
+    forward,
+    partition,
+    set_goal,
+)
 from uuv.controllers.ik.damped_descent import solve_hybrid, solve_keep
 from uuv.controllers.ik.paper_stages import solve_plain, stage_axes, three_goals
 from uuv.controllers.ik.pose_parts import PartTolerances, alike, split

@@ -14,7 +14,34 @@ import math
 
 import numpy as np
 
-from uuv.controllers.ik.chain_kernels import AXIS, BAD_TARGET, BEST, BRANCH_LOST, CONVERGED, EXHAUSTED, HEAD, HINGE, KIND, LOWER, OUT_OF_REACH, PANTOGRAPH, POINT, SCALE, SLIDE, UPPER, begin, branch_left, hand_over, jit, note, partition, recall, squared_tolerances, trace, turn_left
+from uuv.controllers.ik.chain_kernels import (
+    AXIS,
+    BAD_TARGET,
+    BEST,
+    BRANCH_LOST,
+    CONVERGED,
+    EXHAUSTED,
+    HEAD,
+    HINGE,
+    KIND,
+    LOWER,
+    OUT_OF_REACH,
+    PANTOGRAPH,
+    POINT,
+    SCALE,
+    SLIDE,
+    UPPER,
+    begin,
+    branch_left,
+    hand_over,
+    jit,
+    note,
+    partition,
+    recall,
+    squared_tolerances,
+    trace,
+    turn_left,
+)
 from uuv.controllers.ik.sweeps import SHORT_WAY, turn
 
 STAGE_SWEEPS = 10  # largest number of sweeps of one stage before the next one begins

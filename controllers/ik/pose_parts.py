@@ -12,7 +12,21 @@ import numpy as np
 from numba import types
 from numba.extending import overload
 
-from uuv.controllers.ik.chain_kernels import BAD_TARGET, SCALE, Near, angle_of, at_corner, chord_squared, inlined, jit, partition, pose_error, skew_left, squared_tolerances, trace
+from uuv.controllers.ik.chain_kernels import (
+    BAD_TARGET,
+    SCALE,
+    Near,
+    angle_of,
+    at_corner,
+    chord_squared,
+    inlined,
+    jit,
+    partition,
+    pose_error,
+    skew_left,
+    squared_tolerances,
+    trace,
+)
 
 LIGHTEST = 1e-3  # least share of a weight in the largest one: the squares of both must fit into one matrix
 LOPSIDED = 300.0  # [scaled m/rad], [rad/scaled m] ratio of tolerances from which the parts of a pose have weights

@@ -8,7 +8,26 @@ import math
 
 import numpy as np
 
-from uuv.controllers.ik.chain_kernels import BAD_TARGET, BEST, CONVERGED, EXHAUSTED, HEAD, KIND, LOWER, SCALE, SLIDE, STALLED, UPPER, begin, column, jit, note, partition, pose_error, trace
+from uuv.controllers.ik.chain_kernels import (
+    BAD_TARGET,
+    BEST,
+    CONVERGED,
+    EXHAUSTED,
+    HEAD,
+    KIND,
+    LOWER,
+    SCALE,
+    SLIDE,
+    STALLED,
+    UPPER,
+    begin,
+    column,
+    jit,
+    note,
+    partition,
+    pose_error,
+    trace,
+)
 
 DAMPING = 1e-6  # [m^2/rad^2], [1] added to the squares of a task's Jacobian: bounds the joints near singular postures
 FAR = 0.05  # [1/rad^2] share of the squared position error that is added to the damping of a descent

@@ -7,7 +7,42 @@ import math
 
 import numpy as np
 
-from uuv.controllers.ik.chain_kernels import ALONG, AXIS, BAD_TARGET, BEST, BRANCH_LOST, CONVERGED, EXHAUSTED, HEAD, HINGE, KIND, LOWER, OUT_OF_REACH, PANTOGRAPH, POINT, SCALE, SLIDE, STALLED, THROUGH, TWO_PI, UPPER, WITHIN, admit, begin, branch_left, fold, hand_over, jit, note, partition, recall, scatter, squared_tolerances, trace, turn_left
+from uuv.controllers.ik.chain_kernels import (
+    ALONG,
+    AXIS,
+    BAD_TARGET,
+    BEST,
+    BRANCH_LOST,
+    CONVERGED,
+    EXHAUSTED,
+    HEAD,
+    HINGE,
+    KIND,
+    LOWER,
+    OUT_OF_REACH,
+    PANTOGRAPH,
+    POINT,
+    SCALE,
+    SLIDE,
+    STALLED,
+    THROUGH,
+    TWO_PI,
+    UPPER,
+    WITHIN,
+    admit,
+    begin,
+    branch_left,
+    fold,
+    hand_over,
+    jit,
+    note,
+    partition,
+    recall,
+    scatter,
+    squared_tolerances,
+    trace,
+    turn_left,
+)
 
 AT, SWEPT, RESIDUAL, STEPS, TURNS = 0, 1, 2, 3, 9  # columns of `past`; the last two are DEPTH columns wide
 DEPTH = 6  # sweeps that the Anderson acceleration remembers

@@ -29,7 +29,14 @@ from uuv.controllers.planning.arm_margins import ArmMargins, Dropped, ToolTrack,
 from uuv.controllers.planning.arm_size import FULL, base_axis, reach, size
 from uuv.controllers.planning.carried_arm import CarriedArm
 from uuv.controllers.planning.hull_path import hull_keeps, skin_of
-from uuv.controllers.planning.path_poses import STANDOFF_STEPS, from_moving_hull, middle_part, samples_along, tool_loads, tool_poses
+from uuv.controllers.planning.path_poses import (
+    STANDOFF_STEPS,
+    from_moving_hull,
+    middle_part,
+    samples_along,
+    tool_loads,
+    tool_poses,
+)
 from uuv.controllers.planning.placement import Placement, PlacementSearch, Surroundings, out_of_reach
 from uuv.controllers.planning.promise import MOST_THRUST
 from uuv.models.objects.targets import TargetModel

@@ -6,7 +6,8 @@ The plant is not used. A fault is a disagreement of two sources that should agre
 - Torque sensor against its motor: the gear passes the motor's torque less rotor inertia and gear friction.
 - Age of the newest picture, where the estimator reports it. Only this fault is cleared, when pictures come again.
 - Encoder: its angle against the integral of its speed.
-- Gyro, attitude reference, accelerometer: the estimator finds that one is off (`uuv.controllers.safety.sensor_checks`). The
+- Gyro, attitude reference, accelerometer: the estimator finds that one is off (`uuv.controllers.safety.sensor_checks`).
+  The
   work goes on but for the attitude.
 - Hull momentum, the residual of [DeLuca 2003] for the hull as one body. It is what the hull gains beyond the commanded
   thrust, the arm's wrench, weight and drag.

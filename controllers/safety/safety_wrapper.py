@@ -11,8 +11,8 @@ Wraps any `uuv.sim.interfaces.protocols.Controller`:
 - An estimate with numbers that are not finite, or with IMU data that are too old, never reaches the controller. One
   with a time that stands still reaches it for `patience` only.
 - Without a valid estimate the last command is repeated for `patience`. After that the arm is braked. The hull
-  departs blindly (`uuv.controllers.safety.blind_departure`). Then the thrusters are stopped for good. The same holds for a
-  controller with commands that are not finite.
+  departs blindly (`uuv.controllers.safety.blind_departure`). Then the thrusters are stopped for good. The same holds
+  for a controller with commands that are not finite.
 """
 
 import math

@@ -13,8 +13,27 @@ from typing import Any
 
 from uuv.controllers.tasks.arrival import Since
 from uuv.controllers.tasks.hull_phases import Halt
-from uuv.controllers.tasks.monitors import BEFORE_CONTACT, Monitor, Reaction, adrift, contact_force, fault_monitors, too_much_force
-from uuv.controllers.tasks.phase import Abort, Context, Held, Hold, HoldTool, Outcome, Phase, PhaseEvent, Setpoint, towards
+from uuv.controllers.tasks.monitors import (
+    BEFORE_CONTACT,
+    Monitor,
+    Reaction,
+    adrift,
+    contact_force,
+    fault_monitors,
+    too_much_force,
+)
+from uuv.controllers.tasks.phase import (
+    Abort,
+    Context,
+    Held,
+    Hold,
+    HoldTool,
+    Outcome,
+    Phase,
+    PhaseEvent,
+    Setpoint,
+    towards,
+)
 from uuv.controllers.tasks.task import TaskRow
 from uuv.sim.interfaces.messages import AbortCode, WorkState
 

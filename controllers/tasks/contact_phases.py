@@ -9,7 +9,18 @@ from uuv.controllers.planning.promise import StopLimits
 from uuv.controllers.planning.trajectories import BEND, Progress, SpeedLaw, progress_along
 from uuv.controllers.tasks.approach_limits import ApproachLimits
 from uuv.controllers.tasks.arrival import Since
-from uuv.controllers.tasks.phase import ZERO, Abort, Context, Held, Outcome, Phase, PhaseEvent, Setpoint, towards, way_back
+from uuv.controllers.tasks.phase import (
+    ZERO,
+    Abort,
+    Context,
+    Held,
+    Outcome,
+    Phase,
+    PhaseEvent,
+    Setpoint,
+    towards,
+    way_back,
+)
 from uuv.controllers.tasks.stops import Stops
 from uuv.sim.interfaces.messages import AbortCode, StateEstimate
 from uuv.sim.interfaces.spatial import Array

@@ -20,7 +20,19 @@ from uuv.controllers.planning.hull_placement import PathStanding, StandingLimits
 from uuv.controllers.planning.placement import PlacementSearch
 from uuv.controllers.planning.work_vehicle import WorkVehicle
 from uuv.controllers.tasks.arrival import ArrivalLimits, WorkSite, around, arrival
-from uuv.controllers.tasks.axial_phases import PARK, WITHDRAW, AxialApproach, AxialContact, AxialLimits, AxialPhase, Push, Stay, Withdraw, axial_end, axial_monitors
+from uuv.controllers.tasks.axial_phases import (
+    PARK,
+    WITHDRAW,
+    AxialApproach,
+    AxialContact,
+    AxialLimits,
+    AxialPhase,
+    Push,
+    Stay,
+    Withdraw,
+    axial_end,
+    axial_monitors,
+)
 from uuv.controllers.tasks.phase import Abort, Context, Held, Outcome, PhaseEvent
 from uuv.controllers.tasks.task import TaskPlanner, TaskRow, TaskState, at_once
 from uuv.models.objects.manifold import Hole

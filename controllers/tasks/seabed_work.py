@@ -5,10 +5,10 @@ settle (-> settle, nearer) -> scan -> close-in -> tare -> approach -> insert (->
 
 The hull pose is chosen by `uuv.controllers.planning.seabed_height`.
 
-A core enters by the damping law of `uuv.controllers.tasks.axial_phases` until the soil bears nearly the set push. Then the
-force loop closes, and the tool stays for some time under that push. A dragged tool descends to its depth, slower as the
-soil resists, and then follows the path at that depth. The controller estimates the soil's force from the joint torques
-and feeds its push forward to the thrusters.
+A core enters by the damping law of `uuv.controllers.tasks.axial_phases` until the soil bears nearly the set push. Then
+the force loop closes, and the tool stays for some time under that push. A dragged tool descends to its depth, slower as
+the soil resists, and then follows the path at that depth. The controller estimates the soil's force from the joint
+torques and feeds its push forward to the thrusters.
 """
 
 import math
@@ -24,7 +24,19 @@ from uuv.controllers.planning.seabed_height import HeightSearch, choose_height
 from uuv.controllers.planning.trajectories import Progress
 from uuv.controllers.planning.work_vehicle import WorkVehicle
 from uuv.controllers.tasks.arrival import ArrivalLimits, ScanLimits, WorkSite, arrival
-from uuv.controllers.tasks.axial_phases import PARK, WITHDRAW, AxialApproach, AxialContact, AxialLimits, AxialPhase, Push, Stay, Withdraw, axial_end, axial_monitors
+from uuv.controllers.tasks.axial_phases import (
+    PARK,
+    WITHDRAW,
+    AxialApproach,
+    AxialContact,
+    AxialLimits,
+    AxialPhase,
+    Push,
+    Stay,
+    Withdraw,
+    axial_end,
+    axial_monitors,
+)
 from uuv.controllers.tasks.contact_phases import FollowState, Press, PressLimits
 from uuv.controllers.tasks.phase import Abort, Context, Held, Outcome, PhaseEvent, Setpoint
 from uuv.controllers.tasks.task import TaskPlanner, TaskRow, at_once

@@ -19,9 +19,32 @@ from uuv.controllers.planning.placement import PlacementSearch
 from uuv.controllers.planning.promise import PromiseLimits
 from uuv.controllers.planning.work_vehicle import WorkVehicle
 from uuv.controllers.tasks.arrival import ArrivalLimits, CertainPlace, TareSensors, WorkSite, around, arrival
-from uuv.controllers.tasks.contact_phases import ApproachLimits, FollowLimits, FollowPath, GuardedApproach, NextStretch, Press, PressLimits, Retreat, Unload
+from uuv.controllers.tasks.contact_phases import (
+    ApproachLimits,
+    FollowLimits,
+    FollowPath,
+    GuardedApproach,
+    NextStretch,
+    Press,
+    PressLimits,
+    Retreat,
+    Unload,
+)
 from uuv.controllers.tasks.hull_phases import Escape, EscapeLimits, Halt, HoldAway, PullBack
-from uuv.controllers.tasks.monitors import BEFORE_CONTACT, IN_CONTACT, LEAVING, Monitor, Reaction, adrift, contact_force, fault_monitors, normal_force, object_moves, too_much_force, uncertain_force
+from uuv.controllers.tasks.monitors import (
+    BEFORE_CONTACT,
+    IN_CONTACT,
+    LEAVING,
+    Monitor,
+    Reaction,
+    adrift,
+    contact_force,
+    fault_monitors,
+    normal_force,
+    object_moves,
+    too_much_force,
+    uncertain_force,
+)
 from uuv.controllers.tasks.phase import Context, Held, Hold, HoldTool, PhaseEvent
 from uuv.controllers.tasks.task import TaskPlanner, TaskRow
 from uuv.models.objects.targets import TargetModel

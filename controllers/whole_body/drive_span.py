@@ -8,11 +8,25 @@ import numpy as np
 from uuv.controllers.arm.compliance import LateralCompliance
 from uuv.controllers.arm.kernel_force_law import KernelForceLaw
 from uuv.controllers.arm.position_force import ForceDisplacement, ForceDisplacementState
-from uuv.controllers.whole_body.drive_tick import BEGAN, BROKEN, FINE, NORMAL, NUMBERS, SERVO_COMPLIANCE, SOFTNESS, SUSPECT, TICK, TOOL_TICK, DriveGains, DriveRecord, ReferenceRecord
 from uuv.controllers.estimation.tip_force_estimator import TorqueSensors
 from uuv.controllers.safety.safety_wrapper import SafetyWrapper, SafetyWrapperState
-from uuv.controllers.whole_body.tool_control import FromEstimate
 from uuv.controllers.tuning import SAFETY
+from uuv.controllers.whole_body.drive_tick import (
+    BEGAN,
+    BROKEN,
+    FINE,
+    NORMAL,
+    NUMBERS,
+    SERVO_COMPLIANCE,
+    SOFTNESS,
+    SUSPECT,
+    TICK,
+    TOOL_TICK,
+    DriveGains,
+    DriveRecord,
+    ReferenceRecord,
+)
+from uuv.controllers.whole_body.tool_control import FromEstimate
 from uuv.controllers.whole_body.work_controller import WorkController, WorkControllerState
 from uuv.sim.interfaces.messages import Command, ContactEstimate, FaultKind, Reference, StateEstimate
 from uuv.sim.interfaces.protocols import Controller

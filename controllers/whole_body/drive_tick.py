@@ -9,11 +9,29 @@ from typing import NamedTuple
 import numpy as np
 
 from uuv.controllers.arm.inverse_dynamics import ArmParameters
-from uuv.controllers.arm.joint_servo import BorneLoad, Drives, FrictionTracking, JointTarget, SeenArm, SoftAxis, ToolTarget, servo_joints, track_gear_friction
+from uuv.controllers.arm.joint_servo import (
+    BorneLoad,
+    Drives,
+    FrictionTracking,
+    JointTarget,
+    SeenArm,
+    SoftAxis,
+    ToolTarget,
+    servo_joints,
+    track_gear_friction,
+)
 from uuv.controllers.arm.kernel_force_law import displace_by
 from uuv.controllers.arm.position_force import ForceLoopGains, displace, let_go
 from uuv.controllers.arm.tool_motion import ToolMotion, ToolTracking, hold_joints, track_tool
-from uuv.controllers.estimation.tip_force_estimator import ArmReadings, SensedArm, SenseTiming, Tare, TorqueErrors, add_to_tare, estimate_tip_force
+from uuv.controllers.estimation.tip_force_estimator import (
+    ArmReadings,
+    SensedArm,
+    SenseTiming,
+    Tare,
+    TorqueErrors,
+    add_to_tare,
+    estimate_tip_force,
+)
 from uuv.controllers.safety.fault_detection import finite
 from uuv.controllers.safety.joint_residuals import JointResidualModel, JointResiduals, update_residuals
 from uuv.sim.interfaces.kernels import kernel

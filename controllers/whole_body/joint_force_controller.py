@@ -4,8 +4,8 @@
 
 g bears the arm's weight in still water. Kp and Kd are diagonal, from the inertia in the home posture and one bandwidth.
 The force F is set, F_e estimated from the joint torques. Inverse kinematics, force estimate and
-station keeping are those of `uuv.controllers.whole_body.work_controller`; inverse dynamics of the motion, identified compliance and
-displacement of the tool are not used.
+station keeping are those of `uuv.controllers.whole_body.work_controller`; inverse dynamics of the motion, identified
+compliance and displacement of the tool are not used.
 """
 
 from dataclasses import dataclass
@@ -16,8 +16,8 @@ import numpy as np
 from uuv.controllers.arm.inverse_dynamics import ArmDynamics
 from uuv.controllers.estimation.tip_force_estimator import ContactState, DriveState, TorqueSensors
 from uuv.controllers.hull.hull_control import HullControl, HullControlState
-from uuv.controllers.whole_body.tool_control import ToolControl, ToolControlState
 from uuv.controllers.tuning import DRIVE_PERIOD, ArmTuning
+from uuv.controllers.whole_body.tool_control import ToolControl, ToolControlState
 from uuv.controllers.whole_body.work_controller import in_contact
 from uuv.models.vehicle import Vehicle
 from uuv.sim.interfaces.messages import Command, HullLoad, Reference, StateEstimate

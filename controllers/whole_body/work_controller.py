@@ -5,7 +5,8 @@ One step at the rate of the drives [Konoplin 2022, section 3]:
      J^T maps it to the force on the tool, without a force sensor (`uuv.controllers.estimation.tip_force_estimator`).
   2. The tool's reference is displaced by the force error and corrected by the drift of the hull; MKPS gives the joint
      angles (`uuv.controllers.whole_body.tool_control`).
-  3. The drives get the inverse dynamics of the wanted motion, with the contact force (`uuv.controllers.arm.joint_servo`).
+  3. The drives get the inverse dynamics of the wanted motion, with the contact force
+  (`uuv.controllers.arm.joint_servo`).
   4. The thrusters get the arm's wrench on the hull, beside the closed loop of station keeping
      (`uuv.controllers.hull.hull_control`).
 """
@@ -21,8 +22,14 @@ from uuv.controllers.arm.inverse_dynamics import ArmDynamics
 from uuv.controllers.arm.joint_servo import BorneLoad, JointServo, JointServoState, JointTarget, SeenArm
 from uuv.controllers.estimation.tip_force_estimator import ContactEstimator, ContactState, DriveState, TorqueSensors
 from uuv.controllers.hull.hull_control import ArmLoad, ArmWrench, Feedforward, HullControl, HullControlState
-from uuv.controllers.whole_body.tool_control import DriftCorrection, ForceLaw, SideDisplacement, ToolControl, ToolControlState
 from uuv.controllers.tuning import DRIVE_PERIOD, HULL, ArmTuning, ObserverDeviations
+from uuv.controllers.whole_body.tool_control import (
+    DriftCorrection,
+    ForceLaw,
+    SideDisplacement,
+    ToolControl,
+    ToolControlState,
+)
 from uuv.models.vehicle import Vehicle
 from uuv.sim.interfaces.messages import Command, HullLoad, Reference, StateEstimate
 from uuv.sim.interfaces.spatial import Array

@@ -13,7 +13,7 @@ ROOMS = {
     "perception": "From measurements to what is where.",
     "controllers": "From estimates and plans to commands.",
     "calib": "The arm's kinematics from touches.",
-    "scenarios": "Scenarios, tasks, perturbations, studies and the command `uuv`.",
+    "uuv": "Scenarios, tasks, perturbations, studies and the command `uuv`.",
 }
 _EQUATION = re.compile(r'<(div|span) class="arithmatex">\\[\[(](.*?)\\[\])]</\1>', flags=re.DOTALL)
 
@@ -21,7 +21,7 @@ _EQUATION = re.compile(r'<(div|span) class="arithmatex">\\[\[(](.*?)\\[\])]</\1>
 def on_files(files: Files, config: Any) -> Files:
     """Adds api/ROOM.md for each room."""
     for room, about in ROOMS.items():
-        text = f"# {room}\n\n{about}\n\n::: {room}\n"
+        text = f"# {room}\n\n{about}\n\n::: {'uuv' if room == 'uuv' else f'uuv.{room}'}\n"
         files.append(File.generated(config, f"api/{room}.md", content=text))
     return files
 

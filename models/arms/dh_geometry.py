@@ -1,8 +1,8 @@
 """Denavit-Hartenberg rows of an arm in an MJCF: read from it, disturbed as by a workshop, and written back.
 
-Rows are those of `uuv.models.arms.serial_arm`: standard ones, and Hayati's where the next axis is nearly parallel. There d
-is 0 and beta tilts the axis [Hayati 1985]. The last frame is that of the last joint (a zero row), and the tip site is
-fixed in it. Frame 0 stands on the first axis.
+Rows are those of `uuv.models.arms.serial_arm`: standard ones, and Hayati's where the next axis is nearly parallel.
+There d is 0 and beta tilts the axis [Hayati 1985]. The last frame is that of the last joint (a zero row), and the tip
+site is fixed in it. Frame 0 stands on the first axis.
 """
 
 from collections.abc import Sequence

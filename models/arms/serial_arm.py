@@ -19,7 +19,18 @@ from numpy.typing import ArrayLike
 from uuv.models.arms import kinematics
 from uuv.models.arms.kinematics import ALPHA, BETA, ROW, THETA, A, D
 from uuv.sim.interfaces.errors import ConfigurationError
-from uuv.sim.interfaces.spatial import Array, checked, checked_place, checked_pose, checked_rows, exp_so3, inverse, pose, readonly, shown
+from uuv.sim.interfaces.spatial import (
+    Array,
+    checked,
+    checked_place,
+    checked_pose,
+    checked_rows,
+    exp_so3,
+    inverse,
+    pose,
+    readonly,
+    shown,
+)
 
 NEAR_PARALLEL = np.deg2rad(5.0)  # [rad] between neighbouring axes; below this, d and theta0 of common normals run away
 _EXACTLY_PARALLEL = 1e-9  # [rad] below this the common normal is taken where it was

@@ -3,9 +3,9 @@
 import mujoco
 import numpy as np
 
-from uuv.models.naming import ARM_BASE_BODY, CAMERA_SITE, HOME_KEY, HULL_BODY, READY_KEY, TIP_SITE, TOOL_GEOM
 from uuv.models.completing.hull_box import hull_box
 from uuv.models.completing.postures import FoundPosture, PostureSearch
+from uuv.models.naming import ARM_BASE_BODY, CAMERA_SITE, HOME_KEY, HULL_BODY, READY_KEY, TIP_SITE, TOOL_GEOM
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import quat_wxyz_from_rotation
 

@@ -7,8 +7,8 @@ import numpy as np
 
 from uuv.models import hydrodynamics
 from uuv.models.files.keyframes import keyframes_kept
-from uuv.models.naming import ARM_BASE_BODY, CAMERA_SITE, HOME_KEY, HULL_BODY, TIP_SITE, TOOL_GEOM
 from uuv.models.files.parts_file import MappedThruster, PartPlace, PartsMap
+from uuv.models.naming import ARM_BASE_BODY, CAMERA_SITE, HOME_KEY, HULL_BODY, TIP_SITE, TOOL_GEOM
 from uuv.models.water import thrusters
 from uuv.sim.interfaces.errors import ConfigurationError, did_you_mean
 from uuv.sim.interfaces.spatial import Array, quat_wxyz_from_rotation, rotation_from_z

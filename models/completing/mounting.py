@@ -6,11 +6,11 @@ import mujoco
 import numpy as np
 from numpy.typing import ArrayLike
 
+from uuv.models.completing.mapping import joints_between
+from uuv.models.completing.urdf_vehicle import add_motors, spec_of_urdf
 from uuv.models.files import urdf
 from uuv.models.files.urdf import rotation_from_rpy
 from uuv.models.naming import ARM_BASE_BODY, HOME_KEY, HULL_BODY, READY_KEY, TIP_SITE
-from uuv.models.completing.mapping import joints_between
-from uuv.models.completing.urdf_vehicle import add_motors, spec_of_urdf
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import Array, checked, quat_wxyz_from_rotation, rotation_from_z, shown
 

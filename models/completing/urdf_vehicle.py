@@ -10,10 +10,10 @@ from xml.etree import ElementTree
 import mujoco
 import numpy as np
 
+from uuv.models.completing.mapping import add_motor
 from uuv.models.files import urdf
 from uuv.models.files.floating_root import with_floating_root
 from uuv.models.naming import HULL_BODY
-from uuv.models.completing.mapping import add_motor
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.files import existing_file
 from uuv.sim.interfaces.spatial import shown

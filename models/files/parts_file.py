@@ -21,8 +21,8 @@ from pathlib import Path
 from typing import Any
 
 from uuv.models.files.sidecar import thruster_of
-from uuv.models.water.thrusters import Thruster
 from uuv.models.files.yaml_files import document_of
+from uuv.models.water.thrusters import Thruster
 from uuv.sim.interfaces.errors import ConfigurationError, did_you_mean
 from uuv.sim.interfaces.files import text_of
 from uuv.sim.interfaces.spatial import Array, checked, finite_number, readonly, shown, unit_vector

@@ -32,11 +32,11 @@ import yaml
 
 from uuv.models import hydrodynamics
 from uuv.models.files.exact_mjcf import exact_xml
+from uuv.models.files.yaml_files import document_of
 from uuv.models.hydrodynamics import BodyHydrodynamics, StripDrag
 from uuv.models.water import thrusters
 from uuv.models.water.forms import CrossTerms, FadingDamping, Form, LiftDrag, MunkFactor, PlanarStrip
 from uuv.models.water.thrusters import Thruster
-from uuv.models.files.yaml_files import document_of
 from uuv.sim.interfaces.errors import ConfigurationError, did_you_mean
 from uuv.sim.interfaces.files import text_of
 from uuv.sim.interfaces.spatial import Array, shown

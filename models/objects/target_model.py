@@ -18,7 +18,18 @@ from uuv.models.meshes.mesh_files import read_mesh
 from uuv.models.meshes.surfel_files import is_cloud_file, read_surfels
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.files import existing_file
-from uuv.sim.interfaces.spatial import Array, checked, checked_pose, checked_rows, exp_so3, finite_number, pose, quat_wxyz_from_rotation, readonly, real_array
+from uuv.sim.interfaces.spatial import (
+    Array,
+    checked,
+    checked_pose,
+    checked_rows,
+    exp_so3,
+    finite_number,
+    pose,
+    quat_wxyz_from_rotation,
+    readonly,
+    real_array,
+)
 
 if TYPE_CHECKING:
     from uuv.models.meshes.cloud_mesh import CloudMesh

@@ -6,14 +6,14 @@ import mujoco
 
 from uuv import models
 from uuv.models import hydrodynamics
-from uuv.models.files import sidecar
-from uuv.models.files.urdf import is_urdf
-from uuv.models.files.mjcf_files import compiled, read_mjcf
-from uuv.models.naming import TOOL_GEOM
-from uuv.models.objects.targets import TargetModel
 from uuv.models.completing import mapping, urdf_vehicle
 from uuv.models.completing.complete import complete, forget, note
+from uuv.models.files import sidecar
+from uuv.models.files.mjcf_files import compiled, read_mjcf
 from uuv.models.files.parts_file import PartsMap, beside, read_parts
+from uuv.models.files.urdf import is_urdf
+from uuv.models.naming import TOOL_GEOM
+from uuv.models.objects.targets import TargetModel
 from uuv.models.site.seabed import Seabed
 from uuv.sim.interfaces.errors import ConfigurationError, did_you_mean
 from uuv.sim.interfaces.files import existing_file
@@ -27,8 +27,8 @@ def vehicle_spec(
 ) -> mujoco.MjSpec:
     """Vehicle by its name in `uuv.models.available()`, or from a file; the parts that can be computed are complete.
 
-    An MJCF's coefficients are in its user data, in custom elements, or in a sidecar (`uuv.models.files.sidecar`); a URDF's in a
-    sidecar.
+    An MJCF's coefficients are in its user data, in custom elements, or in a sidecar (`uuv.models.files.sidecar`); a
+    URDF's in a sidecar.
 
     Args:
         vehicle: a name, MODULE:FUNCTION, or a file, MJCF or URDF.

@@ -6,8 +6,8 @@ import mujoco
 import numpy as np
 
 from uuv.models import hydrodynamics
-from uuv.models.hydrodynamics import BodyHydrodynamics, carries, density_of, unpack
 from uuv.models.files.keyframes import keyframes_kept
+from uuv.models.hydrodynamics import BodyHydrodynamics, carries, density_of, unpack
 from uuv.models.naming import HOME_KEY, HULL_BODY, PAD_BODY, TIP_SITE, TOOL_FACE_SITE, TOOL_GEOM
 from uuv.models.tools import heads, sampler
 from uuv.models.tools.tools import Tool

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from uuv.models.hydrodynamics import BodyHydrodynamics, cylinder
 from uuv.models.files.keyframes import keyframes_kept
+from uuv.models.hydrodynamics import BodyHydrodynamics, cylinder
 from uuv.models.naming import PAD_BODY, PAD_JOINT, TIP_SITE, TOOL_FACE_SITE, TOOL_GEOM
 from uuv.models.tools.contact import ToolContact, touching
 from uuv.sim.interfaces.errors import ConfigurationError

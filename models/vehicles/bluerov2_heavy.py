@@ -8,10 +8,10 @@ the added masses, and 0.1858 kg m^2 in roll where the others have 0.189. Of the 
 hkolano/PitchPrediction). The thesis itself was not read. That its inertia is about the origin, the centre of buoyancy,
 is as the transcription has it.
 
-Thrusters: eight T200 at 16 V (`uuv.models.water.thrusters.t200`). Their positions are those of Benzon's set, and reproduce
-Wu's matrix too. The four horizontal ones stand at 45 degrees 85 mm below the origin. The four vertical ones push up in
-Benzon's set, while Wu counts thrusts 6 and 7 downwards. Neither set has the torque of the propellers, so it is zero
-here. Both sets give a slightly buoyant hull; here it is ballasted to be neutral
+Thrusters: eight T200 at 16 V (`uuv.models.water.thrusters.t200`). Their positions are those of Benzon's set, and
+reproduce Wu's matrix too. The four horizontal ones stand at 45 degrees 85 mm below the origin. The four vertical ones
+push up in Benzon's set, while Wu counts thrusts 6 and 7 downwards. Neither set has the torque of the propellers, so it
+is zero here. Both sets give a slightly buoyant hull; here it is ballasted to be neutral
 (`uuv.models.vehicles.published_hulls.ballast`).
 """
 

@@ -1,8 +1,8 @@
 """Further terms of a body's hydrodynamics, for what added mass, damping matrices and strips cannot say.
 
 Each is a frozen dataclass in the body frame, kept in `BodyHydrodynamics.forms`. It is stored as a record behind the
-body's row (`uuv.models.hydrodynamics.LAYOUT`), and the passive callback evaluates it (`uuv.sim.water.form_kernel`). A body
-without forms costs nothing.
+body's row (`uuv.models.hydrodynamics.LAYOUT`), and the passive callback evaluates it (`uuv.sim.water.form_kernel`). A
+body without forms costs nothing.
 
 The wrench of each is a function of the twist relative to the water, nu_r = (v; w) at the body origin. It is therefore
 the same in a steady current as in still water.
@@ -385,8 +385,8 @@ class LiftDrag(Form):
 class CrossTerms(Form):
     """Sum of terms -c |nu_k| nu_j or -c nu_k nu_j in components i of the wrench, as gz-sim's Hydrodynamics has them.
 
-    A positive c with i = j and |nu_k| is damping. Other terms may feed energy in: `uuv.sim.hydrodynamics.doubts` looks for
-    a motion in which they do.
+    A positive c with i = j and |nu_k| is damping. Other terms may feed energy in: `uuv.sim.hydrodynamics.doubts` looks
+    for a motion in which they do.
 
     Raises:
         ConfigurationError: an index outside 0 to 5, or too many terms.

@@ -13,8 +13,8 @@ position at that moment, which the filter keeps as a state (stochastic cloning [
 from a new key picture, with the noise of the reading z at that key, is the same operation.
 
 All that the filter remembers is one record of the type FILTER. Kernels that are called from Python take it as the array
-(1,) `memory`, the others its element `f`. Records of `uuv.sim.interfaces.records` may be given as plain tuples, which are
-faster to pass from Python.
+(1,) `memory`, the others its element `f`. Records of `uuv.sim.interfaces.records` may be given as plain tuples, which
+are faster to pass from Python.
 """
 
 import numpy as np

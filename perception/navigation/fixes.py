@@ -9,7 +9,22 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from uuv.perception.navigation.filter_kernel import ATTITUDE, DVL, FIX, HAS, HISTORY, JUMP, SHIFT, TIME, VALUE, VARIANCE, VISION, mahalanobis, replay, row_at
+from uuv.perception.navigation.filter_kernel import (
+    ATTITUDE,
+    DVL,
+    FIX,
+    HAS,
+    HISTORY,
+    JUMP,
+    SHIFT,
+    TIME,
+    VALUE,
+    VARIANCE,
+    VISION,
+    mahalanobis,
+    replay,
+    row_at,
+)
 from uuv.sim.interfaces.spatial import Array
 
 _REPEATS = 3  # equal readings in a row by which a noisy sensor is found frozen

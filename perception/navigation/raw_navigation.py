@@ -6,7 +6,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from uuv.sim.interfaces.errors import ConfigurationError
-from uuv.sim.interfaces.messages import DvlMeasurement, EncoderMeasurement, ImuMeasurement, Measurement, StateEstimate, TorqueMeasurement, VisionMeasurement
+from uuv.sim.interfaces.messages import (
+    DvlMeasurement,
+    EncoderMeasurement,
+    ImuMeasurement,
+    Measurement,
+    StateEstimate,
+    TorqueMeasurement,
+    VisionMeasurement,
+)
 from uuv.sim.interfaces.spatial import GRAVITY, Array
 
 

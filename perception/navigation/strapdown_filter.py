@@ -43,13 +43,47 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from uuv.perception.navigation.filter_kernel import AT_DVL_BIAS, AT_TRACK, AT_WANDER, ATTITUDE, DVL, FILTER, STATES, TIME, VISION, put_out, take_imu, take_sample
+from uuv.perception.navigation.filter_kernel import (
+    AT_DVL_BIAS,
+    AT_TRACK,
+    AT_WANDER,
+    ATTITUDE,
+    DVL,
+    FILTER,
+    STATES,
+    TIME,
+    VISION,
+    put_out,
+    take_imu,
+    take_sample,
+)
 from uuv.perception.navigation.fixes import Fixes, FixMonitor
 from uuv.perception.navigation.object_watch import ObjectWatch
 from uuv.perception.navigation.surface_track import SurfaceTrack, TrackMount
 from uuv.sim.interfaces.errors import ConfigurationError
-from uuv.sim.interfaces.messages import DvlMeasurement, DvlNoise, EncoderMeasurement, ImuMeasurement, ImuNoise, Measurement, StateEstimate, SurfaceMotionMeasurement, ToolAtRest, TorqueMeasurement, VisionMeasurement, VisionNoise
-from uuv.sim.interfaces.records import EstimateRecord, ImuRecord, JointRecord, estimate_record, imu_record, joint_record, state_estimate
+from uuv.sim.interfaces.messages import (
+    DvlMeasurement,
+    DvlNoise,
+    EncoderMeasurement,
+    ImuMeasurement,
+    ImuNoise,
+    Measurement,
+    StateEstimate,
+    SurfaceMotionMeasurement,
+    ToolAtRest,
+    TorqueMeasurement,
+    VisionMeasurement,
+    VisionNoise,
+)
+from uuv.sim.interfaces.records import (
+    EstimateRecord,
+    ImuRecord,
+    JointRecord,
+    estimate_record,
+    imu_record,
+    joint_record,
+    state_estimate,
+)
 from uuv.sim.interfaces.spatial import GRAVITY, Array
 
 
@@ -90,7 +124,8 @@ _DVL, _VISION = DvlNoise(white=3e-3), VisionNoise(white=2e-3)
 class Navigation:
     """Strapdown navigation filter with delayed fixes, adaptive noise and smooth output.
 
-    Implements `uuv.sim.interfaces.protocols.Estimator`. `imu`, `dvl` and `vision` apply to a sensor that states no noise.
+    Implements `uuv.sim.interfaces.protocols.Estimator`. `imu`, `dvl` and `vision` apply to a sensor that states no
+    noise.
     """
 
     period: float = 0.002  # [s]

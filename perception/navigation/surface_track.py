@@ -14,7 +14,19 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from uuv.models.arms.serial_arm import SerialArm
-from uuv.perception.navigation.filter_kernel import AT_TRACK, ATTITUDE, BEGUN, INFORMATION, ORIGIN, PLACE, READ, TRACK, compare_track, replay, row_at
+from uuv.perception.navigation.filter_kernel import (
+    AT_TRACK,
+    ATTITUDE,
+    BEGUN,
+    INFORMATION,
+    ORIGIN,
+    PLACE,
+    READ,
+    TRACK,
+    compare_track,
+    replay,
+    row_at,
+)
 from uuv.sim.interfaces.messages import SurfaceMotionMeasurement, ToolAtRest
 from uuv.sim.interfaces.spatial import Array
 

@@ -25,12 +25,28 @@ from uuv.perception.registration.pose_search import REFINED, Found, Hypothesis, 
 from uuv.perception.registration.projective_fit import polished_rows
 from uuv.perception.registration.published.paper_check import published_criterion
 from uuv.perception.registration.published.paper_icp import laid_on, paper_fit, required_error
-from uuv.perception.registration.rival_shapes import MIN_HAND, MirrorImage, best_mirror_image, is_told_again, resized_log_likelihood
+from uuv.perception.registration.rival_shapes import (
+    MIN_HAND,
+    MirrorImage,
+    best_mirror_image,
+    is_told_again,
+    resized_log_likelihood,
+)
 from uuv.perception.registration.slipping import with_slip
 from uuv.perception.registration.symmetry import resolve_symmetry
 from uuv.perception.registration_method import Method
 from uuv.sim.interfaces.errors import ConfigurationError, PerceptionError
-from uuv.sim.interfaces.spatial import Array, checked, finite_number, one_of, pose, readonly, shown, transform_points, whole_number
+from uuv.sim.interfaces.spatial import (
+    Array,
+    checked,
+    finite_number,
+    one_of,
+    pose,
+    readonly,
+    shown,
+    transform_points,
+    whole_number,
+)
 
 _FARTHEST = 1e5  # [m] largest accepted distance of an object from the sensor
 APPROACH_ERROR = 0.3  # [m] largest error of a coarse detection, unless the caller states another

@@ -60,7 +60,8 @@ _PATCHES = 9.0  # [-] model radius over the edge of a patch
 _PATCH_RAYS = 5  # rays in a patch, at least
 _PATCH_TRIM = 0.25  # [-] share of patches that may be fouled or dented
 # Limits on shares of rays and edges (0..1) and on figures in units of the noise. They lie between true poses (clean,
-# fouled, up to 66 % hidden) and poses 10 deg or 3 cm off; scripts/experiments/identification/decisions.py counts their errors.
+# fouled, up to 66 % hidden) and poses 10 deg or 3 cm off; scripts/experiments/identification/decisions.py counts their
+# errors.
 MAX_FIGURE = 1.0  # [sigma]; true poses reach 0.85
 MIN_AGREEMENT = 0.70  # [-] least share of rays on which both surfaces agree
 MAX_THROUGH = 0.12  # [-] largest share of rays on which the scan sees through the model

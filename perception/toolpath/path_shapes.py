@@ -15,7 +15,16 @@ from scipy import ndimage
 from uuv.models.meshes.ray_casting import RayScene
 from uuv.models.objects.target_model import PATH_STEP, ModelPath, TargetModel
 from uuv.sim.interfaces.errors import ConfigurationError
-from uuv.sim.interfaces.spatial import Array, checked, checked_place, exp_so3, finite_number, number, real_array, unit_vector
+from uuv.sim.interfaces.spatial import (
+    Array,
+    checked,
+    checked_place,
+    exp_so3,
+    finite_number,
+    number,
+    real_array,
+    unit_vector,
+)
 
 _GRAZING = np.cos(np.deg2rad(70.0))  # least cosine between a ray and the normal, for a well-conditioned projection
 _STEEPEST = 4.0  # [m]/[m] between neighbours on the surface and on the curve; more is a fall off an edge

@@ -17,7 +17,20 @@ from uuv.sim.evaluation.force_levels import contact_figures, tangential, unjudge
 from uuv.sim.evaluation.mesh_surface import Surface, closest_on_curve
 from uuv.sim.evaluation.run_metrics import EveryRun, RunMetrics, StartMetrics, Timings, run_schema
 from uuv.sim.evaluation.schemas import unmeasured
-from uuv.sim.evaluation.surface_metrics import ForceEstimateMetrics, GapMetrics, HullMetrics, IdentificationMetrics, JointMetrics, MotionMetrics, PathMetrics, SpeedMetrics, SurfaceMetrics, ThrusterMetrics, ToolMetrics, UncertaintyMetrics
+from uuv.sim.evaluation.surface_metrics import (
+    ForceEstimateMetrics,
+    GapMetrics,
+    HullMetrics,
+    IdentificationMetrics,
+    JointMetrics,
+    MotionMetrics,
+    PathMetrics,
+    SpeedMetrics,
+    SurfaceMetrics,
+    ThrusterMetrics,
+    ToolMetrics,
+    UncertaintyMetrics,
+)
 from uuv.sim.evaluation.tool_speed import STANDSTILL, speed_figures
 from uuv.sim.interfaces.messages import AbortCode, WorkState
 from uuv.sim.interfaces.spatial import Array, checked, inverse

@@ -52,7 +52,9 @@ class AbortCode(StrEnum):
     NO_CLEAR_WAY = "no clear way"  # hull or arm would come too near to the object or the seabed
     HULL_NOT_AT_REST = "hull not at rest"  # within its time
     HULL_LATE = "hull late"  # it lags behind its move
-    HULL_ADRIFT = "hull adrift"  # it is further off its place than `lost_place` of the limits in `uuv.controllers.tasks`
+    HULL_ADRIFT = (
+        "hull adrift"  # it is further off its place than `lost_place` of the limits in `uuv.controllers.tasks`
+    )
     NO_CONTACT = "no contact"  # there is no surface where one is expected
     OBSTACLE = "obstacle"  # contact where none is expected
     GIVES_WAY = "surface gives way"  # the tool follows it farther than any work allows for

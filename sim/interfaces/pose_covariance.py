@@ -7,7 +7,20 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from uuv.sim.interfaces.errors import ConfigurationError
-from uuv.sim.interfaces.spatial import Array, checked, checked_pose, checked_rows, exp_so3, inverse, log_so3, pose, readonly, skew, transform_points, unit_vector
+from uuv.sim.interfaces.spatial import (
+    Array,
+    checked,
+    checked_pose,
+    checked_rows,
+    exp_so3,
+    inverse,
+    log_so3,
+    pose,
+    readonly,
+    skew,
+    transform_points,
+    unit_vector,
+)
 
 _RESISTED = 0.02  # [-] share of a free twist in a motion, below which the motion counts as resisted
 _CHI_95 = 2.7955  # [-] radius of the ball that holds 95 % of a standard normal in three dimensions

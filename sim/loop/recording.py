@@ -1,7 +1,7 @@
 """Recording of a run: time series filled by the step loop, read by metrics and reports afterwards.
 
-`Recorder` observes `uuv.sim.loop.rollout` and costs a few microseconds a step; `Recording` is its frozen result. Times are
-in s from the start of the run. All other quantities are in SI units and W unless a name says otherwise.
+`Recorder` observes `uuv.sim.loop.rollout` and costs a few microseconds a step; `Recording` is its frozen result. Times
+are in s from the start of the run. All other quantities are in SI units and W unless a name says otherwise.
 """
 
 import hashlib

@@ -13,7 +13,16 @@ from typing import Any, Protocol
 import numpy as np
 
 from uuv.sim.interfaces.errors import ConfigurationError
-from uuv.sim.interfaces.messages import Command, Look, Measurement, ObjectMotion, Reference, StateEstimate, Target, WorkState
+from uuv.sim.interfaces.messages import (
+    Command,
+    Look,
+    Measurement,
+    ObjectMotion,
+    Reference,
+    StateEstimate,
+    Target,
+    WorkState,
+)
 from uuv.sim.interfaces.protocols import Controller, Estimator, Planner, Sensor, TargetFinder, TargetFollower
 
 LOOK_PERIOD = 0.1  # [s] between depth frames or sonar scans, while they are requested

@@ -9,7 +9,15 @@ from numpy.typing import ArrayLike
 
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.messages import Command
-from uuv.sim.interfaces.spatial import Array, checked, exp_so3, finite_number, log_so3, quat_wxyz_from_rotation, rotation_from_quat_wxyz
+from uuv.sim.interfaces.spatial import (
+    Array,
+    checked,
+    exp_so3,
+    finite_number,
+    log_so3,
+    quat_wxyz_from_rotation,
+    rotation_from_quat_wxyz,
+)
 from uuv.sim.plant.onset import Onset
 from uuv.sim.plant.plant import Plant, Truth
 

@@ -183,7 +183,8 @@ class Plant:
 
         Raises:
             ConfigurationError: An argument is invalid, or the model has no vehicle (`uuv.models.vehicle`).
-            HydrodynamicsError: `uuv.sim.hydrodynamics.check` refuses the model, its contact weights are those of the dry
+            HydrodynamicsError: `uuv.sim.hydrodynamics.check` refuses the model, its contact weights are those of the
+            dry
                 mass, or the wrench cannot be measured.
         """
         _check(model, substeps)

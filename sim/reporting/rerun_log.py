@@ -24,7 +24,17 @@ from uuv.sim.interfaces.pose_covariance import PoseCovariance
 from uuv.sim.interfaces.spatial import Array, inverse, pose, quat_wxyz_from_rotation, transform_points
 from uuv.sim.loop.rollout import Moment, ticks_per_period
 from uuv.sim.reporting.rerun_rows import PoseRows, SeriesRows
-from uuv.sim.reporting.rerun_scene import LIFT, LINES, SKY, STATE_COLORS, YELLOW, blueprint, describe_series, draw, middle_of
+from uuv.sim.reporting.rerun_scene import (
+    LIFT,
+    LINES,
+    SKY,
+    STATE_COLORS,
+    YELLOW,
+    blueprint,
+    describe_series,
+    draw,
+    middle_of,
+)
 from uuv.sim.reporting.rerun_stream import LogStream
 
 _ENLARGED = 20.0  # [-] scale at which a few millimetres show beside an object of half a metre

@@ -103,7 +103,8 @@ class PastRun:
         """Content of metrics.json.
 
         Raises:
-            ConfigurationError: It cannot be read, or lacks what every run has (`uuv.sim.evaluation.run_metrics.EveryRun`).
+            ConfigurationError: It cannot be read, or lacks what every run has
+            (`uuv.sim.evaluation.run_metrics.EveryRun`).
         """
         file = self.folder / METRICS
         content = json_of(file, "metrics")

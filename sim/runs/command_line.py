@@ -15,7 +15,6 @@ import sysconfig
 import traceback
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
-from importlib.util import find_spec
 from pathlib import Path
 from types import FrameType, TracebackType
 from typing import Any, ClassVar, NoReturn, TypeVar, cast
@@ -25,7 +24,7 @@ from uuv.sim.interfaces.extras import missing
 from uuv.sim.runs.process import BAD_INPUT, keep_children_from_the_working_folder, quiet_pipe, reader_is_gone
 from uuv.sim.runs.run_folder import give_back, new_folder
 
-ROOMS = ("models", "sim", "perception", "controllers", "calib")
+ROOMS = ("models", "sim", "perception", "controllers", "calib")  # packages of `uuv`, folders of a checkout
 INTERNAL = 70  # exit code of an error of the program: EX_SOFTWARE of BSD's sysexits
 TRACEBACK = "--traceback"  # option of every script: print the traceback of such an error; or UUV_TRACEBACK=1
 OF_UUV_RUN = QUIET, JSON, SET, TASK = "--quiet", "--json", "--set", "--task"  # what it takes beside a job's options
@@ -116,15 +115,6 @@ def interrupt(number: int, _frame: FrameType | None = None) -> NoReturn:
     raise Interrupted(number)
 
 
-def check() -> None:
-    """Exit with one line if a module from elsewhere shadows one of the project's packages on the path."""
-    for room in ROOMS:
-        found = find_spec(room)
-        origin = Path(found.origin or "") if found else Path()
-        if origin.resolve().parent != _HOME / room:
-            raise _refusal(f"{origin} hides the room {_HOME / room}; rename it or take it off PYTHONPATH")
-
-
 def parse(kind: type[Options], args: Sequence[str] | None = None) -> Options:
     """Parse `args` (default: the command line) into a `kind` with tyro; a mistake ends in one line and exit code 2.
 
@@ -170,7 +160,6 @@ def run_scenario(main: Callable[[], int | None]) -> NoReturn:
     UuvError, or an optional package that is not installed: 2. Any other error: 70, with its place; 2 if it was raised
     in a user's own module. SIGINT 130, SIGTERM 143. A closed pipe ends it quietly, 141.
     """
-    check()
     keep_children_from_the_working_folder()
     with quiet_pipe():
         _exit(main)
@@ -215,7 +204,8 @@ def _blame(error: Exception) -> tuple[str, int]:
     """Message and exit code of an unexpected error: raised in a user's own module, else in the program."""
     said = f"{type(error).__name__}: {' '.join(str(error).split())[:300]}"
     places = list(_places(error.__traceback__))
-    ours = [place for place in places if any(place[2].is_relative_to(_HOME / room) for room in (*ROOMS, "scripts"))]
+    folders = [_HOME / name for name in ("uuv", *ROOMS, "scripts")]
+    ours = [place for place in places if any(place[2].is_relative_to(folder) for folder in folders)]
     of_user = [place for place in places if place not in ours and not is_installed(place[2])]
     if of_user:
         frame, line, file = of_user[-1]

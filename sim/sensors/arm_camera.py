@@ -2,9 +2,9 @@
 
 It reports how it has moved over the object since a key picture. Every picture casts a coarse grid of rays on the world.
 What they hit predicts the normal equations that a direct alignment of intensity and depth would have
-(`uuv.perception.navigation.surface_alignment`): texture gives motion across the view, shape along the surface's normals.
-Their inverse, with the factors of an error model fitted to rendered pairs (`ErrorModel`), is the covariance of the
-error that is drawn, and of the message. A direction that the view does not observe has no information: along the
+(`uuv.perception.navigation.surface_alignment`): texture gives motion across the view, shape along the surface's
+normals. Their inverse, with the factors of an error model fitted to rendered pairs (`ErrorModel`), is the covariance of
+the error that is drawn, and of the message. A direction that the view does not observe has no information: along the
 generator of a plain barrel.
 """
 

@@ -8,7 +8,17 @@ import numpy as np
 
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.kernels import kernel
-from uuv.sim.interfaces.messages import DvlMeasurement, DvlNoise, EncoderMeasurement, ImuMeasurement, ImuNoise, PressureMeasurement, TorqueMeasurement, VisionMeasurement, VisionNoise
+from uuv.sim.interfaces.messages import (
+    DvlMeasurement,
+    DvlNoise,
+    EncoderMeasurement,
+    ImuMeasurement,
+    ImuNoise,
+    PressureMeasurement,
+    TorqueMeasurement,
+    VisionMeasurement,
+    VisionNoise,
+)
 from uuv.sim.interfaces.spatial import GRAVITY, Array, checked, number
 from uuv.sim.plant.plant import Truth
 

@@ -12,28 +12,28 @@ from pathlib import Path
 import numpy as np
 
 from bands import Figures, numbers_of
-from uuv.calib import identify as calibrate
-from uuv.calib.simulation import HAND_NOISE
-from uuv.calib.verdicts.verification import kabsch
-from uuv.controllers.mkps import Chain, solve
-from uuv.models.arms import published_arms
-from uuv.perception import identify
-from uuv.arm_identification.calibration_input import nominal, simulated
-from uuv.assembly import assemble
 from experiments.contact.force_steps import figures as figures_of_step
 from experiments.contact.force_steps import steps_up
 from experiments.vehicles.pushed_hover import POSTURES, flow
-from uuv.clouds.object_scenes import object_scene
-from uuv.jobs import InsertionOptions, InspectionOptions, ObjectOptions, PileOptions, SeabedOptions, barrel
 from experiments.vehicles.pushing import PushCase as Push
 from experiments.vehicles.pushing import run as push
+from uuv.arm_identification.calibration_input import nominal, simulated
+from uuv.assembly import assemble
+from uuv.calib import identify as calibrate
+from uuv.calib.simulation import HAND_NOISE
+from uuv.calib.verdicts.verification import kabsch
+from uuv.clouds.object_scenes import object_scene
+from uuv.controllers.mkps import Chain, solve
+from uuv.experiment.local_processes import run_all
+from uuv.jobs import InsertionOptions, InspectionOptions, ObjectOptions, PileOptions, SeabedOptions, barrel
+from uuv.models.arms import published_arms
+from uuv.perception import identify
 from uuv.runner import Run, run
 from uuv.scenario import Scenario
-from uuv.experiment.local_processes import run_all
-from uuv.tasks.surface_work import SurfaceWorkTask
 from uuv.sim.evaluation.metrics import Assessment
 from uuv.sim.interfaces.messages import WorkState
 from uuv.sim.interfaces.spatial import spread_directions, transform_points
+from uuv.tasks.surface_work import SurfaceWorkTask
 
 __all__ = ["CASES", "run_all"]
 

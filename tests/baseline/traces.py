@@ -20,8 +20,8 @@ import numba
 import numpy as np
 import pytest
 
-from uuv import models
 from cases import barrel_longitudinal_run
+from uuv import models
 from uuv.sim import hydrodynamics
 from uuv.sim.interfaces.spatial import Array
 

@@ -29,7 +29,7 @@ from typing import Any, NamedTuple
 import mujoco
 import numpy as np
 
-from uuv import models
+from uuv import models, scenario_file
 from uuv.calib import Arm, MapFit
 from uuv.calib import identify as calibrate
 from uuv.calib.arm_files import read_arm
@@ -47,7 +47,6 @@ from uuv.perception.clouds.point_files import read_targets
 from uuv.perception.clouds.scan import Scan, SensorModel
 from uuv.perception.seabed.terrain_path import plan_seabed_work
 from uuv.perception.toolpath.path_shapes import circle, laid_on, line, raster
-from uuv import scenario_file
 from uuv.sim.interfaces.errors import LONGEST as LONGEST_MESSAGE
 from uuv.sim.interfaces.errors import UuvError
 from uuv.sim.runs import command_line as startup

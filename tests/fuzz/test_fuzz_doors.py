@@ -19,6 +19,7 @@ import numpy as np
 import pytest
 from fuzz_doors import DOORS, VALID, Door, FindingError, Hostile, attempt
 
+from untyped import untyped
 from uuv.calib import Arm, MapFit
 from uuv.calib import identify as calibrate
 from uuv.controllers.mkps import Chain, IkOptions, solve
@@ -27,7 +28,6 @@ from uuv.models.objects import targets
 from uuv.models.objects.targets import TargetModel
 from uuv.perception.toolpath.path_shapes import line, raster
 from uuv.sim.interfaces.errors import LONGEST, ConfigurationError, UuvError
-from untyped import untyped
 
 INPUTS = int(os.environ.get("UUV_FUZZ", "12"))
 _ASKED = os.environ.get("UUV_FUZZ_SEED", "0")

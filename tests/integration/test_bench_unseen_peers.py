@@ -15,7 +15,9 @@ from uuv.sim.interfaces.spatial import exp_so3, inverse, pose, rotation_from_z, 
 @pytest.mark.long
 def test_two_scenes_with_the_peers_that_are_installed(script, tmp_path: Path):
     quick = ("icp", "small_gicp", "fpfh")
-    run = script("experiments.identification.unseen.unseen_peers", "--runs", 2, "--seed", 7, "--out", tmp_path, "--peers", *quick)
+    run = script(
+        "experiments.identification.unseen.unseen_peers", "--runs", 2, "--seed", 7, "--out", tmp_path, "--peers", *quick
+    )
     assert run.returncode == 0, run.stderr
     there = [name for name in quick if not PEERS[name].missing]
     for name in set(quick) - set(there):

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from uuv.models.objects.block import over_edge
 from uuv.jobs import BarrelOptions
+from uuv.models.objects.block import over_edge
 from uuv.runner import run
 from uuv.scenario_file import with_values
 from uuv.sim.interfaces.messages import WorkState

@@ -16,8 +16,8 @@ def scripts(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.usefixtures("scripts")
 def test_a_frozen_torque_sensor_is_ridden_through_and_a_lost_thruster_ends_in_a_retreat():
 
-    from uuv import barrel
     from experiments.faults.fault_cases import Trace, run_branched
+    from uuv import barrel
 
     scenario = barrel(seed=0, forces=(90.0,), quick=True, sensor="survey")
     traces: dict[str, Trace] = {}
@@ -48,8 +48,8 @@ def test_a_frozen_torque_sensor_is_ridden_through_and_a_lost_thruster_ends_in_a_
 @pytest.mark.usefixtures("scripts")
 def test_without_an_estimate_the_hull_leaves_and_does_not_come_back():
     """With the thrusters merely stopped the current holds the tool on the object, here for 2.4 s."""
-    from uuv import barrel
     from experiments.faults.fault_cases import Trace, run_branched
+    from uuv import barrel
 
     traces: list[Trace] = []
     scenario = barrel(path="transverse", seed=0, forces=(90.0,), quick=True)

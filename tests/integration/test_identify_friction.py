@@ -5,9 +5,9 @@ import json
 import jsonschema
 import pytest
 
-from uuv.tasks.gear_identification import FrictionBounds
 from uuv.sim import hydrodynamics
 from uuv.sim.evaluation.friction_metrics import schema
+from uuv.tasks.gear_identification import FrictionBounds
 
 BOUNDS = FrictionBounds()
 

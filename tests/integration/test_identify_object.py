@@ -5,8 +5,8 @@ import json
 import numpy as np
 import pytest
 
-from uuv.models.objects import targets
 from uuv.clouds.object_scenes import object_scene
+from uuv.models.objects import targets
 
 
 @pytest.fixture(scope="module")

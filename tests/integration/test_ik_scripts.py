@@ -50,7 +50,10 @@ def test_the_benchmark_writes_its_tables(script, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("name", "options", "culprit"),
-    [("experiments.kinematics.ik", ("--arms", "puma"), "'puma'"), ("experiments.papers.track_singularity", ("--speed", "0"), "--speed")],
+    [
+        ("experiments.kinematics.ik", ("--arms", "puma"), "'puma'"),
+        ("experiments.papers.track_singularity", ("--speed", "0"), "--speed"),
+    ],
 )
 def test_bad_input_ends_in_one_line(script, name: str, options: tuple[str, ...], culprit: str) -> None:
     done = script(name, *options)

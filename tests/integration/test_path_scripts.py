@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 
 import clean_object
+from experiments.toolpath import path_deviation as paths
+from surface_distance import signed_distance
+from uuv.jobs import barrel as barrel_scenario
 from uuv.models.meshes.closed_shells import sphere
 from uuv.models.meshes.ply_files import write_ply
 from uuv.models.objects.targets import TargetModel, barrel, rock
-from uuv.jobs import barrel as barrel_scenario
 from uuv.own_vehicle import OwnVehicle, vehicle_spec
-from experiments.toolpath import path_deviation as paths
 from uuv.scenario import Scenario
-from uuv.tasks.surface_work import PlacedSurfaceWork, SurfaceWorkTask
 from uuv.sim.interfaces.errors import ConfigurationError
-from surface_distance import signed_distance
+from uuv.tasks.surface_work import PlacedSurfaceWork, SurfaceWorkTask
 
 
 def test_true_surface_of_a_ball(within):

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from uuv.models.site.seabed import seabed
 from uuv.experiment import read_rows
+from uuv.models.site.seabed import seabed
 
 
 @pytest.fixture

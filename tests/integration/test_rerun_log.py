@@ -18,7 +18,17 @@ from uuv import models
 from uuv.models.objects.targets import barrel
 from uuv.sim.evaluation.metrics import Bounds
 from uuv.sim.interfaces.errors import ConfigurationError
-from uuv.sim.interfaces.messages import Command, ContactEstimate, DepthImage, HullLoad, Reference, StateEstimate, Target, ToolPath, WorkState
+from uuv.sim.interfaces.messages import (
+    Command,
+    ContactEstimate,
+    DepthImage,
+    HullLoad,
+    Reference,
+    StateEstimate,
+    Target,
+    ToolPath,
+    WorkState,
+)
 from uuv.sim.interfaces.pose_covariance import PoseCovariance
 from uuv.sim.interfaces.spatial import pose, transform_points
 from uuv.sim.loop.rollout import Moment

@@ -7,11 +7,11 @@ import jsonschema
 import numpy as np
 import pytest
 
+from untyped import untyped
 from uuv.perception.seabed.seabed_finder import SeabedFinder
 from uuv.sim import hydrodynamics
 from uuv.sim.evaluation.seabed_metrics import SeabedBounds, schema
 from uuv.sim.interfaces.messages import GroundPlane, SonarScan, StateEstimate
-from untyped import untyped
 
 BOUNDS = SeabedBounds()
 

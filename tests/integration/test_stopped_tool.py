@@ -6,10 +6,10 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import pytest
 
-from uuv.controllers.planning.promise import StopLimits
-from uuv.perception.navigation.strapdown_filter import Navigation, NavigationState
 from uuv.assembly import assemble
+from uuv.controllers.planning.promise import StopLimits
 from uuv.jobs import barrel
+from uuv.perception.navigation.strapdown_filter import Navigation, NavigationState
 from uuv.runner import run
 from uuv.scenario import Sensing
 from uuv.sim.interfaces.errors import ConfigurationError

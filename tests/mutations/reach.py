@@ -2,8 +2,8 @@
 
 A node is (module, top-level name); a class is one node. What a statement mentions are its edges: names of its own file,
 names that it imports, attributes of modules, fixtures by their parameters, and modules named by a string
-(`uuv.models.load("uuv_puma")`, `script("clean_barrel")`, `uncompiled("uuv.calib.kernels")`). It is a guide to what is worth
-running, not a proof.
+(`uuv.models.load("uuv_puma")`, `script("clean_barrel")`, `uncompiled("uuv.calib.kernels")`). It is a guide to what is
+worth running, not a proof.
 """
 
 import ast
@@ -35,7 +35,7 @@ class Reach:
 
     def __init__(self, root: Path) -> None:
         self._modules: dict[str, _Module] = {}
-        for room in (*ROOMS, "scripts", "tests"):
+        for room in (*ROOMS, "uuv", "scripts", "tests"):
             for path in sorted((root / room).rglob("*.py")):
                 self._read(root, path)
         self._by_stem: dict[str, list[str]] = defaultdict(list)
@@ -53,7 +53,9 @@ class Reach:
     def _read(self, root: Path, path: Path) -> None:
         relative = path.relative_to(root)
         parts = relative.with_suffix("").parts
-        parts = parts[1:] if parts[0] == "scripts" else parts  # as they import one another
+        if parts[0] in ROOMS:  # as they import one another
+            parts = ("uuv", *parts)
+        parts = parts[1:] if parts[0] == "scripts" else parts
         name = ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
         module = _Module(name, str(relative), ast.parse(path.read_text()))
         for statement in module.tree.body:

@@ -5,11 +5,11 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from tests.physics.random_trees import semidefinite
 from uuv.models import hydrodynamics as water
 from uuv.models.hydrodynamics import BodyHydrodynamics
 from uuv.sim import hydrodynamics
 from uuv.sim.interfaces.spatial import Array, exp_so3, quat_wxyz_from_rotation
-from tests.physics.random_trees import semidefinite
 
 NEWER = tuple(int(x) for x in mujoco.__version__.split(".")[:2]) >= (4, 0)
 

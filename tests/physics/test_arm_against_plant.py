@@ -6,18 +6,23 @@ import mujoco
 import numpy as np
 import pytest
 
+from tests.physics.random_trees import semidefinite
 from uuv import models
 from uuv.controllers.arm.inverse_dynamics import ArmDynamics, JointMotion
 from uuv.controllers.arm.joint_servo import resolve_tool_motion
 from uuv.controllers.estimation import force_from_torques
-from uuv.controllers.estimation.tip_force_estimator import SensedArm, TorqueErrors, estimate_tip_force, unfiltered_tip_force
+from uuv.controllers.estimation.tip_force_estimator import (
+    SensedArm,
+    TorqueErrors,
+    estimate_tip_force,
+    unfiltered_tip_force,
+)
 from uuv.models import hydrodynamics as water
 from uuv.models.hydrodynamics import BodyHydrodynamics, StripDrag
 from uuv.models.vehicle import Vehicle
 from uuv.sim import hydrodynamics
 from uuv.sim.interfaces.spatial import Array, inverse, pose
 from uuv.sim.plant.reaction_wrench import wrench
-from tests.physics.random_trees import semidefinite
 
 STATES = 3
 PUSHES = ["none", "wrench", "contact"]  # on the tip: nothing, some 50 N and 50 N m, a rock that it runs into
@@ -235,7 +240,9 @@ def test_wrench_on_the_hull_moves_the_hull_alone_as_the_arm_does(vehicle_of, pus
     within("relative acceleration of the hull", worst, 2e-12)  # measured up to 2.2e-13 over 200 seeds of 6 cases
 
 
-@pytest.mark.check("wrench of the arm on the hull: measured by uuv.sim.plant.reaction_wrench", "own recursive Newton-Euler")
+@pytest.mark.check(
+    "wrench of the arm on the hull: measured by uuv.sim.plant.reaction_wrench", "own recursive Newton-Euler"
+)
 @pytest.mark.parametrize("push", PUSHES)
 def test_reaction_is_the_wrench_of_newton_and_euler(vehicle_of, push, rng, within):
     worst = 0.0

@@ -6,11 +6,11 @@ import mujoco
 import numpy as np
 import pytest
 
+from tests.physics.random_trees import semidefinite
 from uuv.models import hydrodynamics as water
 from uuv.models.hydrodynamics import BodyHydrodynamics
 from uuv.sim import hydrodynamics
 from uuv.sim.interfaces.spatial import Array
-from tests.physics.random_trees import semidefinite
 
 NEWER = tuple(int(x) for x in mujoco.__version__.split(".")[:2]) >= (4, 0)
 TIME = 0.512  # [s]

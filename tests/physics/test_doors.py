@@ -7,11 +7,11 @@ import mujoco
 import numpy as np
 import pytest
 
+from untyped import untyped
 from uuv.models import hydrodynamics as water
 from uuv.models.hydrodynamics import BodyHydrodynamics, StripDrag
 from uuv.sim import hydrodynamics
 from uuv.sim.interfaces.errors import ConfigurationError, HydrodynamicsError
-from untyped import untyped
 
 NAN = float("nan")
 LINE = {"start": np.zeros(3), "end": np.array([1.0, 0.0, 0.0]), "normal": 1.0}

@@ -1,4 +1,5 @@
-"""Forms of the water (`uuv.models.water.forms`): plain formulas at random states, power, symmetry, closed forms, doors."""
+"""Forms of the water (`uuv.models.water.forms`): plain formulas at random states, power, symmetry, closed forms,
+doors."""
 
 import re
 from dataclasses import replace
@@ -8,10 +9,12 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
+from tests.physics.random_trees import random_coefficients, random_spec, semidefinite, set_in_motion
+from untyped import untyped
 from uuv.controllers.hull.thrust_margin import ThrustMargin
-from uuv.models.files import gz_sim
-from uuv.models import load
 from uuv.models import hydrodynamics as water
+from uuv.models import load
+from uuv.models.files import gz_sim
 from uuv.models.hydrodynamics import LAYOUT, BodyHydrodynamics
 from uuv.models.vehicles import reach_alpha_5
 from uuv.models.water.forms import CrossTerms, FadingDamping, Form, LiftDrag, MunkFactor, PlanarStrip
@@ -21,8 +24,6 @@ from uuv.sim.interfaces.errors import ConfigurationError, HydrodynamicsError, Ph
 from uuv.sim.interfaces.spatial import Array, unit_vector
 from uuv.sim.plant import reaction_wrench
 from uuv.sim.water import energy
-from tests.physics.random_trees import random_coefficients, random_spec, semidefinite, set_in_motion
-from untyped import untyped
 
 X, Y, Z = np.eye(3)
 MIRROR = np.array([1.0, -1.0, 1.0, -1.0, 1.0, -1.0])  # of a six-vector in the plane y = 0

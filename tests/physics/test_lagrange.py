@@ -13,11 +13,11 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from tests.physics.random_trees import semidefinite
 from uuv.models import hydrodynamics as water
 from uuv.models.hydrodynamics import BodyHydrodynamics
 from uuv.sim import hydrodynamics
 from uuv.sim.interfaces.spatial import Array
-from tests.physics.random_trees import semidefinite
 
 DENSITY, GRAVITY, LENGTH = 1000.0, 9.81, 0.8
 MASS, INERTIA, CENTER = (4.0, 3.0), (0.3, 0.2), (0.35, 0.3)  # [kg, kg m^2 about the centre of mass, m]

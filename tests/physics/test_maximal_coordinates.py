@@ -8,10 +8,10 @@ import mujoco
 import numpy as np
 import pytest
 
+from tests.physics.random_trees import DENSITY, random_spec, set_in_motion
 from uuv.models.hydrodynamics import LAYOUT, MAX_STATIONS, BodyHydrodynamics
 from uuv.sim import hydrodynamics
 from uuv.sim.interfaces.spatial import Array, skew
-from tests.physics.random_trees import DENSITY, random_spec, set_in_motion
 
 RULES = [np.polynomial.legendre.leggauss(n) for n in range(1, MAX_STATIONS + 1)]
 

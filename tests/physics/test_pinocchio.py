@@ -10,11 +10,11 @@ import mujoco
 import numpy as np
 import pytest
 
+from tests.physics.random_trees import DENSITY, random_coefficients
 from uuv.models import hydrodynamics as water
 from uuv.models.hydrodynamics import BodyHydrodynamics
 from uuv.sim import hydrodynamics
 from uuv.sim.interfaces.spatial import Array
-from tests.physics.random_trees import DENSITY, random_coefficients
 
 pytestmark = pytest.mark.check("joint torques of a fixed-base arm of six joints", "Pinocchio")
 

@@ -4,13 +4,13 @@ import mujoco
 import numpy as np
 import pytest
 
+from tests.physics.random_trees import random_spec, semidefinite, set_in_motion
 from uuv.models import hydrodynamics as water
 from uuv.models.hydrodynamics import BodyHydrodynamics
 from uuv.sim import hydrodynamics
 from uuv.sim.interfaces.errors import ConfigurationError, HydrodynamicsError
 from uuv.sim.interfaces.spatial import Array, exp_so3
 from uuv.sim.plant.reaction_wrench import ReactionWrench, wrench
-from tests.physics.random_trees import random_spec, semidefinite, set_in_motion
 
 LINK = """
 <mujoco>

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from uuv import models
-from experiments.water import remus100 as source
 from experiments.water import remus
+from experiments.water import remus100 as source
+from uuv import models
 from uuv.models.vehicles import remus100
 from uuv.sim import hydrodynamics
 

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
-from uuv.controllers.whole_body.work_controller import WorkController
 from good_estimators import RawEstimator
 from untyped import untyped
+from uuv.controllers.whole_body.work_controller import WorkController
 
 FAIL_AT = 5  # step
 MASK = 0xA5  # over a sought pattern, so that the pattern itself is in no memory

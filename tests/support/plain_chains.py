@@ -5,9 +5,9 @@ from typing import Any
 
 import numpy as np
 
+from uncompiled import uncompiled
 from uuv.controllers.ik.chain import Chain, memory_of
 from uuv.sim.interfaces.spatial import Array, exp_so3, pose
-from uncompiled import uncompiled
 
 kernels, sweeps, parts, descent, stages = uncompiled(
     "uuv.controllers.ik.chain_kernels",

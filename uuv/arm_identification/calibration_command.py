@@ -11,21 +11,34 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from uuv.arm_identification import touch_plan
+from uuv.arm_identification.calibration_input import (
+    CalibrationCase,
+    CalibrationOutcome,
+    Loading,
+    RealEffects,
+    by_contact,
+    failed,
+    figures_of_merit,
+    from_files,
+    metrics,
+    nominal,
+    simulated,
+    solve,
+)
+from uuv.arm_identification.calibration_options import COMMAND, CalibrationOptions
+from uuv.arm_identification.touching import touching_scenario
 from uuv.calib import Calibration, report
 from uuv.calib.results import write_results
 from uuv.calib.touch_files import write_touches
-from uuv.arm_identification import touch_plan
-from uuv.arm_identification.calibration_input import CalibrationCase, CalibrationOutcome, Loading, RealEffects, by_contact, failed, figures_of_merit, from_files, metrics, nominal, simulated, solve
-from uuv.arm_identification.calibration_options import COMMAND, CalibrationOptions
-from uuv.arm_identification.touching import touching_scenario
 from uuv.jobs import site_of
 from uuv.scenario import VehicleSetup
-from uuv.site import OpenWater, Site
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import finite_number, whole_number
 from uuv.sim.runs.provenance import provenance
 from uuv.sim.runs.saving import write_json
 from uuv.sim.runs.terminal import verdict
+from uuv.site import OpenWater, Site
 
 _MOST_POINTS, _MOST_POSES = 100, 10_000
 

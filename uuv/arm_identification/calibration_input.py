@@ -12,6 +12,8 @@ import numpy as np
 from scipy.stats import f
 
 from uuv import models
+from uuv.arm_identification.calibration_options import check_arm
+from uuv.arm_identification.touching import Session, touch
 from uuv.calib.arm_files import ArmSource, read_arm
 from uuv.calib.identification import Calibration, identify
 from uuv.calib.loads import Loads
@@ -21,12 +23,10 @@ from uuv.calib.touch_files import Touches, beyond_limits, read_touches
 from uuv.calib.verdicts import verification
 from uuv.calib.verdicts.doubts import Examination, coincide, examine
 from uuv.calib.verdicts.evidence import Told
+from uuv.components.deck_calibration import DOWN, LENGTH_ERROR, farthest, touched
 from uuv.models.arms import dh_geometry, published_arms
 from uuv.models.arms.serial_arm import SerialArm
 from uuv.models.naming import ARM_BASE_BODY, TIP_SITE
-from uuv.arm_identification.calibration_options import check_arm
-from uuv.components.deck_calibration import DOWN, LENGTH_ERROR, farthest, touched
-from uuv.arm_identification.touching import Session, touch
 from uuv.scenario import Scenario
 from uuv.sim.interfaces.errors import ConfigurationError, ReachError
 from uuv.sim.interfaces.spatial import GRAVITY, Array, finite_number, readonly

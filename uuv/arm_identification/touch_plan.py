@@ -10,13 +10,13 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from uuv.arm_identification.calibration_input import LOOKING_DOWN, TOOLS, CalibrationCase, moves
 from uuv.calib import Arm, Calibration, identify
 from uuv.calib.arm_files import ArmSource
 from uuv.calib.parameters import DEFAULT_FREE
 from uuv.calib.planner import Plan, design, plan, random_merits
 from uuv.calib.simulation import Postures, touch
 from uuv.calib.touch_files import write_touch_list
-from uuv.arm_identification.calibration_input import LOOKING_DOWN, TOOLS, CalibrationCase, moves
 from uuv.components.deck_calibration import CONE, DOWN, touched
 from uuv.sim.interfaces.spatial import Array, whole_number
 from uuv.sim.runs.saving import write_json

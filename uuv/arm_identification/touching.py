@@ -7,21 +7,21 @@ from typing import Any, ClassVar
 import mujoco
 import numpy as np
 
+from uuv.assembly import assemble
 from uuv.controllers.mkps import Chain
 from uuv.controllers.tasks.touching import Nest, Touch, TouchSequence, draw_touches
 from uuv.controllers.whole_body.touch_controller import CompliantTouch
 from uuv.models.naming import CAMERA_SITE, TOOL_GEOM
 from uuv.models.tools import touch_rig
 from uuv.models.vehicle import Vehicle
-from uuv.assembly import assemble
 from uuv.own_vehicle import OwnVehicle
 from uuv.runner import run_through
 from uuv.scenario import PlacedTask, Scenario, Task, VehicleSetup
-from uuv.site import Site
 from uuv.sim.interfaces.errors import ReachError
 from uuv.sim.interfaces.spatial import Array, inverse, pose
 from uuv.sim.loop.recording import Recorder
 from uuv.sim.loop.rollout import Moment, Observer
+from uuv.site import Site
 
 MISSED = 0.03  # [m] a reading farther than this from the median of its nest missed the nest
 LONGEST_PER_TOUCH = 30.0  # [s] simulated, limit for each touch

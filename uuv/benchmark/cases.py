@@ -11,13 +11,13 @@ from typing import Any
 
 import numpy as np
 
-from uuv.controllers.planning.promise import MOST_THRUST
 from uuv.campaigns.contact_study import Ranges, RunTask, draw
+from uuv.controllers.planning.promise import MOST_THRUST
+from uuv.experiment.harness import as_json, key_of
 from uuv.jobs import BarrelOptions, InsertionOptions, ObjectOptions, PileOptions
 from uuv.perturbations.loop import MisplacedSurface
 from uuv.perturbations.pad import Pad
 from uuv.scenario import Control, Scenario
-from uuv.experiment.harness import as_json, key_of
 from uuv.sim.interfaces.spatial import whole_number
 
 VERSION = 1  # of cases, briefing and score; what changes one of them gets a new number

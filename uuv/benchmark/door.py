@@ -19,9 +19,20 @@ from collections.abc import Sequence
 from multiprocessing.connection import Connection
 from typing import Any, Self
 
-from uuv.models.vehicle import Vehicle
-from uuv.benchmark.wire import FAILED, LOADED, MEASURED, READY, START_CONTROLLER, START_ESTIMATOR, Briefing, CommandCodec, EntryError, EstimateCodec
+from uuv.benchmark.wire import (
+    FAILED,
+    LOADED,
+    MEASURED,
+    READY,
+    START_CONTROLLER,
+    START_ESTIMATOR,
+    Briefing,
+    CommandCodec,
+    EntryError,
+    EstimateCodec,
+)
 from uuv.experiment.loaded_code import told_by_another
+from uuv.models.vehicle import Vehicle
 from uuv.sim.interfaces.errors import one_line
 from uuv.sim.interfaces.messages import Command, Measurement, Reference, StateEstimate
 from uuv.sim.interfaces.spatial import finite_number

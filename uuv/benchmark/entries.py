@@ -4,9 +4,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import get_args
 
+from uuv.experiment.loaded_code import digests, file_of
 from uuv.methods import Method
 from uuv.scenario import Control
-from uuv.experiment.loaded_code import digests, file_of
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import shown
 

@@ -10,10 +10,20 @@ import sys
 from multiprocessing.connection import Connection
 from typing import Any
 
-from uuv.models.vehicle import Vehicle
-from uuv.benchmark.wire import FAILED, LOADED, MEASURED, READY, START_CONTROLLER, START_ESTIMATOR, Briefing, CommandCodec, EstimateCodec
+from uuv.benchmark.wire import (
+    FAILED,
+    LOADED,
+    MEASURED,
+    READY,
+    START_CONTROLLER,
+    START_ESTIMATOR,
+    Briefing,
+    CommandCodec,
+    EstimateCodec,
+)
 from uuv.components.contact_parts import controller, estimator
 from uuv.experiment.loaded_code import new_digests
+from uuv.models.vehicle import Vehicle
 from uuv.sim.interfaces.errors import one_line
 from uuv.sim.interfaces.messages import Reference
 

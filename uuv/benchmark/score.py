@@ -9,23 +9,23 @@ from typing import Any
 import numpy as np
 from scipy.stats import binomtest, bootstrap
 
-from uuv.controllers.safety.safety_wrapper import SafetyWrapper
-from uuv.models.hydrodynamics import SEA_WATER
 from uuv.assembly import Assembly, assemble
-from uuv.campaigns.contact_study import CRASHED, DAMAGE, DAMAGED, force_over_set
 from uuv.benchmark.cases import INSERTION, BenchmarkCase
 from uuv.benchmark.door import EntryProcess, RemoteController, RemoteEstimator
 from uuv.benchmark.entries import Entry
 from uuv.benchmark.wire import Briefing, EntryError
+from uuv.campaigns.contact_study import CRASHED, DAMAGE, DAMAGED, force_over_set
 from uuv.components.contact_parts import estimator
+from uuv.controllers.safety.safety_wrapper import SafetyWrapper
+from uuv.experiment import Row, Summary, Table
+from uuv.models.hydrodynamics import SEA_WATER
 from uuv.runner import Run, run
 from uuv.scenario import Control
-from uuv.experiment import Row, Summary, Table
-from uuv.tasks.surface_work import first_force
 from uuv.sim.evaluation.insertion_metrics import AT_THE_HOLE
 from uuv.sim.interfaces.errors import UuvError
 from uuv.sim.interfaces.messages import WorkState
 from uuv.sim.loop.rollout import Moment
+from uuv.tasks.surface_work import first_force
 
 ENTRY_SEED = 20260101  # of every briefing: a number of the case's own would tell which it is
 KEPT, MISSED, BROKEN, NOT_BEGUN, ENTRY_FAILED = "kept", "missed", "broken off", "not begun", "entry failed"

@@ -29,10 +29,10 @@ from typing import Any
 import numpy as np
 
 from uuv.campaigns.distributions import DESIGNS, Design, Distribution, drawn
+from uuv.experiment.worker import Limits
 from uuv.jobs import BarrelOptions, InsertionOptions, InspectionOptions, ObjectOptions, PileOptions, SeabedOptions
 from uuv.scenario import Scenario
 from uuv.scenario_file import KIND, as_dict, assigned, from_dict, put, read_scenario, refuse_code
-from uuv.experiment.worker import Limits
 from uuv.sim.evaluation import schema_files
 from uuv.sim.interfaces.errors import ConfigurationError, UuvError
 from uuv.sim.interfaces.files import folder_name

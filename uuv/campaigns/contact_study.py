@@ -6,10 +6,10 @@ from typing import Any, Literal, cast, get_args
 
 import numpy as np
 
-from uuv.controllers.planning.promise import StopLimits
 from uuv.assembly import assemble
-from uuv.methods import Method
+from uuv.controllers.planning.promise import StopLimits
 from uuv.jobs import barrel
+from uuv.methods import Method
 from uuv.perturbations.loop import MisplacedSurface
 from uuv.perturbations.pad import Pad
 from uuv.perturbations.sensing import WanderingVision
@@ -17,11 +17,11 @@ from uuv.perturbations.vehicle import Gears, Payload, ThrusterSpread, Water
 from uuv.runner import Run, run
 from uuv.scenario import Belief, Scenario, Sensing
 from uuv.sensors.arm_camera import ArmCameraSetup
-from uuv.tasks.surface_work import SurfaceWorkTask, first_force
 from uuv.sim.evaluation.metrics import path_error
 from uuv.sim.interfaces.errors import ConfigurationError, HydrodynamicsError, UuvError
 from uuv.sim.interfaces.messages import AbortCode, WorkState
 from uuv.sim.loop.recording import Recording
+from uuv.tasks.surface_work import SurfaceWorkTask, first_force
 
 PathName = Literal["longitudinal", "transverse"]
 PATHS: tuple[PathName, ...] = get_args(PathName)

@@ -7,7 +7,18 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from uuv.campaigns.sensitivity import FIRST, LEVEL, RESAMPLES, Factor, ReasonShift, Sensitivity, factors_of, fewest_runs, sensitivity, shifts
+from uuv.campaigns.sensitivity import (
+    FIRST,
+    LEVEL,
+    RESAMPLES,
+    Factor,
+    ReasonShift,
+    Sensitivity,
+    factors_of,
+    fewest_runs,
+    sensitivity,
+    shifts,
+)
 from uuv.experiment import Table
 from uuv.sim.interfaces.spatial import Array
 from uuv.sim.reporting.palette import BLUE, FAINT, INK, WIDTH

@@ -9,12 +9,12 @@ import numpy as np
 from uuv import first_start
 from uuv.assembly import assemble
 from uuv.campaigns.trials import Spread, Trials
+from uuv.experiment.options import PoolOptions
 from uuv.runner import assessed, rehearse, run_through
 from uuv.scenario import Scenario, Task
-from uuv.experiment.options import PoolOptions
+from uuv.sim.evaluation import insertion_metrics, seabed_metrics
 from uuv.tasks.insertion import InsertionTask
 from uuv.tasks.seabed_sampling import SeabedSamplingTask
-from uuv.sim.evaluation import insertion_metrics, seabed_metrics
 
 
 def command_trials(scenario: Scenario, trials: int, options: PoolOptions) -> int:

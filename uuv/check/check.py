@@ -8,22 +8,32 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from uuv.models import hydrodynamics as coefficients
-from uuv.models.naming import HOME_KEY, READY_KEY, parts
-from uuv.models.completing.complete import complete, computed
-from uuv.models.completing.postures import PostureSearch
-from uuv.models.tools.tools import TOOLS
-from uuv.models.vehicle import Vehicle
-from uuv.jobs import BarrelOptions
-from uuv.own_vehicle import vehicle_spec, with_tool
-from uuv.tasks.surface_work import SurfaceWorkTask
 from uuv.check import doubts
 from uuv.check.checked_jobs import ARM_JOBS, HOVERING, JOBS, check_jobs
 from uuv.check.findings import JobVerdict, Level, VehicleCheck, VehicleFigure, VehicleFinding, VehiclePart
 from uuv.check.jobs import ArmJobs, hover_verdict
-from uuv.check.statics import AXES, FASTEST, Trim, authority, seen_workspace, strongest_current, tip_force, trim_of, weight_of
+from uuv.check.statics import (
+    AXES,
+    FASTEST,
+    Trim,
+    authority,
+    seen_workspace,
+    strongest_current,
+    tip_force,
+    trim_of,
+    weight_of,
+)
+from uuv.jobs import BarrelOptions
+from uuv.models import hydrodynamics as coefficients
+from uuv.models.completing.complete import complete, computed
+from uuv.models.completing.postures import PostureSearch
+from uuv.models.naming import HOME_KEY, READY_KEY, parts
+from uuv.models.tools.tools import TOOLS
+from uuv.models.vehicle import Vehicle
+from uuv.own_vehicle import vehicle_spec, with_tool
 from uuv.sim import hydrodynamics
 from uuv.sim.interfaces.errors import HydrodynamicsError, PhysicsWarning, UuvError
+from uuv.tasks.surface_work import SurfaceWorkTask
 
 _OF_ARM = ("motor", "thruster-rank", "timestep")  # faults that leave station keeping to its simulation
 

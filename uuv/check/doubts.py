@@ -5,13 +5,13 @@ from collections.abc import Iterator
 import mujoco
 import numpy as np
 
-from uuv.models import hydrodynamics as coefficients
-from uuv.models.hydrodynamics import LAYOUT
-from uuv.models.naming import CAMERA_SITE, HOME_KEY, READY_KEY, TOOL_GEOM, find
-from uuv.models.completing.postures import PostureSearch
-from uuv.models.vehicle import Vehicle, pose_in_body
 from uuv.check.findings import VehicleFinding
 from uuv.check.statics import AXES, TipForce, Trim, authority
+from uuv.models import hydrodynamics as coefficients
+from uuv.models.completing.postures import PostureSearch
+from uuv.models.hydrodynamics import LAYOUT
+from uuv.models.naming import CAMERA_SITE, HOME_KEY, READY_KEY, TOOL_GEOM, find
+from uuv.models.vehicle import Vehicle, pose_in_body
 from uuv.sim import hydrodynamics
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.loop.rollout import ticks_per_period

@@ -12,6 +12,11 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from uuv.check.checked_jobs import ARM_JOBS, HOVERING
+from uuv.check.findings import JobVerdict
+from uuv.check.hover import HoverFigures, hover
+from uuv.check.ready_force import BEYOND, VIEW, ReadyForce, looks_by_camera, push_of
+from uuv.check.statics import tip_force
 from uuv.controllers.planning.arm_size import FULL
 from uuv.controllers.planning.placement import Placement
 from uuv.controllers.tasks.arrival import around, lifted
@@ -19,28 +24,23 @@ from uuv.controllers.tasks.hull_phases import RestLimits
 from uuv.controllers.tasks.insertion import HoleInsertion, axis_path
 from uuv.controllers.tasks.seabed_work import SeabedWork
 from uuv.controllers.tasks.surface_work import SurfaceWork
-from uuv.models.naming import lacks
 from uuv.models.completing.postures import PostureSearch
+from uuv.models.naming import lacks
 from uuv.models.vehicle import Vehicle
-from uuv.perception.seabed.terrain_path import core_path
-from uuv.perception.finding.target_finder import PATH_SPACING
-from uuv.perception.toolpath.path_planner import path_on_model
 from uuv.own_vehicle import OwnVehicle, vehicle_spec, with_tool
+from uuv.perception.finding.target_finder import PATH_SPACING
+from uuv.perception.seabed.terrain_path import core_path
+from uuv.perception.toolpath.path_planner import path_on_model
 from uuv.scenario import PlacedTask, Scenario
+from uuv.sim import hydrodynamics
+from uuv.sim.interfaces.errors import ConfigurationError, ReachError, StrongCurrentError, UuvError
+from uuv.sim.interfaces.messages import Target, ToolPath
+from uuv.sim.interfaces.spatial import Array, transform_points
 from uuv.tasks.insertion import PlacedInsertion
 from uuv.tasks.seabed_sampling import PlacedSampling, sonar_on_hull
 from uuv.tasks.start_place import check_start, folded_at
 from uuv.tasks.surface_work import PlacedSurfaceWork
 from uuv.tasks.tapping import PlacedTapping
-from uuv.check.checked_jobs import ARM_JOBS, HOVERING
-from uuv.check.findings import JobVerdict
-from uuv.check.hover import HoverFigures, hover
-from uuv.check.ready_force import BEYOND, VIEW, ReadyForce, looks_by_camera, push_of
-from uuv.check.statics import tip_force
-from uuv.sim import hydrodynamics
-from uuv.sim.interfaces.errors import ConfigurationError, ReachError, StrongCurrentError, UuvError
-from uuv.sim.interfaces.messages import Target, ToolPath
-from uuv.sim.interfaces.spatial import Array, transform_points
 
 DRIFT = 0.1  # [m] at most, of a vehicle that keeps station
 TILT = float(np.radians(10.0))  # [rad] at most

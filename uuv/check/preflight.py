@@ -1,16 +1,16 @@
 """The cheap part of a vehicle's check, before a job starts: what refuses it, and what is doubtful."""
 
-from uuv.models.completing.postures import PostureSearch
-from uuv.own_vehicle import OwnVehicle
-from uuv.scenario import Scenario
-from uuv.tasks.insertion import InsertionTask
-from uuv.tasks.seabed_sampling import SeabedSamplingTask
-from uuv.tasks.surface_work import SurfaceWorkTask
 from uuv.check import doubts
 from uuv.check.ready_force import BEYOND, VIEW, ReadyForce, looks_by_camera
 from uuv.check.statics import trim_of, weight_of
+from uuv.models.completing.postures import PostureSearch
+from uuv.own_vehicle import OwnVehicle
+from uuv.scenario import Scenario
 from uuv.sim import hydrodynamics
 from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.tasks.insertion import InsertionTask
+from uuv.tasks.seabed_sampling import SeabedSamplingTask
+from uuv.tasks.surface_work import SurfaceWorkTask
 
 
 def preflight(scenario: Scenario, own: OwnVehicle) -> list[str]:

@@ -6,13 +6,13 @@ from typing import Self
 import mujoco
 import numpy as np
 
+from uuv.check.statics import tip_force
 from uuv.controllers.hull.thrust_margin import ThrustMargin
 from uuv.models.naming import TOOL_GEOM
 from uuv.own_vehicle import OwnVehicle
 from uuv.scenario import Scenario
 from uuv.tasks.seabed_sampling import SeabedSamplingTask
 from uuv.tasks.surface_work import SurfaceWorkTask
-from uuv.check.statics import tip_force
 
 VIEW = 0.5  # share of the camera's view that may be on the vehicle itself
 BEYOND = 2.0  # times what arm or thrusters bear in `ready`, from which on no other posture is hoped for

@@ -6,8 +6,8 @@ import mujoco
 import numpy as np
 
 from uuv.controllers.arm.inverse_dynamics import ArmDynamics
-from uuv.models.naming import HOME_KEY
 from uuv.models.completing.postures import PostureSearch
+from uuv.models.naming import HOME_KEY
 from uuv.models.vehicle import Vehicle
 from uuv.models.water.thruster_curves import thrust_at
 from uuv.models.water.thrusters import curves

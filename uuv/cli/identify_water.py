@@ -19,7 +19,7 @@ def identify_water(options: WaterOptions) -> int:
         UuvError: Options, vehicle or logs are wrong.
     """
     check_inputs(options)
-    from uuv.water_identification.command import run  # imported, and compiled, after the check
     from uuv.sim.runs.terminal import console
+    from uuv.water_identification.command import run  # imported, and compiled, after the check
 
     return run(options, console())

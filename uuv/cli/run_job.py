@@ -9,8 +9,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from uuv import jobs
-from uuv.cli.carry_out import run_job
 from uuv.catalogue import JOBS
+from uuv.cli.carry_out import run_job
 from uuv.sim.interfaces.errors import ConfigurationError, did_you_mean
 from uuv.sim.runs.command_line import JSON, QUIET, SET, TASK, Options, RunOptions, parse
 from uuv.sim.runs.run_folder import claimed_folder

@@ -11,8 +11,8 @@ import mujoco
 import numpy as np
 from PIL import Image
 
-from uuv.models.vehicle import Vehicle
 from uuv.assembly import assemble
+from uuv.models.vehicle import Vehicle
 from uuv.scenario import Scenario
 from uuv.sim.interfaces.errors import ConfigurationError, one_line
 from uuv.sim.interfaces.messages import WorkState

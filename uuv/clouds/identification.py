@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from uuv.clouds.object_scenes import ObjectScene, object_scene
+from uuv.clouds.options import IdentificationOptions
 from uuv.models.objects import targets
 from uuv.models.objects.targets import TargetModel
 from uuv.perception.clouds.cloud_files import load_cloud
@@ -14,11 +16,9 @@ from uuv.perception.registration.identification import Identification, identify
 from uuv.perception.registration.pose_check import PoseCheck
 from uuv.perception.registration.pose_covariance import PoseCovariance
 from uuv.perception.registration.recognition import Recognition, model_files, recognise
-from uuv.clouds.options import IdentificationOptions
-from uuv.clouds.object_scenes import ObjectScene, object_scene
-from uuv.site import with_growth_and_dents
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import exp_so3, transform_points
+from uuv.site import with_growth_and_dents
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

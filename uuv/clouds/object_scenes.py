@@ -17,7 +17,16 @@ from uuv.perception.clouds.scan import Scan, SensorModel
 from uuv.perception.clouds.sonar_cloud import sonar_model, without_isolated_echoes
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.messages import DepthImage
-from uuv.sim.interfaces.spatial import Array, exp_so3, inverse, pose, quat_wxyz_from_rotation, readonly, rotation_from_z, transform_points
+from uuv.sim.interfaces.spatial import (
+    Array,
+    exp_so3,
+    inverse,
+    pose,
+    quat_wxyz_from_rotation,
+    readonly,
+    rotation_from_z,
+    transform_points,
+)
 from uuv.sim.sensors.depth_camera import DepthCamera, Optics, StereoNoise
 from uuv.sim.sensors.sonar import BEAMS, NOISE, Sonar, SonarBeams, SonarNoise
 

@@ -13,8 +13,8 @@ class IdentificationOptions:
     """Identify a known object in a point cloud."""
 
     object: str = "barrel"
-    """A name of uuv.models.objects.targets.available(), a mesh file (STL, PLY, OBJ, OFF, glTF), or a cloud of the surface
-    (PLY, PCD, text with x y z a line, and perhaps a normal), which is meshed."""
+    """A name of uuv.models.objects.targets.available(), a mesh file (STL, PLY, OBJ, OFF, glTF), or a cloud of the
+    surface (PLY, PCD, text with x y z a line, and perhaps a normal), which is meshed."""
     among: tuple[str, ...] = ()
     """Names, mesh or cloud files, and folders of them: which of these is it? --object is then only what the simulated
     scene shows."""

@@ -15,17 +15,17 @@ from uuv.controllers.arm.published_force_law import PublishedForceLaw, Tangentia
 from uuv.controllers.estimation.closed_form_force import ClosedFormForce
 from uuv.controllers.hull.hull_control import Term, WithoutCompensation, WithoutTerms
 from uuv.controllers.safety.safety_wrapper import SafetyWrapper
-from uuv.controllers.whole_body.tool_control import FromReference
 from uuv.controllers.tuning import DRIVE_PERIOD, ELASTIC_GEARS, ArmTuning
-from uuv.models.arms import dh_geometry
-from uuv.models.naming import ARM_BASE_BODY, HULL_BODY, TIP_SITE
-from uuv.models.completing.complete import computed
-from uuv.models.vehicle import Vehicle
-from uuv.perception.clouds.scan import SensorModel
-from uuv.perception.clouds.sonar_cloud import sonar_model
+from uuv.controllers.whole_body.tool_control import FromReference
 from uuv.kinds import CONTROLLER, CONTROLLERS, SENSORS, class_of, told
 from uuv.methods import NAVIGATION
+from uuv.models.arms import dh_geometry
+from uuv.models.completing.complete import computed
+from uuv.models.naming import ARM_BASE_BODY, HULL_BODY, TIP_SITE
+from uuv.models.vehicle import Vehicle
 from uuv.own_vehicle import OwnVehicle, vehicle_spec
+from uuv.perception.clouds.scan import SensorModel
+from uuv.perception.clouds.sonar_cloud import sonar_model
 from uuv.scenario import Belief, Control, Task, VehicleSetup
 from uuv.sim.interfaces.errors import ConfigurationError, UuvError
 from uuv.sim.interfaces.protocols import Controller, Estimator, Sensor

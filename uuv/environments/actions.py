@@ -14,9 +14,9 @@ from dm_env import specs
 
 from uuv.controllers.hull.allocation import Allocation
 from uuv.controllers.whole_body.work_controller import WorkController, WorkControllerState
+from uuv.environments.true_state import TrueState, tool_pose
 from uuv.models.water.thruster_curves import thrust_at
 from uuv.models.water.thrusters import curves
-from uuv.environments.true_state import TrueState, tool_pose
 from uuv.own_vehicle import OwnVehicle
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.messages import Command, Reference, StateEstimate, WorkState

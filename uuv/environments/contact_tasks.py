@@ -8,14 +8,14 @@ import numpy as np
 from dm_control.utils import rewards
 
 from uuv.controllers.tasks.insertion import axis_path
-from uuv.models.objects.manifold import Manifold
-from uuv.models.objects.target_model import TargetModel
 from uuv.environments.actions import Actions, ToolTwist
 from uuv.environments.entities import Sea, VehicleEntity, WorkObjectEntity, let_slide, put
 from uuv.environments.judges import DAMAGE, InsertedTo, PressedAt, SetForce, TappedAt, WipedAlong
 from uuv.environments.sensing import FARTHEST, STRONGEST
 from uuv.environments.vehicle_task import SITE_DEPTH, Random, VehicleTask, near
 from uuv.environments.work_place import WorkPlace, on_path, standing
+from uuv.models.objects.manifold import Manifold
+from uuv.models.objects.target_model import TargetModel
 from uuv.sim.evaluation.insertion_metrics import InsertionBounds, TrueHole
 from uuv.sim.evaluation.metrics import Bounds
 from uuv.sim.interfaces.spatial import Array, pose, readonly

@@ -5,8 +5,8 @@
     physics = mjcf.Physics.from_mjcf_model(sea.mjcf_model)  # or composer.Environment(task)
 
 dm_control steps its own physics. Around each of its steps the vehicle drives thrusters and joints and reads contacts by
-`uuv.sim.plant.plant.Plant` over the same MjModel and MjData, so a trajectory is that of the plant bit for bit. What a step
-leaves in MjData is of its beginning; the vehicle brings positions up to date after each step, and all the rest
+`uuv.sim.plant.plant.Plant` over the same MjModel and MjData, so a trajectory is that of the plant bit for bit. What a
+step leaves in MjData is of its beginning; the vehicle brings positions up to date after each step, and all the rest
 (sensors, cameras, velocities of bodies) after each action.
 """
 
@@ -20,14 +20,14 @@ from dm_control import composer, mjcf
 from dm_control.composer import variation
 from dm_control.rl import control
 
+from uuv.environments.mjcf_parts import MOUNT, VehicleParts, parts_of, root_of
+from uuv.environments.model_variation import ModelVariation
+from uuv.environments.sensing import ArmObservables, SensorReadings, ToolObservables, VehicleObservables
 from uuv.models import hydrodynamics as hydrodynamic_rows
 from uuv.models.files.exact_mjcf import exact_xml
 from uuv.models.naming import ARM_BASE_BODY, CAMERA_SITE, HULL_BODY, TIP_SITE, TOOL_FACE_SITE, TOOL_GEOM, PartNames
 from uuv.models.objects.target_model import TargetModel
 from uuv.models.site.sliding_contact import TARGET_BODY, friction_stiffness, friction_time
-from uuv.environments.mjcf_parts import MOUNT, VehicleParts, parts_of, root_of
-from uuv.environments.model_variation import ModelVariation
-from uuv.environments.sensing import ArmObservables, SensorReadings, ToolObservables, VehicleObservables
 from uuv.own_vehicle import OwnVehicle, vehicle_spec
 from uuv.perturbations.perturbation import Perturbation
 from uuv.sim import hydrodynamics

@@ -9,9 +9,9 @@ import mujoco
 from dm_control import mjcf
 from lxml import etree
 
+from uuv.models.completing.complete import COMPUTED
 from uuv.models.files.exact_mjcf import exact_xml
 from uuv.models.naming import ARM_BASE_BODY, HULL_BODY, PAD_BODY, TIP_SITE
-from uuv.models.completing.complete import COMPUTED
 from uuv.sim.interfaces.errors import ConfigurationError, one_line
 
 MOUNT = "mount"  # site of hull or arm at which the next part is attached

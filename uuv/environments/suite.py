@@ -14,21 +14,28 @@ import numpy as np
 from dm_control import composer
 from dm_control.composer.variation import distributions
 
-from uuv.models.naming import TOOL_GEOM, find
-from uuv.models.objects import targets
-from uuv.models.objects.manifold import manifold
-from uuv.environments.actions import Actions, HullWrench, JointVelocities, ThrustersAndTorques, ThrusterSpeeds, ToolTwist
+from uuv.environments.actions import (
+    Actions,
+    HullWrench,
+    JointVelocities,
+    ThrustersAndTorques,
+    ThrusterSpeeds,
+    ToolTwist,
+)
 from uuv.environments.contact_tasks import InsertSampler, PressPoint, TapPoints, WipePath, place_at_hole, place_on
 from uuv.environments.entities import Sea, VehicleEntity
 from uuv.environments.free_tasks import GoToWaypoint, HoldStation, ReachPose
 from uuv.environments.vehicle_task import VehicleTask
+from uuv.models.naming import TOOL_GEOM, find
+from uuv.models.objects import targets
+from uuv.models.objects.manifold import manifold
 from uuv.own_vehicle import OwnVehicle
 from uuv.perturbations.perturbation import Perturbation
-from uuv.tasks.surface_work import TAP_FORCE, TAPPED
 from uuv.sim.evaluation.insertion_metrics import TrueHole
 from uuv.sim.interfaces.errors import ConfigurationError, did_you_mean
 from uuv.sim.interfaces.protocols import Sensor
 from uuv.sim.interfaces.spatial import number, shown, whole_number
+from uuv.tasks.surface_work import TAP_FORCE, TAPPED
 
 FORCE = 60.0  # [N] to press and wipe with
 WIPED = 0.3  # [m] of the path to wipe

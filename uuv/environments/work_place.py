@@ -11,9 +11,9 @@ from uuv.controllers.tasks.phase import ToolLine
 from uuv.models.naming import check_parts
 from uuv.models.objects.target_model import ModelPath, TargetModel
 from uuv.models.site import scenes
+from uuv.own_vehicle import OwnVehicle
 from uuv.perception.finding.target_finder import PATH_SPACING
 from uuv.perception.toolpath.path_planner import path_on_model
-from uuv.own_vehicle import OwnVehicle
 from uuv.sim.interfaces.messages import Target, ToolPath
 from uuv.sim.interfaces.spatial import Array
 

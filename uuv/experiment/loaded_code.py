@@ -9,12 +9,10 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from uuv.sim.interfaces.files import regular
-from uuv.sim.runs.command_line import ROOMS, is_installed
+from uuv.sim.runs.command_line import is_installed
 from uuv.sim.runs.provenance import HOME
 
-PACKAGES = frozenset(
-    (*ROOMS, "scenarios", "studies", "benchmarks", "papers")
-)  # the project's, wherever it is installed
+PACKAGES = frozenset(("uuv", "experiments"))  # the project's, wherever it is installed
 
 _MOST_BYTES = 1_000_000_000  # of a file
 

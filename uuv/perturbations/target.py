@@ -6,8 +6,8 @@ import mujoco
 import numpy as np
 
 from uuv.models import hydrodynamics
-from uuv.models.hydrodynamics import BodyHydrodynamics
 from uuv.models.files.keyframes import keyframes_kept
+from uuv.models.hydrodynamics import BodyHydrodynamics
 from uuv.models.site.sliding_contact import TARGET_BODY
 from uuv.perturbations.loop import Failure
 from uuv.perturbations.perturbation import Loop, Perturbation

@@ -13,8 +13,8 @@ from uuv.sim.interfaces.spatial import Array
 from uuv.sim.sensors.view_conditions import ViewConditions
 
 if TYPE_CHECKING:
-    from uuv.perception.navigation.surface_track import TrackMount
     from uuv.own_vehicle import OwnVehicle
+    from uuv.perception.navigation.surface_track import TrackMount
 
 
 @dataclass(frozen=True, kw_only=True)

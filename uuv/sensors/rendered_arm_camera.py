@@ -14,7 +14,16 @@ import numpy as np
 from uuv.perception.navigation.surface_alignment import PictureNoise, PreparedPicture, align, prepare
 from uuv.sim.interfaces.messages import SurfaceMotionMeasurement
 from uuv.sim.interfaces.spatial import Array, exp_so3, inverse, pose
-from uuv.sim.sensors.arm_camera import LEAST_SEEN, MOST_LOST, ROTATION, ArmCamera, ViewConditions, leaves_key, silt, tool_in_view
+from uuv.sim.sensors.arm_camera import (
+    LEAST_SEEN,
+    MOST_LOST,
+    ROTATION,
+    ArmCamera,
+    ViewConditions,
+    leaves_key,
+    silt,
+    tool_in_view,
+)
 from uuv.sim.sensors.textured_view import SmallStereo, Texture, Turbidity, expose
 from uuv.sim.sensors.visible_world import Rays, VisibleWorld
 

@@ -13,8 +13,6 @@ from uuv.models.vehicle import Vehicle
 from uuv.outcome import RunResult
 from uuv.own_vehicle import OwnVehicle
 from uuv.scenario import PlacedTask, Scenario, Task
-from uuv.site import OpenWater
-from uuv.tasks.approach import object_of
 from uuv.sim.evaluation.friction_metrics import FrictionMetrics, FrictionParameter, FrictionRunMetrics, JointFriction
 from uuv.sim.evaluation.metrics import Assessment, Requirement
 from uuv.sim.interfaces.errors import ConfigurationError
@@ -22,6 +20,8 @@ from uuv.sim.interfaces.messages import WorkState
 from uuv.sim.interfaces.protocols import Sensor
 from uuv.sim.interfaces.spatial import Array, finite_number, pose
 from uuv.sim.loop.rollout import Moment
+from uuv.site import OpenWater
+from uuv.tasks.approach import object_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

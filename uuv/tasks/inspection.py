@@ -15,14 +15,14 @@ from uuv.models.site import scenes
 from uuv.outcome import Pictures, RunResult
 from uuv.own_vehicle import OwnVehicle
 from uuv.scenario import LONGEST, PlacedTask, Scenario, Task
-from uuv.site import Workpiece, coarse_detection
-from uuv.tasks.approach import object_of, scan_pose
 from uuv.sim.evaluation.inspection_metrics import InspectionBounds, TrueInspection, assess_inspection
 from uuv.sim.evaluation.metrics import Assessment
 from uuv.sim.interfaces.messages import WorkState
 from uuv.sim.interfaces.protocols import Sensor
 from uuv.sim.interfaces.spatial import Array, pose, transform_points
 from uuv.sim.loop.rollout import Observer
+from uuv.site import Workpiece, coarse_detection
+from uuv.tasks.approach import object_of, scan_pose
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -30,8 +30,8 @@ if TYPE_CHECKING:
     from uuv.controllers.tasks.inspection import Inspection, InspectionJob
     from uuv.perception.clouds.scan import SensorModel
     from uuv.perception.finding.target_finder import KnownObjectFinder
-    from uuv.tasks.surface_survey import SurfaceSurvey
     from uuv.sim.loop.recording import Recorder, Recording
+    from uuv.tasks.surface_survey import SurfaceSurvey
 
 COVERED = 0.95  # share of what can be seen that a flight which is to cover the object must see
 FAR = 5.0  # [m] largest range at which a surface point counts as seen

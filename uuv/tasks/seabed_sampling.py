@@ -12,12 +12,10 @@ from uuv.models.site import scenes
 from uuv.models.site.seabed import Seabed
 from uuv.models.site.soil import SOILS, SoilTool, box, core_tube
 from uuv.models.tools import sampler
-from uuv.perception.clouds.point_files import read_cloud, read_targets
 from uuv.outcome import Pictures, RunResult
 from uuv.own_vehicle import OwnVehicle
+from uuv.perception.clouds.point_files import read_cloud, read_targets
 from uuv.scenario import PlacedTask, Scenario, Task
-from uuv.site import ALTITUDE, Ground
-from uuv.tasks.approach import object_of
 from uuv.sim.evaluation.metrics import Assessment
 from uuv.sim.evaluation.seabed_metrics import TrueGround, assess_seabed_work
 from uuv.sim.interfaces.errors import ConfigurationError
@@ -25,6 +23,8 @@ from uuv.sim.interfaces.messages import WorkState
 from uuv.sim.interfaces.protocols import Estimator, Sensor
 from uuv.sim.interfaces.spatial import Array, exp_so3, pose, transform_points
 from uuv.sim.loop.rollout import Moment
+from uuv.site import ALTITUDE, Ground
+from uuv.tasks.approach import object_of
 
 if TYPE_CHECKING:
     from uuv.controllers.planning.seabed_height import HeightSearch

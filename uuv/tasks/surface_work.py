@@ -10,20 +10,20 @@ from uuv.controllers.planning.promise import PromiseLimits
 from uuv.controllers.planning.trajectories import FASTEST, SLOWEST
 from uuv.controllers.tasks.approach_limits import ApproachLimits
 from uuv.controllers.tasks.contact_phases import FollowLimits
+from uuv.kinds import SURVEY
 from uuv.models.objects.targets import TargetModel
 from uuv.models.site import scenes
 from uuv.models.site.sliding_contact import let_tool_slide
-from uuv.kinds import SURVEY
 from uuv.outcome import Pictures, RunResult
 from uuv.own_vehicle import OwnVehicle
 from uuv.scenario import LONGEST, PlacedTask, Scenario, Task
-from uuv.site import Workpiece, coarse_detection
-from uuv.tasks.approach import object_of, scan_pose
-from uuv.tasks.work_time import WorkTime
 from uuv.sim.evaluation.metrics import AskedWork, Assessment, Bounds, TrueObject, assess
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.protocols import Sensor
 from uuv.sim.interfaces.spatial import Array, finite_number, shown
+from uuv.site import Workpiece, coarse_detection
+from uuv.tasks.approach import object_of, scan_pose
+from uuv.tasks.work_time import WorkTime
 
 if TYPE_CHECKING:
     from uuv.controllers.tasks.surface_work import SurfaceTaskConfig

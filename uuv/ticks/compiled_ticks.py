@@ -15,10 +15,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from uuv.controllers.safety.safety_wrapper import SafetyWrapper
 from uuv.controllers.whole_body.drive_span import DriveSpan
 from uuv.controllers.whole_body.drive_tick import FINE, HULL, NO_POSE, UNSOUND, DriveRecord, ReferenceRecord, drive_tick
 from uuv.controllers.whole_body.drive_tick import NORMAL as FELT
-from uuv.controllers.safety.safety_wrapper import SafetyWrapper
 from uuv.perception.navigation.filter_kernel import put_out, take_sample
 from uuv.perception.navigation.strapdown_filter import Navigation
 from uuv.sim.interfaces.kernels import kernel

@@ -16,7 +16,6 @@ import numpy as np
 from uuv.controllers.whole_body.drive_span import replaced_part
 from uuv.controllers.whole_body.drive_tick import NORMAL as FELT
 from uuv.controllers.whole_body.drive_tick import NUMBERS
-from uuv.ticks.compiled_ticks import CompiledTicks, Sensed, box_of, drive_states, perceive, record_row, sensed_by
 from uuv.sim.interfaces.kernels import kernel
 from uuv.sim.interfaces.messages import Command, WorkState
 from uuv.sim.interfaces.records import EstimateRecord, ImuRecord, JointRecord, state_estimate
@@ -26,6 +25,7 @@ from uuv.sim.loop.recording import Recorder, RecorderRecord
 from uuv.sim.loop.rollout import Parts, Rollout, Stage
 from uuv.sim.plant.compiled_step import PlantRecord, advance, observe
 from uuv.sim.plant.plant import Plant
+from uuv.ticks.compiled_ticks import CompiledTicks, Sensed, box_of, drive_states, perceive, record_row, sensed_by
 
 # What `pass_on` came to
 REFUSED = 0  # nothing was done: the command is not finite

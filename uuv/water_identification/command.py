@@ -22,6 +22,11 @@ from uuv.calib.water.planning import Planned
 from uuv.calib.water.results import write_fit, write_vehicle
 from uuv.models import hydrodynamics
 from uuv.models.site.scenes import vehicle_spec
+from uuv.sim.interfaces.extras import absent
+from uuv.sim.interfaces.spatial import Array, finite_number, one_of
+from uuv.sim.runs.provenance import provenance
+from uuv.sim.runs.run_folder import new_folder
+from uuv.sim.runs.saving import write_json
 from uuv.water_identification.log_residuals import WaterResiduals, identify
 from uuv.water_identification.manoeuvres import simulated, survey
 from uuv.water_identification.next_manoeuvre import next_manoeuvres
@@ -29,11 +34,6 @@ from uuv.water_identification.options import COMMAND, WaterOptions, logs_of, set
 from uuv.water_identification.replayed_parts import ranges_of
 from uuv.water_identification.settings import FitSettings
 from uuv.water_identification.vehicle_replay import ReplayVehicle
-from uuv.sim.interfaces.extras import absent
-from uuv.sim.interfaces.spatial import Array, finite_number, one_of
-from uuv.sim.runs.provenance import provenance
-from uuv.sim.runs.run_folder import new_folder
-from uuv.sim.runs.saving import write_json
 
 _USUAL = (POSITION, ATTITUDE, RATE)  # channels of a log that is planned or simulated
 _SHOWN = 4  # manoeuvres in the table of a plan

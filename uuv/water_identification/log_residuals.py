@@ -17,10 +17,10 @@ from scipy.spatial.transform import Rotation
 from uuv.calib.water.estimator import WaterFit, estimate
 from uuv.calib.water.logs import ATTITUDE, DEPTH, FORCE, POSITION, RATE, VELOCITY, WaterLog
 from uuv.calib.water.named_fit import NamedParameter, Slopes, fit_blocks, values_of
-from uuv.water_identification.settings import FitSettings
-from uuv.water_identification.vehicle_replay import ReplayVehicle, Script
 from uuv.sim.interfaces.errors import ConfigurationError, UuvError
 from uuv.sim.interfaces.spatial import GRAVITY, Array
+from uuv.water_identification.settings import FitSettings
+from uuv.water_identification.vehicle_replay import ReplayVehicle, Script
 
 STEP = 1e-4  # prior standard deviations, of the differences: small, for what only a sum tells is their small sum
 NODES = 3  # of a window's current: at its begin, middle and end, straight between

@@ -9,10 +9,10 @@ from scipy.spatial.transform import Rotation
 from uuv.calib.water.logs import ATTITUDE, DEPTH, FORCE, POSITION, RATE, VELOCITY, Channel, WaterLog
 from uuv.calib.water.parameters import AXES, CENTER, added_mass_name
 from uuv.models.water.thruster_curves import command_for, thrust_at
-from uuv.water_identification.settings import NOISE
-from uuv.water_identification.vehicle_replay import ReplayVehicle, Script
 from uuv.sim.interfaces.spatial import GRAVITY, Array
 from uuv.sim.water.current import Current
+from uuv.water_identification.settings import NOISE
+from uuv.water_identification.vehicle_replay import ReplayVehicle, Script
 
 DURATION = 20.0  # [s] of a manoeuvre
 RATE_OF_LOGS = 20.0  # [Hz]

@@ -6,12 +6,12 @@ import numpy as np
 
 from uuv.calib.water.named_fit import NamedParameter, values_of
 from uuv.calib.water.planning import Planned, information, planned
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.spatial import Array
 from uuv.water_identification.log_residuals import OWN, WaterResiduals
 from uuv.water_identification.manoeuvres import Manoeuvre, menu, simulated
 from uuv.water_identification.settings import FitSettings
 from uuv.water_identification.vehicle_replay import ReplayVehicle
-from uuv.sim.interfaces.errors import ConfigurationError
-from uuv.sim.interfaces.spatial import Array
 
 
 def information_of(

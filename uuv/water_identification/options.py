@@ -8,9 +8,9 @@ from typing import ClassVar
 import numpy as np
 
 from uuv.calib.water.logs import CHANNELS, WaterLog, check_log, log_of, read_log
-from uuv.water_identification.settings import NOISE, FitSettings
 from uuv.sim.interfaces.spatial import finite_number, one_of, whole_number
 from uuv.sim.runs.command_line import RunOptions
+from uuv.water_identification.settings import NOISE, FitSettings
 
 COMMAND = "identify_water"  # name in the results
 
@@ -59,8 +59,8 @@ def check_inputs(options: WaterOptions) -> None:
     Raises:
         UuvError: Which one, what is allowed, and what was given.
     """
-    from uuv.models.vehicle import Vehicle
     from uuv import inputs
+    from uuv.models.vehicle import Vehicle
     from uuv.scenario import VehicleSetup
     from uuv.water_identification.replayed_parts import pushed_parts, ranges_of
 

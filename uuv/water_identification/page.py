@@ -10,9 +10,9 @@ from matplotlib.figure import Figure
 from uuv.calib.water.estimator import WaterFit
 from uuv.calib.water.findings import Finding
 from uuv.calib.water.logs import ATTITUDE, CHANNELS
-from uuv.water_identification.log_residuals import LogReplay, WaterResiduals
 from uuv.sim.interfaces.spatial import Array
 from uuv.sim.reporting.report_page import page, provenance, section, table, text
+from uuv.water_identification.log_residuals import LogReplay, WaterResiduals
 
 _UNITS = {"position": "m", "rate": "rad/s", "specific force": "m/s^2", "velocity": "m/s", "depth": "m"}
 _ANGLES = ("roll [rad]", "pitch [rad]", "yaw [rad]")

@@ -18,12 +18,12 @@ from uuv.models.hydrodynamics import LAYOUT, world_row
 from uuv.models.vehicle import Vehicle
 from uuv.models.water.thruster_curves import thrust_in_flow
 from uuv.models.water.thrusters import INFLOW_LOSS, SLEW_RATE, TIME_CONSTANT, curves, inflow_levers
-from uuv.water_identification.replayed_parts import pushed_parts
 from uuv.sim import hydrodynamics
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.kernels import kernel
 from uuv.sim.interfaces.spatial import Array
 from uuv.sim.water.native_memory import call_physics
+from uuv.water_identification.replayed_parts import pushed_parts
 
 LONGEST_STEP, SHORTEST_STEP = 0.05, 0.005  # [s] of the replay
 _USUAL_SPEED = 1.0  # [m/s, rad/s] for whose drag the step is chosen

@@ -8,15 +8,24 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
+from uuv.arm_identification.calibration_input import (
+    LOOKING_DOWN,
+    TOOLS,
+    CalibrationCase,
+    RealEffects,
+    TrueArm,
+    nominal,
+    simulated,
+    solve,
+)
 from uuv.calib import Calibration, Loads, identify
 from uuv.calib.simulation import HAND_NOISE, Sag, read_by_encoders, true_joints
 from uuv.calib.touch_files import read_touches
 from uuv.calib.verdicts.verification import compare, flange_poses
-from uuv.models.arms import published_arms
-from uuv.models.arms.serial_arm import SerialArm
-from uuv.arm_identification.calibration_input import LOOKING_DOWN, TOOLS, CalibrationCase, RealEffects, TrueArm, nominal, simulated, solve
 from uuv.components.deck_calibration import touched
 from uuv.experiment import Row, Summary, Table
+from uuv.models.arms import published_arms
+from uuv.models.arms.serial_arm import SerialArm
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import Array
 

@@ -23,11 +23,11 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
+from uuv.arm_identification.calibration_input import nominal, simulated
 from uuv.calib import MapFit, identify
 from uuv.calib.fit import Data, Problem, solve
 from uuv.calib.parameters import prior_deviations, select
 from uuv.calib.touches import first_tcp
-from uuv.arm_identification.calibration_input import nominal, simulated
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import Array, exp_so3, pose
 

@@ -14,13 +14,24 @@ import time
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 
-from uuv.controllers.planning.promise import StopLimits
-from uuv.campaigns.contact_study import KEPT, PATHS, PathName, Ranges, RunTask, StudyBounds, crashed, draw, held_anyway, one_run
 from experiments.contact.study_report import METHODS, summarise
+from uuv.campaigns.contact_study import (
+    KEPT,
+    PATHS,
+    PathName,
+    Ranges,
+    RunTask,
+    StudyBounds,
+    crashed,
+    draw,
+    held_anyway,
+    one_run,
+)
 from uuv.command import command
-from uuv.sensors.arm_camera import ArmCameraSetup
+from uuv.controllers.planning.promise import StopLimits
 from uuv.experiment import Row, Study, StudyOptions
 from uuv.experiment.options import at_least
+from uuv.sensors.arm_camera import ArmCameraSetup
 from uuv.sim import hydrodynamics
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.runs.command_line import RunOptions

@@ -10,10 +10,10 @@ from uuv.jobs import barrel
 from uuv.perturbations.pad import Pad
 from uuv.runner import run
 from uuv.scenario import Scenario
-from uuv.tasks.surface_work import SurfaceWorkTask
 from uuv.sim.interfaces.messages import WorkState
 from uuv.sim.interfaces.spatial import Array
 from uuv.sim.loop.recording import Recording
+from uuv.tasks.surface_work import SurfaceWorkTask
 
 BEFORE, AFTER = 0.2, 2.3  # [s] window around the beginning of a step
 SAMPLE = 0.002  # [s] sampling period of the responses

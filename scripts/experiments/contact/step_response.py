@@ -47,8 +47,8 @@ class Options(StudyOptions):
 def main() -> int:
     """Runs or resumes the study and returns the exit code."""
     options = parse(Options)
-    from experiments.contact.force_steps import StepTask, failed, responses
     from experiments.contact.force_step_figures import line, summarise
+    from experiments.contact.force_steps import StepTask, failed, responses
     from uuv.experiment import Study
     from uuv.sim import hydrodynamics
 

@@ -1,7 +1,7 @@
 """Study: error of the tip force estimated from joint torques, for each estimator, torque source and four arms.
 
-`./uvw run scripts/experiments/contact/tip_force.py` draws postures and forces, corrupts the torques with errors of sensors and
-gears, and prints one table. It covers statics only; errors due to water and motion show in the closed loop.
+`./uvw run scripts/experiments/contact/tip_force.py` draws postures and forces, corrupts the torques with errors of
+sensors and gears, and prints one table. It covers statics only; errors due to water and motion show in the closed loop.
 """
 
 from uuv.start import parse, run_scenario  # isort: skip

@@ -7,11 +7,11 @@ import numpy as np
 
 from uuv import models
 from uuv.controllers.estimation.force_from_torques import tip_force, tip_force_closed_form, tip_wrench
+from uuv.experiment import Row, Summary, Table
 from uuv.models.arms import dh_geometry, published_arms
 from uuv.models.arms.serial_arm import SerialArm
 from uuv.models.naming import ARM_BASE_BODY, TIP_SITE
 from uuv.models.vehicles import uuv_puma
-from uuv.experiment import Row, Summary, Table
 from uuv.sim.interfaces.spatial import Array
 
 KEPT = 0.3  # share of white noise that passes the 12 ms filter of the felt force

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 
 from uuv.assembly import assemble
+from uuv.experiment import Row, Summary, Table
 from uuv.jobs import barrel
 from uuv.runner import run as run_job
-from uuv.experiment import Row, Summary, Table
 from uuv.sim.interfaces.errors import UuvError
 
 VERSIONS: Mapping[str, Mapping[str, Any]] = {  # options of the job, by the name of the version

@@ -7,9 +7,9 @@ import numpy as np
 
 from uuv.assembly import assemble
 from uuv.campaigns.contact_study import DAMAGED, KEPT, PathName, StudyBounds, classify, figures_of
+from uuv.experiment import Row, Summary, Table
 from uuv.jobs import barrel
 from uuv.runner import run
-from uuv.experiment import Row, Summary, Table
 from uuv.sim.interfaces.messages import AbortCode
 
 DIRECTIONS = ("along", "across", "up", "oblique")  # of the water's motion against the hull's heading at the scan

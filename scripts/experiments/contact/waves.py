@@ -9,8 +9,8 @@ from uuv.start import parse, run_scenario  # isort: skip
 from dataclasses import dataclass
 from typing import Literal
 
-from uuv.campaigns.contact_study import PATHS, PathName
 from experiments.contact.wave_map import DIRECTIONS, WaveTask, line, one_run, summarise
+from uuv.campaigns.contact_study import PATHS, PathName
 from uuv.experiment import Study, StudyOptions
 from uuv.experiment.options import at_least
 from uuv.sim import hydrodynamics

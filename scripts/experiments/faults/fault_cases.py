@@ -14,15 +14,26 @@ import numpy as np
 from uuv.assembly import Assembly, assemble
 from uuv.runner import saved
 from uuv.scenario import Scenario
-from uuv.tasks.surface_work import first_force
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.messages import Reference, WorkState
 from uuv.sim.interfaces.spatial import Array
 from uuv.sim.loop.rollout import Moment, Observer, Parts, Rollout, Stage, never, run_on
 from uuv.sim.loop.snapshot import Snapshot
 from uuv.sim.plant import faults
-from uuv.sim.plant.faults import FaultyPlant, FaultySensor, Fixed, Frozen, Lost, MisplacedFinder, Offset, Onset, Spikes, Turned
+from uuv.sim.plant.faults import (
+    FaultyPlant,
+    FaultySensor,
+    Fixed,
+    Frozen,
+    Lost,
+    MisplacedFinder,
+    Offset,
+    Onset,
+    Spikes,
+    Turned,
+)
 from uuv.sim.sensors.proprioception import Dvl, Encoders, Imu, JointTorqueSensors, VisionDrift
+from uuv.tasks.surface_work import first_force
 
 NAN = float("nan")
 PUSH = 90.0  # [N] set force at which the faults begin

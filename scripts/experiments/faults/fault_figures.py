@@ -6,10 +6,10 @@ from typing import Literal
 
 import numpy as np
 
-from uuv import barrel
-from uuv.campaigns.contact_study import DAMAGE
 from experiments.faults.fault_cases import ASCENT, PUSH, Trace, run_branched
 from experiments.faults.fault_picture import draw
+from uuv import barrel
+from uuv.campaigns.contact_study import DAMAGE
 from uuv.experiment import Row, Summary, Table
 from uuv.sim.interfaces.messages import WorkState
 

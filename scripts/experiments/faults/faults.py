@@ -12,8 +12,8 @@ from functools import partial
 from typing import Literal
 
 from uuv.campaigns.contact_study import PATHS, PathName
-from uuv.jobs import BarrelOptions
 from uuv.experiment.options import StudyOptions
+from uuv.jobs import BarrelOptions
 from uuv.sim.runs.run_folder import RUNS
 
 NAME = "study_faults"
@@ -42,11 +42,11 @@ class Options(StudyOptions):
 def main() -> int:
     """Runs or resumes the study; exit code 1 if a case does damage or touches the object late."""
     options = parse(Options)
-    from uuv import models
-    from uuv.models.vehicle import Vehicle
     from experiments.faults.fault_cases import chosen_cases
     from experiments.faults.fault_figures import BranchedCase, lines, run, summarise
+    from uuv import models
     from uuv.experiment import Study
+    from uuv.models.vehicle import Vehicle
     from uuv.sim import hydrodynamics
 
     vehicle = Vehicle.of(models.load(BarrelOptions().vehicle).compile())

@@ -7,11 +7,11 @@ from typing import Any, Literal
 
 import numpy as np
 
+from uuv.experiment import Row, Summary, Table
 from uuv.jobs import barrel
 from uuv.perturbations.loop import SensorFailure
 from uuv.runner import run, saved
 from uuv.saved_run import SavedRun
-from uuv.experiment import Row, Summary, Table
 from uuv.sim.evaluation.metrics import path_error
 from uuv.sim.interfaces.messages import FaultKind
 from uuv.sim.loop.rollout import Moment

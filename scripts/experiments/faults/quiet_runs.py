@@ -13,10 +13,10 @@ from typing import Any
 import numpy as np
 
 from uuv.assembly import assemble
+from uuv.check.checked_jobs import ARM_JOBS
+from uuv.experiment import Row, Summary, Table
 from uuv.runner import run
 from uuv.scenario import Scenario
-from uuv.experiment import Row, Summary, Table
-from uuv.check.checked_jobs import ARM_JOBS
 from uuv.sim.interfaces.errors import UuvError
 from uuv.sim.interfaces.messages import FaultKind, WorkState
 

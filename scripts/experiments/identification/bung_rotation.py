@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
+from uuv.clouds.object_scenes import ObjectScene, object_scene
+from uuv.experiment import Row, Summary, Table
 from uuv.models.objects.barrel import BARREL_DIAMETER, BUNG, barrel
 from uuv.perception.registration.identification import identify
 from uuv.perception.registration.model_surface import ModelSurface
-from uuv.clouds.object_scenes import ObjectScene, object_scene
-from uuv.experiment import Row, Summary, Table
 from uuv.sim.interfaces.spatial import exp_so3
 
 PLACES = 16  # positions of the bung around the barrel

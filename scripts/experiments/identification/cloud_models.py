@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 import trimesh
 
+from experiments.identification.pose_errors import Start, surface_of
+from uuv.clouds.object_scenes import ObjectScene, object_scene, target_of
+from uuv.experiment import Row, Summary, Table
 from uuv.models.objects.targets import TargetModel
 from uuv.perception.registration.identification import Identification, identify
 from uuv.perception.registration.model_surface import ModelSurface
-from uuv.clouds.object_scenes import ObjectScene, object_scene, target_of
-from experiments.identification.pose_errors import Start, surface_of
-from uuv.experiment import Row, Summary, Table
 from uuv.sim.interfaces.spatial import Array, transform_points
 
 

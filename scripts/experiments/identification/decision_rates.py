@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from experiments.identification.decision_scenes import KINDS, draw, object_of, wrong_poses
+from uuv.experiment import Row, Summary, Table
 from uuv.perception.registration.identification import identify
 from uuv.perception.registration.model_surface import ModelSurface
 from uuv.perception.registration.pose_check import Decision, check
 from uuv.perception.registration.published.paper_check import published_criterion
-from experiments.identification.decision_scenes import KINDS, draw, object_of, wrong_poses
-from uuv.experiment import Row, Summary, Table
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -10,11 +10,11 @@ from functools import cache
 import mujoco
 import numpy as np
 
+from uuv.clouds.object_scenes import ObjectScene, object_scene, target_of
 from uuv.models.meshes.closed_shells import split, vertex_normals, welded
 from uuv.models.meshes.ray_casting import RayScene
 from uuv.models.objects import targets
 from uuv.models.objects.targets import Solid, TargetModel
-from uuv.clouds.object_scenes import ObjectScene, object_scene, target_of
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import Array, exp_so3, inverse, pose, transform_points
 

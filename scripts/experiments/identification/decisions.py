@@ -14,9 +14,9 @@ from uuv.start import parse, run_scenario  # isort: skip
 from dataclasses import dataclass
 from itertools import cycle, islice
 
-from uuv.clouds.object_scenes import CAMERAS
-from experiments.identification.decision_scenes import KINDS, NAMES
 from experiments.identification.decision_rates import DecisionCase, run, summarise
+from experiments.identification.decision_scenes import KINDS, NAMES
+from uuv.clouds.object_scenes import CAMERAS
 from uuv.experiment import Study, StudyOptions
 
 

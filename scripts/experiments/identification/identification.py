@@ -12,11 +12,11 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Literal
 
-from uuv.models.objects import targets
-from uuv.clouds.object_scenes import SENSORS, target_of
 from experiments.identification import cloud_models, recognition
 from experiments.identification.pose_errors import SceneCase, Start, line, run, summarise
+from uuv.clouds.object_scenes import SENSORS, target_of
 from uuv.experiment import Study, StudyOptions
+from uuv.models.objects import targets
 
 
 @dataclass(kw_only=True)

@@ -1,6 +1,7 @@
 """Looks needed until an object is accepted, by the order in which further views are taken.
 
-fixed: nearest first, as the tasks do without a proposal; widest: farthest first; chosen: by `uuv.perception.finding.next_view`.
+fixed: nearest first, as the tasks do without a proposal; widest: farthest first; chosen: by
+`uuv.perception.finding.next_view`.
 """
 
 from collections.abc import Iterator
@@ -9,12 +10,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from experiments.identification.decision_rates import surface_of
+from experiments.identification.decision_scenes import draw
+from uuv.clouds.object_scenes import ObjectScene
+from uuv.experiment import Row, Summary, Table
 from uuv.perception.finding.next_view import ranked_views, views_around
 from uuv.perception.registration.identification import Identification, identify
-from uuv.clouds.object_scenes import ObjectScene
-from experiments.identification.decision_scenes import draw
-from experiments.identification.decision_rates import surface_of
-from uuv.experiment import Row, Summary, Table
 from uuv.sim.interfaces.spatial import inverse
 
 if TYPE_CHECKING:

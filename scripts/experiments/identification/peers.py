@@ -21,6 +21,8 @@ from typing import Any
 
 import numpy as np
 
+from uuv.clouds.object_scenes import ObjectScene, object_scene, target_of
+from uuv.experiment import Row, Study, StudyOptions, Summary, Table
 from uuv.models.meshes import open3d_loader
 from uuv.perception.clouds.scan import facing_normals
 from uuv.perception.registration.evidence import Evidence, score
@@ -28,10 +30,8 @@ from uuv.perception.registration.fine_fit import fine_fit
 from uuv.perception.registration.identification import identify
 from uuv.perception.registration.initialiser import Expected, initial_poses
 from uuv.perception.registration.model_surface import ModelSurface
-from uuv.clouds.object_scenes import ObjectScene, object_scene, target_of
-from uuv.start import parse, run_scenario
-from uuv.experiment import Row, Study, StudyOptions, Summary, Table
 from uuv.sim.interfaces.spatial import Array, exp_so3, inverse, pose
+from uuv.start import parse, run_scenario
 
 FIT_POINTS = 10_000  # scan points of a fit that is timed alone
 FIT_START = (0.01, np.deg2rad(2.0))  # [m], [rad] offset from the truth, where a fit alone starts

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from uuv.perception.registration.identification import identify
-from uuv.perception.registration.model_surface import ModelSurface
 from uuv.clouds.object_scenes import object_scene, target_of
 from uuv.experiment import Row, Summary, Table
+from uuv.perception.registration.identification import identify
+from uuv.perception.registration.model_surface import ModelSurface
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from uuv.perception.registration.recognition import recognise
-from uuv.clouds.object_scenes import object_scene
 from experiments.identification.pose_errors import Start, surface_of
+from uuv.clouds.object_scenes import object_scene
 from uuv.experiment import Row, Summary, Table
+from uuv.perception.registration.recognition import recognise
 
 
 @dataclass(frozen=True)

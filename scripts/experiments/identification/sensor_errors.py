@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING
 import mujoco
 import numpy as np
 
+from uuv.experiment import Row, Summary, Table
 from uuv.models.objects.target_model import TargetModel
 from uuv.models.objects.targets import barrel
 from uuv.perception.clouds.scan import Scan, SensorModel
 from uuv.perception.clouds.sonar_cloud import sonar_model, without_isolated_echoes
 from uuv.perception.registration.identification import identify
-from uuv.experiment import Row, Summary, Table
 from uuv.sim.interfaces.messages import DepthImage, SonarScan
 from uuv.sim.interfaces.spatial import Array, exp_so3, inverse, pose, quat_wxyz_from_rotation, rotation_from_z
 from uuv.sim.sensors.depth_camera import DepthCamera, Optics

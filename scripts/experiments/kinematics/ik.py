@@ -1,7 +1,8 @@
 """Benchmark: inverse kinematics against its goals, a compiled baseline and installed peers.
 
     ./uvw run scripts/experiments/kinematics/ik.py  # our methods and the baseline.
-    ./uvw run --with-requirements scripts/experiments/ik_requirements.txt scripts/experiments/kinematics/ik.py  # with the peers.
+    ./uvw run --with-requirements scripts/experiments/ik_requirements.txt scripts/experiments/kinematics/ik.py  # with
+    the peers.
 
 The second command overlays the peers on the project's environment for this run; uv.lock and .venv stay as they are. KDL
 has no wheel: it takes part if PYTHONPATH has a folder with your distribution's PyKDL. Every answer is checked by a
@@ -27,18 +28,18 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
 from experiments.kinematics.damped_least_squares import arguments, baseline, solve_all
-from experiments.kinematics.ik_tables import draw, tables
 from experiments.kinematics.ik_peers import Solver, SolverTask, peers, present
+from experiments.kinematics.ik_tables import draw, tables
 from uuv.controllers.ik.chain_kernels import HYBRID, Settings
 from uuv.controllers.ik.entries import entry
 from uuv.controllers.mkps import Chain, IkOptions, Method, solve, solve_many
 from uuv.models.arms import published_arms as arms
 from uuv.models.arms.published_arms import PublishedArm
 from uuv.models.arms.serial_arm import SerialArm
-from uuv.start import new_folder, parse, run_scenario
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import Array, readonly
 from uuv.sim.runs.saving import write_whole
+from uuv.start import new_folder, parse, run_scenario
 
 BARS = {"A": (1e-4, 1e-3), "B": (1e-6, 1e-5)}  # [m], [rad] accuracies
 METHODS: tuple[Method, ...] = ("hybrid", "jacobian_free", "plain")

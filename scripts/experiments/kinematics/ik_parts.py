@@ -1,7 +1,8 @@
 """Inverse kinematics of a part of a pose, and of poses at the edge of reach: found, false claims and time.
 
     ./uvw run scripts/experiments/kinematics/ik_parts.py
-    ./uvw run --with pin --with mink --with daqp scripts/experiments/kinematics/ik_parts.py --straight 200  # beside two peers
+    ./uvw run --with pin --with mink --with daqp scripts/experiments/kinematics/ik_parts.py --straight 200  # beside two
+    peers
 
 Arms of three to eight joints: one from a URDF, published ones, and chains drawn by the seed. Reachable targets are the
 poses of joint values within the limits, with what does not count drawn at random. Other targets are drawn from the ball
@@ -30,10 +31,10 @@ from experiments.kinematics.ik import HOME, SLACK
 from experiments.kinematics.ik_peers import SolverTask, peers
 from uuv.controllers.mkps import Chain, IkOptions, solve, solve_many
 from uuv.models.arms import published_arms
-from uuv.start import new_folder, parse, run_scenario
 from uuv.sim.interfaces.spatial import Array, exp_so3, pose
 from uuv.sim.runs.provenance import provenance
 from uuv.sim.runs.saving import write_json
+from uuv.start import new_folder, parse, run_scenario
 
 POSITION, ANGLE = 1e-4, 1e-3  # [m], [rad] tolerances of what counts
 KINDS: dict[str, dict[str, Any]] = {

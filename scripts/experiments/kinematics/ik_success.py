@@ -24,10 +24,10 @@ from experiments.kinematics.ik import HOME, dh_forward
 from uuv.controllers.mkps import Chain, IkOptions, Method, solve_many
 from uuv.models.arms import published_arms
 from uuv.models.arms.published_arms import PublishedArm
-from uuv.start import new_folder, parse, run_scenario
 from uuv.sim.interfaces.spatial import Array
 from uuv.sim.runs.provenance import provenance
 from uuv.sim.runs.saving import write_json
+from uuv.start import new_folder, parse, run_scenario
 
 WITHIN, SOME, ALL = "within limits", "1 to 3 on limits", "all on limits"
 RANGES = (180, 150)  # [deg]

@@ -1,6 +1,7 @@
 """Leaderboard of the benchmark "UUV contact" from result files of contact_score.py.
 
-    ./uvw run scripts/experiments/leaderboard/contact_leaderboard.py --results runs/contact_score-default runs/contact_score-joint-PD
+    ./uvw run scripts/experiments/leaderboard/contact_leaderboard.py --results runs/contact_score-default
+    runs/contact_score-joint-PD
 
 All results must be of the same cases; one alone gives a page too.
 """

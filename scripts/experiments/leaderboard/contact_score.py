@@ -1,8 +1,9 @@
 """Benchmark "UUV contact": scores one controller by the truth, in a process of its own that gets estimates only.
 
-    ./uvw run scripts/experiments/leaderboard/contact_score.py                                   # the default, 100 public cases
-    ./uvw run scripts/experiments/leaderboard/contact_score.py --entry mymodule:MyController --cases 10
-    echo 4711 | ./uvw run scripts/experiments/leaderboard/contact_score.py --fresh      # fresh cases, of a seed that a pipe brings
+    ./uvw run scripts/experiments/leaderboard/contact_score.py                                   # the default, 100
+    public cases ./uvw run scripts/experiments/leaderboard/contact_score.py --entry mymodule:MyController --cases 10
+    echo 4711 | ./uvw run scripts/experiments/leaderboard/contact_score.py --fresh      # fresh cases, of a seed that a
+    pipe brings
 
 The result file is metrics.json in the folder of results; contact_leaderboard.py makes a table of several.
 docs/benchmark.md says what is scored and how to enter a controller.
@@ -17,16 +18,16 @@ from contextlib import ExitStack
 from dataclasses import dataclass, replace
 
 from uuv.assembly import Assembly
-from uuv.command import command
 from uuv.benchmark.cases import CASES, PUBLIC_SEED, VERSION, BenchmarkCase, cases, digest
 from uuv.benchmark.door import close_memory
 from uuv.benchmark.entries import Entry
 from uuv.benchmark.score import ScoredCase, entered, line, score, summary
-from uuv.scenario import Scenario
+from uuv.command import command
 from uuv.experiment import Study, StudyOptions
 from uuv.experiment.harness import key_of
 from uuv.experiment.loaded_code import digests, loaded_files
 from uuv.experiment.options import at_least
+from uuv.scenario import Scenario
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import shown, whole_number
 from uuv.sim.runs.command_line import RunOptions

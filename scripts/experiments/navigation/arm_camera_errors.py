@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from scipy import optimize, stats
 
+from uuv.experiment import Row, Summary, Table
 from uuv.models.meshes.ray_casting import RayScene
 from uuv.models.naming import TIP_SITE
 from uuv.models.objects import targets
@@ -17,9 +18,20 @@ from uuv.models.objects.target_model import TargetModel
 from uuv.models.vehicles import uuv_puma
 from uuv.perception.navigation.surface_alignment import Alignment, align, prepare
 from uuv.sensors.rendered_arm_camera import hidden_by, picture_noise
-from uuv.experiment import Row, Summary, Table
 from uuv.sim.interfaces.spatial import Array, exp_so3, pose, rotation_from_z
-from uuv.sim.sensors.arm_camera import GRID, KEY_SHIFT, LEAST_SEEN, OBSERVED, ROTATION, WEAKEST, ErrorModel, Prediction, beside_tool, predict, tool_in_view
+from uuv.sim.sensors.arm_camera import (
+    GRID,
+    KEY_SHIFT,
+    LEAST_SEEN,
+    OBSERVED,
+    ROTATION,
+    WEAKEST,
+    ErrorModel,
+    Prediction,
+    beside_tool,
+    predict,
+    tool_in_view,
+)
 from uuv.sim.sensors.textured_view import SmallStereo, Texture, Turbidity, expose
 from uuv.sim.sensors.visible_world import Rays, body_id, site_on_body
 

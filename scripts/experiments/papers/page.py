@@ -2,7 +2,8 @@
 
     ./uvw run scripts/experiments/papers/page.py               # runs the commands whose figures are missing
     ./uvw run scripts/experiments/papers/page.py --anew        # runs them all; an hour
-    ./uvw run scripts/experiments/papers/page.py --only force  # only commands that contain the word; the others as they are
+    ./uvw run scripts/experiments/papers/page.py --only force  # only commands that contain the word; the others as they
+    are
 
 The rows stand in statements.toml beside this file. A row names a command and takes its figures from the metrics.json
 that it writes, or from what it prints. The figures are kept in docs/papers.json. Exit code 1: a command failed, or a
@@ -23,8 +24,8 @@ from typing import Any
 
 from rich.console import Console
 
-from uuv.start import parse, run_scenario
 from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.start import parse, run_scenario
 
 HERE = Path(__file__).resolve()
 DOCS = HERE.parents[2] / "docs"

@@ -6,12 +6,12 @@
 three methods, to the published accuracy of 0.001 m and 0.01 rad for each goal.
 
 What was measured on the real arm is simulated: the joint values go to proportional drives, and the arm rests beside
-them under its own weight (`uuv.models.arms.servo_drives`). Masses and gains are those of common servos, for the paper gives
-none.
+them under its own weight (`uuv.models.arms.servo_drives`). Masses and gains are those of common servos, for the paper
+gives none.
 
-The arm's dimensions are not public: `uuv.models.arms.published_arms.SERVO_ARM` is a stand-in. The ranges of the two motions
-are ours. So is the order of the angles: course about y, which is up, then trim about z, then roll about x. With this
-order, the arm of the first row hangs straight down.
+The arm's dimensions are not public: `uuv.models.arms.published_arms.SERVO_ARM` is a stand-in. The ranges of the two
+motions are ours. So is the order of the angles: course about y, which is up, then trim about z, then roll about x. With
+this order, the arm of the first row hangs straight down.
 
 Writes metrics.json and two pictures. Exit code 0: every method reached the single solution, and the default one all
 poses.
@@ -33,10 +33,10 @@ from rich.table import Table
 from uuv.controllers.mkps import Chain, IkOptions, IkResult, Method, solve
 from uuv.models.arms import published_arms
 from uuv.models.arms.servo_drives import Servo, rest, servo_model
-from uuv.start import new_folder, parse, run_scenario
 from uuv.sim.interfaces.spatial import Array, exp_so3, pose, rotation_angle
 from uuv.sim.runs.provenance import provenance
 from uuv.sim.runs.saving import write_json
+from uuv.start import new_folder, parse, run_scenario
 
 INITIAL = np.array([-11.8, -498.9, -73.4, 239.782, 272.244, 239.270])  # x, y, z [mm], course, trim, roll [deg]
 GIVEN = np.array([100.0, -400.0, 0.0, 5.0, -50.0, 0.0])  # the same, second row of table 1

@@ -22,15 +22,15 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
+from experiments.papers.track_singularity import lock
 from uuv.controllers.mkps import Chain, Track, track
 from uuv.models.arms import published_arms
 from uuv.models.arms.published_arms import PublishedArm
-from experiments.papers.track_singularity import lock
-from uuv.start import new_folder, parse, run_scenario
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import Array, pose
 from uuv.sim.runs.provenance import provenance
 from uuv.sim.runs.saving import write_json
+from uuv.start import new_folder, parse, run_scenario
 
 RECIPES: dict[str, dict[str, Any]] = {  # options of `track`; `narrow` limits joints 5 and 6
     "without": {"passing": "off"},

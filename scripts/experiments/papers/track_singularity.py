@@ -23,17 +23,17 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from uuv.arm_identification.arm_log import ArmLog
 from uuv.controllers.ik.tracking import Passing
 from uuv.controllers.mkps import Chain, Method, Track, track
 from uuv.models.arms import published_arms
 from uuv.models.arms.published_arms import PublishedArm
 from uuv.models.arms.serial_arm import SerialArm
-from uuv.arm_identification.arm_log import ArmLog
-from uuv.start import new_folder, parse, run_scenario
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import Array, pose, rotation_angle
 from uuv.sim.runs.provenance import provenance
 from uuv.sim.runs.saving import write_json
+from uuv.start import new_folder, parse, run_scenario
 
 AT_LOCK = np.radians([90.0, 0.0, -30.0, 60.0, 62.64, 90.0, 0.0])  # [rad]; `lock` refines the fifth
 BLUE, ORANGE = (0, 114, 178), (230, 159, 0)

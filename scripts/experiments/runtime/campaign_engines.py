@@ -1,7 +1,7 @@
 """Benchmark: what an engine of campaigns costs beside the runs: its start, a task, a message, a row on the disk.
 
-    ./uvw run --extra cluster scripts/experiments/runtime/campaign_engines.py              # 100 runs on each engine: 20 min
-    ./uvw run --extra cluster scripts/experiments/runtime/campaign_engines.py --runs 4     # one minute
+    ./uvw run --extra cluster scripts/experiments/runtime/campaign_engines.py              # 100 runs on each engine: 20
+    min ./uvw run --extra cluster scripts/experiments/runtime/campaign_engines.py --runs 4     # one minute
 
 The same runs are done by each engine, and their rows must be equal to the bit. Needs an idle machine. Writes
 campaign_engines.json, and the rows of each engine, into --out. docs/scale.md says what follows for large campaigns.

@@ -17,7 +17,7 @@ from typing import Any
 from numba.core import event
 
 from uuv import assemble, barrel
-from uuv.first_start import CALLS, LIST, ROOMS, Job, decoded, encoded, kernels
+from uuv.first_start import CALLS, LIST, PACKAGE, Job, decoded, encoded, kernels
 from uuv.runner import run_through
 from uuv.sim.interfaces.errors import UuvError
 from uuv.sim.interfaces.kernels import store
@@ -38,7 +38,7 @@ class _Stopwatch(event.Listener):
         began, inner = self._open.pop()
         data: Any = event.data
         whole, kernel = time.process_time() - began, data["dispatcher"]
-        ours = kernel.py_func.__module__.partition(".")[0] in ROOMS
+        ours = kernel.py_func.__module__.partition(".")[0] == PACKAGE
         self.spent[id(kernel), data["args"]] = whole - sum(inner)
         if self._open:
             self._open[-1][1].extend([whole] if ours else inner)

@@ -1,6 +1,7 @@
 """Benchmark: computing time of each part of a contact job's loop, and the real-time factor.
 
-    ./uvw run scripts/experiments/runtime/loop.py                     # half a minute; takes any option of clean_barrel.py.
+    ./uvw run scripts/experiments/runtime/loop.py                     # half a minute; takes any option of
+    clean_barrel.py.
 
 The job runs twice from the same seed. The first run is unchanged, with compiled ticks
 (`uuv.ticks.compiled_ticks`). It gives processor time, so that other load on the machine does not count, over the

@@ -1,7 +1,8 @@
 """Benchmark: cost of the exact hydrodynamics over bare MuJoCo and other fluid models, the best of many rounds.
 
-    ./uvw run scripts/experiments/runtime/physics.py                          # one core; then a batch on one and two threads.
-    ./uvw run --with auv-sim-bench scripts/experiments/runtime/physics.py     # adds the simulator auv-sim-bench from PyPI.
+    ./uvw run scripts/experiments/runtime/physics.py                          # one core; then a batch on one and two
+    threads. ./uvw run --with auv-sim-bench scripts/experiments/runtime/physics.py     # adds the simulator
+    auv-sim-bench from PyPI.
 
 Only ratios within one run are comparable; the batch needs an idle machine. Writes bench_physics.json and .md into
 --out.
@@ -22,11 +23,11 @@ import numpy as np
 from rich.console import Console
 
 from experiments.runtime.physics_peers import auv_sim_bench, fossen_loop, numpy_callback
-from uuv.models import hydrodynamics as water
-from uuv.start import new_folder, parse, run_scenario
 from uuv.experiment import Table
+from uuv.models import hydrodynamics as water
 from uuv.sim import hydrodynamics
 from uuv.sim.runs.saving import write_whole
+from uuv.start import new_folder, parse, run_scenario
 
 LINK = np.array([0.3, 0.0, 0.0])  # [m] from joint to joint
 # Goals: exact over bare and over ellipsoid fluid, at most; two threads over one, at least.

@@ -5,12 +5,12 @@ from typing import Any
 
 import numpy as np
 
+from uuv.experiment import Row, Summary, Table
 from uuv.models.meshes import open3d_loader
 from uuv.models.meshes.ray_casting import RayScene
 from uuv.models.site.seabed import Seabed, seabed
 from uuv.perception.seabed.terrain import build_terrain
 from uuv.perception.seabed.terrain_path import plan_seabed_work
-from uuv.experiment import Row, Summary, Table
 from uuv.sim.interfaces.errors import MissingLibraryError
 from uuv.sim.interfaces.spatial import Array
 

@@ -10,17 +10,17 @@ from scipy.spatial import cKDTree
 from uuv.controllers.planning.path_poses import tool_poses
 from uuv.controllers.planning.seabed_height import WorkHeight, arm_gap, choose_height
 from uuv.controllers.planning.work_vehicle import WorkVehicle
+from uuv.experiment import Row, Summary, Table
 from uuv.models.naming import CAMERA_SITE, TOOL_GEOM
 from uuv.models.site.seabed import KINDS, Seabed, seabed
+from uuv.own_vehicle import OwnVehicle, vehicle_spec
 from uuv.perception.seabed.seabed_finder import points_in_world
 from uuv.perception.seabed.terrain_path import SeabedPlan, plan_seabed_work
-from uuv.own_vehicle import OwnVehicle, vehicle_spec
-from uuv.experiment import Row, Summary, Table
-from uuv.tasks.seabed_sampling import ABOVE, AHEAD, APART, LOOKS, height_search, sonar_beams, sonar_on_hull
 from uuv.sim.interfaces.errors import PerceptionError, ReachError
 from uuv.sim.interfaces.messages import SonarScan
 from uuv.sim.interfaces.spatial import Array, exp_so3, pose
 from uuv.sim.sensors.sonar import Sonar, SonarBeams, SonarNoise
+from uuv.tasks.seabed_sampling import ABOVE, AHEAD, APART, LOOKS, height_search, sonar_beams, sonar_on_hull
 
 SWATH = sonar_beams().azimuth  # [rad] swath of the sonar, both ways
 STANDOFF = 0.1  # [m] from which the tool approaches the path

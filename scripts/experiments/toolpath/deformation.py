@@ -1,9 +1,9 @@
 """Study: deformation maps against the truth, on fouled and dented objects and on undeformed ones.
 
-Objects and views are those of scripts/experiments/toolpath/paths.py. A pixel of the true surface counts as deformed where its
-deviation exceeds a size, and as mapped where it is in a region of the map of that size. Overlap is intersection over
-union, over the pixels that the map compares. Undeformed objects are those of the library in random scenes: there every
-region is false.
+Objects and views are those of scripts/experiments/toolpath/paths.py. A pixel of the true surface counts as deformed
+where its deviation exceeds a size, and as mapped where it is in a region of the map of that size. Overlap is
+intersection over union, over the pixels that the map compares. Undeformed objects are those of the library in random
+scenes: there every region is false.
 """
 
 from uuv.start import parse, run_scenario  # isort: skip
@@ -32,10 +32,10 @@ class Options(StudyOptions):
 def main() -> int:
     """Runs or resumes the study; exit code 0 if overlaps reach the bound and no region is false."""
     options = parse(Options)
-    from uuv.models.objects import targets
     from experiments.toolpath.map_errors import DeformationCase, run, summarise
     from experiments.toolpath.path_deviation import SCENES
     from uuv.experiment import Study
+    from uuv.models.objects import targets
 
     cases = [DeformationCase(name, options.seed + k, options.looks) for name in SCENES for k in range(options.runs)]
     cases += [DeformationCase(name, options.seed + k, 0) for name in targets.available() for k in range(options.clean)]

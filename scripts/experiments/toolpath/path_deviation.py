@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import mujoco
 import numpy as np
 
+from uuv.experiment import Row, Summary, Table
 from uuv.models.meshes.closed_shells import vertex_normals
 from uuv.models.meshes.nearest_surface import NearestSurface
 from uuv.models.meshes.ray_casting import RayScene
@@ -14,17 +15,16 @@ from uuv.models.objects import deformed
 from uuv.models.objects.deformed import Deformed
 from uuv.models.objects.targets import ModelPath, TargetModel, barrel, longitudinal, pile, ring, transverse, vertical
 from uuv.perception.clouds.scan import Scan
+from uuv.perception.finding.target_finder import Frame, with_fused_frames
 from uuv.perception.registration.identification import Identification, identify
 from uuv.perception.registration.model_surface import ModelSurface
-from uuv.perception.finding.target_finder import Frame, with_fused_frames
 from uuv.perception.toolpath.path_deviation import deviate
 from uuv.perception.toolpath.path_planner import carry, densified, plan_path
-from uuv.site import coarse_detection
-from uuv.experiment import Row, Summary, Table
 from uuv.sim.interfaces.errors import PerceptionError
 from uuv.sim.interfaces.spatial import Array, inverse, pose, rotation_from_z
 from uuv.sim.sensors.depth_camera import NOISE, DepthCamera
 from uuv.sim.sensors.stereo_noise import StereoNoise
+from uuv.site import coarse_detection
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

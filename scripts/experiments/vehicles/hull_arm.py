@@ -17,9 +17,9 @@ from rich.console import Console
 from uuv import models
 from uuv.controllers.mkps import IkOptions, solve
 from uuv.controllers.planning.carried_arm import HULL_JOINTS, with_hull
-from uuv.own_vehicle import OwnVehicle
 from uuv.experiment.harness import Table
 from uuv.experiment.options import at_least
+from uuv.own_vehicle import OwnVehicle
 from uuv.sim.interfaces.spatial import Array, inverse, log_so3
 
 VEHICLES = ("bluerov2_heavy_alpha5", "uuv_puma", "uuv_puma_side", "rexrov2_arm7", "phoenix_smart3s")

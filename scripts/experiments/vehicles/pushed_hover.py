@@ -5,13 +5,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from uuv.controllers.arm.inverse_dynamics import ArmDynamics
-from uuv.controllers.hull.allocation import AXES, Allocation
-from uuv.models.site import scenes
-from uuv.models.vehicle import Vehicle
 from experiments.vehicles import pushing
 from experiments.vehicles.pushing import PushCase, holdable_directions
+from uuv.controllers.arm.inverse_dynamics import ArmDynamics
+from uuv.controllers.hull.allocation import AXES, Allocation
 from uuv.experiment import Row, Summary, Table
+from uuv.models.site import scenes
+from uuv.models.vehicle import Vehicle
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import Array, spread_directions
 

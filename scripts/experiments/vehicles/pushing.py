@@ -11,6 +11,7 @@ from typing import ClassVar
 import mujoco
 import numpy as np
 
+from uuv.assembly import assemble
 from uuv.controllers.arm.inverse_dynamics import ArmDynamics
 from uuv.controllers.hull.allocation import PRIORITIES, Allocation
 from uuv.controllers.hull.hull_control import HullControl, ThrusterLead
@@ -19,16 +20,15 @@ from uuv.models.naming import CAMERA_SITE, HOME_KEY, TOOL_GEOM
 from uuv.models.vehicle import Vehicle
 from uuv.models.water import thrusters
 from uuv.models.water.thrusters import DEAD_BAND, TIME_CONSTANT
-from uuv.assembly import assemble
 from uuv.own_vehicle import OwnVehicle
 from uuv.perturbations.perturbation import Loop, Perturbation
 from uuv.runner import run_through
 from uuv.scenario import PlacedTask, Scenario, Task, VehicleSetup
-from uuv.site import OpenWater, Site
 from uuv.sim.interfaces.messages import Command, Reference, StateEstimate, Target, WorkState
 from uuv.sim.interfaces.spatial import Array, rotation_angle, skew
 from uuv.sim.loop.rollout import Moment
 from uuv.sim.plant.plant import Plant, Truth
+from uuv.site import OpenWater, Site
 
 FELT_LAG = 0.012  # [s] time constant of the felt force
 FELT_NOISE = 0.01  # standard deviation, share of the reading

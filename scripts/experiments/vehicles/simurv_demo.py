@@ -20,9 +20,9 @@ from scipy.spatial.transform import Rotation
 from uuv.controllers.ik.chain import Chain
 from uuv.controllers.mkps import solve
 from uuv.controllers.planning.carried_arm import HULL_JOINTS, hull_pose, with_hull
+from uuv.experiment.harness import Table
 from uuv.models.arms.serial_arm import SerialArm
 from uuv.models.vehicles import phoenix_smart3s
-from uuv.experiment.harness import Table
 from uuv.sim.interfaces.spatial import Array, exp_so3, log_so3, pose
 
 GOAL = np.array([1.6, -0.2, 1.9])  # [m]

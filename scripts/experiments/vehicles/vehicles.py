@@ -16,14 +16,14 @@ from typing import Any, cast
 import numpy as np
 from rich.console import Console
 
-from uuv.runner import Run, run
-from uuv.scenario import Scenario
-from uuv.experiment.harness import Table
-from uuv.experiment.local_processes import run_all
-from uuv.experiment.options import at_least
 from uuv.check.check import check_vehicle
 from uuv.check.checked_jobs import ARM_JOBS, HOVERING
 from uuv.check.jobs import ArmJobs
+from uuv.experiment.harness import Table
+from uuv.experiment.local_processes import run_all
+from uuv.experiment.options import at_least
+from uuv.runner import Run, run
+from uuv.scenario import Scenario
 from uuv.sim.interfaces.errors import UuvError
 from uuv.sim.interfaces.messages import WorkState
 from uuv.sim.interfaces.spatial import one_of

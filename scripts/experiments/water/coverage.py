@@ -10,12 +10,12 @@ import numpy as np
 from uuv.calib.water.named_fit import values_of
 from uuv.calib.water.parameters import GROUPS, group_of
 from uuv.models.site.scenes import vehicle_spec
+from uuv.sim.interfaces.spatial import Array
 from uuv.water_identification.log_residuals import identify
 from uuv.water_identification.manoeuvres import simulated, survey
 from uuv.water_identification.next_manoeuvre import next_manoeuvres
 from uuv.water_identification.settings import FitSettings
 from uuv.water_identification.vehicle_replay import ReplayVehicle
-from uuv.sim.interfaces.spatial import Array
 
 VEHICLES = ("uuv_puma", "bluerov2_heavy_benzon2022", "bluerov2_heavy_alpha5")
 SECONDS = 30.0  # [s] of a log

@@ -1,8 +1,8 @@
 """Benchmark: water from geometry against closed forms and literature, published vehicles, and robots' meshes.
 
     ./uvw run scripts/experiments/water/geometry.py                                # shapes and BlueROV2.
-    ./uvw run --with capytaine scripts/experiments/water/geometry.py               # with Capytaine on the same surfaces.
-    ./uvw run --with example-robot-data scripts/experiments/water/geometry.py      # with a UR5 and a Panda.
+    ./uvw run --with capytaine scripts/experiments/water/geometry.py               # with Capytaine on the same
+    surfaces. ./uvw run --with example-robot-data scripts/experiments/water/geometry.py      # with a UR5 and a Panda.
 
 Errors of the added mass are the largest over the diagonal terms of each shape. Seconds are those of one surface, from
 the mesh to the matrix.
@@ -22,6 +22,7 @@ import numpy as np
 from rich.console import Console
 
 from uuv import models
+from uuv.experiment import Table
 from uuv.models import hydrodynamics
 from uuv.models.vehicles.bluerov2_heavy import BENZON_2022, HEIGHT, LENGTH, WIDTH, WU_2018
 from uuv.models.water_from_geometry import panels as panel_method
@@ -29,10 +30,9 @@ from uuv.models.water_from_geometry.files import read_model
 from uuv.models.water_from_geometry.geoms import geoms_of, moving_bodies, primitive
 from uuv.models.water_from_geometry.surface import union_surface
 from uuv.models.water_from_geometry.wetting import Wetted, wet
-from uuv.start import parse, run_scenario
-from uuv.experiment import Table
 from uuv.sim.interfaces.spatial import Array
 from uuv.sim.runs.saving import write_whole
+from uuv.start import parse, run_scenario
 
 COUNTS = (400, 800, 1600, 3200)  # panels
 AXES = ("surge", "sway", "heave", "roll", "pitch", "yaw")

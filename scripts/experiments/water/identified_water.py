@@ -18,20 +18,20 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from uuv.calib.water.findings import findings, together
-from uuv.models.site.scenes import vehicle_spec
-from uuv.models.vehicles import published_hulls
+from experiments.water.coverage import VEHICLES, Draw, KeptWord, coverage, draw, kept_word
 from experiments.water.pool.pool_vehicle import FRESH_WATER
 from experiments.water.pool.trials import read_trials
-from uuv.experiment.options import at_least
-from uuv.water_identification.command import table_of, words
-from experiments.water.coverage import VEHICLES, Draw, KeptWord, coverage, draw, kept_word
-from uuv.water_identification.log_residuals import identify
 from experiments.water.pool_logs import logs_of_trials
-from uuv.water_identification.settings import FitSettings
-from uuv.water_identification.vehicle_replay import ReplayVehicle
+from uuv.calib.water.findings import findings, together
+from uuv.experiment.options import at_least
+from uuv.models.site.scenes import vehicle_spec
+from uuv.models.vehicles import published_hulls
 from uuv.sim.runs.saving import write_json
 from uuv.sim.runs.terminal import console
+from uuv.water_identification.command import table_of, words
+from uuv.water_identification.log_residuals import identify
+from uuv.water_identification.settings import FitSettings
+from uuv.water_identification.vehicle_replay import ReplayVehicle
 
 NORMAL = 1.96  # standard deviations of half a 95 % interval
 POOL_NOISE = {"attitude": 0.005, "depth": 0.005}  # [rad], [m]

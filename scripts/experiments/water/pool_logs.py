@@ -5,8 +5,8 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from uuv.calib.water.logs import ATTITUDE, DEPTH, Channel, WaterLog
 from experiments.water.pool.trials import PoolTrial
+from uuv.calib.water.logs import ATTITUDE, DEPTH, Channel, WaterLog
 
 JOINTS = ("joint1", "joint2", "joint3", "joint4")
 

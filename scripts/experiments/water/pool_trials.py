@@ -16,7 +16,14 @@ from pathlib import Path
 
 from rich.console import Console
 
-from experiments.water.pool.pool_report import buoyancy_table, draw, numbers_of, parameter_table, score_table, trial_table
+from experiments.water.pool.pool_report import (
+    buoyancy_table,
+    draw,
+    numbers_of,
+    parameter_table,
+    score_table,
+    trial_table,
+)
 from experiments.water.pool.pool_vehicle import HULLS, NOMINAL
 from experiments.water.pool.trials import read_trials
 from experiments.water.pool.validation import buoyancy_by_group, read_fitted, scores, validate, with_own_buoyancy

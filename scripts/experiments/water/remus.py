@@ -17,12 +17,11 @@ import mujoco
 import numpy as np
 from rich.console import Console
 
-from uuv import models
 from experiments.water import remus100 as source
+from uuv import models
+from uuv.experiment import Table
 from uuv.models.naming import HULL_BODY
 from uuv.models.vehicles import remus100
-from uuv.start import parse, run_scenario
-from uuv.experiment import Table
 from uuv.sim import hydrodynamics
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.messages import Command
@@ -30,6 +29,7 @@ from uuv.sim.interfaces.spatial import Array
 from uuv.sim.plant.plant import Plant
 from uuv.sim.runs.saving import write_whole
 from uuv.sim.water.current import Current
+from uuv.start import parse, run_scenario
 
 _FLIP = np.array([1.0, -1.0, -1.0, 1.0, -1.0, -1.0])  # from our axes to the source's
 

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from test_calib_fit import OFF_AXIS, PAPER, UR10E
 
+from untyped import untyped
 from uuv.calib import Arm, MapFit, identify
 from uuv.calib.simulation import touch
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import Array
-from untyped import untyped
 
 
 @pytest.fixture(scope="module")

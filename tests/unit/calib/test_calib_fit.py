@@ -5,18 +5,27 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from dh_product import tips_here
+from untyped import untyped
 from uuv.calib import Arm, Loads, MapFit, identify, kernels
 from uuv.calib.fit import Data, _robust_noise
 from uuv.calib.parameters import DEFAULT_PRIOR
 from uuv.calib.planner import design, plan, random_merits
-from uuv.calib.simulation import HAND_NOISE, EccentricGears, Sag, Seating, read_by_encoders, touch, true_joints, wrong_arm
+from uuv.calib.simulation import (
+    HAND_NOISE,
+    EccentricGears,
+    Sag,
+    Seating,
+    read_by_encoders,
+    touch,
+    true_joints,
+    wrong_arm,
+)
 from uuv.calib.touches import first_tcp
 from uuv.calib.verdicts.verification import compare, flange_poses, icp, kabsch, track
-from dh_product import tips_here
 from uuv.models.arms.kinematics import BETA, ROW
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import Array, exp_so3, inverse, pose, transform_points
-from untyped import untyped
 
 H, DEG = np.pi / 2, np.pi / 180
 # UR10e, standard DH theta0, d, a, alpha (Universal Robots' table), and the arm that [Yukhimets 2023] identified.
@@ -299,7 +308,9 @@ def test_wild_touches_change_nothing(off_axis: list[Array], count: int, size: fl
     plain = identify(series, nominal, method=MapFit(robust=False))
     arms = {"clean": clean.arm, "found": found.arm, "plain": plain.arm}
     seen = compare(truth.tips(q, np.zeros(3)), {name: arm.tips(q, np.zeros(3)) for name, arm in arms.items()})
-    assert seen["found"].rms < 1.5 * seen["clean"].rms  # at most 1.26 over the 80 draws of experiments/calibration/calibration.py
+    assert (
+        seen["found"].rms < 1.5 * seen["clean"].rms
+    )  # at most 1.26 over the 80 draws of experiments/calibration/calibration.py
     if size > 0.01:
         assert seen["plain"].rms > 3.0 * seen["found"].rms  # measured 6.9
 

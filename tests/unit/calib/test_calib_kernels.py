@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from dh_product import drawn_arm, link_frames
-from uuv.sim.interfaces.spatial import Array
 from uncompiled import uncompiled
+from uuv.sim.interfaces.spatial import Array
 
 *_, kernels = uncompiled("uuv.models.arms.kinematics", "uuv.models.arms.tip_places", "uuv.calib.kernels")
 

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from scipy.special import betaln
 
+from untyped import untyped
 from uuv.calib.verdicts import doubts
 from uuv.calib.verdicts.verification import PointTouches, compare, kabsch, pair_distances, places, scores
 from uuv.models.arms import published_arms
 from uuv.sim.interfaces.spatial import Array, exp_so3, pose, transform_points
-from untyped import untyped
 
 CORNERS = np.array([[x, y, z] for x in (-0.3, 0.3) for y in (-0.2, 0.2) for z in (-0.1, 0.1)])  # [m]
 X = pose(exp_so3([0.4, -1.1, 0.7]), [1.0, -2.0, 0.5])

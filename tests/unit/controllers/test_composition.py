@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from uuv import models
+from uuv.components.contact_parts import ablated, as_published
 from uuv.controllers.arm.inverse_dynamics import ArmDynamics
 from uuv.controllers.arm.position_force import ForceDisplacement
 from uuv.controllers.estimation.load_observer import MomentumObserver
 from uuv.controllers.whole_body.work_controller import WorkController, WorkControllerState
 from uuv.models.vehicle import Vehicle
-from uuv.components.contact_parts import ablated, as_published
 from uuv.sim.interfaces.messages import Command, Reference, StateEstimate, WorkState
 from uuv.sim.interfaces.spatial import exp_so3, pose
 

@@ -11,14 +11,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from uuv import models
+from untyped import untyped
+from uuv import assemble, barrel, models
+from uuv.cli.skeletons import SENSOR
 from uuv.controllers.arm.inverse_dynamics import ArmDynamics
 from uuv.models.vehicle import Vehicle
-from uuv import assemble, barrel
-from uuv.cli.skeletons import SENSOR
 from uuv.sim.interfaces.messages import Command, Reference, StateEstimate
 from uuv.sim.interfaces.protocols import Controller
-from untyped import untyped
 
 
 def names_of(root: Path, word: str, page: str = "docs/own_controller.md", **given: Any) -> dict[str, Any]:

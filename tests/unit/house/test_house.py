@@ -17,12 +17,7 @@ import yaml
 from uuv.sim.runs.command_line import ROOMS
 
 ROOT = Path(__file__).resolve().parents[3]
-SCRIPTS = sorted(
-    path
-    for folder in ("", "studies", "benchmarks", "papers")
-    for path in (ROOT / "scripts" / folder).glob("*.py")
-    if path.name != "__init__.py"
-)
+SCRIPTS = sorted(path for path in (ROOT / "scripts").rglob("*.py") if "run_scenario(main)" in path.read_text())
 README = ROOT / "README.md"
 DOCUMENTS = [README, *sorted((ROOT / "docs").glob("*.md"))]
 LEAF = "uuv.sim.interfaces"
@@ -46,7 +41,7 @@ def modules_after(statement: str) -> set[str]:
 
 @pytest.mark.parametrize("room", ROOMS)
 def test_room_is_ours(room: str):
-    file = import_module(room).__file__
+    file = import_module(f"uuv.{room}").__file__
     assert file is not None
     assert Path(file).resolve() == ROOT / room / "__init__.py"
 
@@ -56,7 +51,7 @@ def test_leaf_imports_numpy_only():
     names = [LEAF if path.stem == "__init__" else f"{LEAF}.{path.stem}" for path in leaf]
     assert len(names) > 3
     loaded = modules_after("import " + ", ".join(names)) - modules_after("import numpy.random, numpy.typing")
-    ours = {"sim", *(name for name in loaded if name.startswith(LEAF))}
+    ours = {"uuv", "uuv.sim", *(name for name in loaded if name.startswith(LEAF))}
     assert {
         name for name in loaded - ours if name.partition(".")[0] not in {"numpy", *sys.stdlib_module_names}
     } == set()
@@ -64,7 +59,7 @@ def test_leaf_imports_numpy_only():
 
 @pytest.mark.parametrize("room", ["perception", "calib"])
 def test_room_is_imported_lazily(room: str):
-    loaded = modules_after(f"import {room}")
+    loaded = modules_after(f"import uuv.{room}")
     assert not {"embreex", "open3d", "scipy", "numba", "mujoco", "trimesh"} & loaded
 
 
@@ -80,7 +75,7 @@ def test_environment_sees_the_plant_only_through_the_step():
 def test_script_starts_as_all_do(script: Path):
     assert script.stem not in ROOMS, "a script named like a room hides it"
     text = script.read_text()
-    assert re.search(r"^from scenarios\.start import .*\brun_scenario\b", text, flags=re.MULTILINE)
+    assert re.search(r"^from uuv\.start import .*\brun_scenario\b", text, flags=re.MULTILINE)
     assert "run_scenario(main)" in text
 
 

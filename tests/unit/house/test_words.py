@@ -11,7 +11,7 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[3]
 FILES_A_FOLDER, SWITCHES, WORDS_A_SENTENCE = 18, 20, 40
-ROOMS = ("models", "sim", "perception", "controllers", "calib", "scripts")
+ROOMS = ("uuv", "models", "sim", "perception", "controllers", "calib", "scripts")
 KEY = re.compile(r"\[([A-Z][A-Za-z]+ (?:1[89]|20)\d\d[a-z]?)(?:[,\]])")
 
 

@@ -4,6 +4,7 @@ import mujoco
 import numpy as np
 import pytest
 
+from surface_distance import signed_distance
 from uuv.models.meshes import convex_parts
 from uuv.models.meshes.closed_shells import box, open_edges, revolve, sphere, split, volume, welded
 from uuv.models.meshes.nearest_surface import NearestSurface
@@ -13,7 +14,6 @@ from uuv.models.objects.rock import rock
 from uuv.models.objects.target_model import TargetModel
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import exp_so3, pose, transform_points
-from surface_distance import signed_distance
 
 OBJECTS = {name: targets.named(name) for name in targets.available()} | {"another rock": rock(5)}
 

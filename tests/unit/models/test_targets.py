@@ -6,7 +6,16 @@ import pytest
 import trimesh
 
 from uuv.models.meshes.ray_casting import RayScene
-from uuv.models.objects.targets import ModelPath, Symmetry, TargetModel, barrel, longitudinal, revolve, starfish, transverse
+from uuv.models.objects.targets import (
+    ModelPath,
+    Symmetry,
+    TargetModel,
+    barrel,
+    longitudinal,
+    revolve,
+    starfish,
+    transverse,
+)
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import exp_so3, pose, rotation_angle, transform_points
 

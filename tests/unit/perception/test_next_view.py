@@ -8,7 +8,13 @@ import pytest
 from depth_scenes import look, seen_from
 from uuv.models.objects.targets import barrel
 from uuv.perception.clouds.scan import Scan
-from uuv.perception.finding.next_view import predicted_information, predicted_sigma, ranked_views, telling_nats, views_around
+from uuv.perception.finding.next_view import (
+    predicted_information,
+    predicted_sigma,
+    ranked_views,
+    telling_nats,
+    views_around,
+)
 from uuv.perception.registration.identification import Identification, identify
 from uuv.perception.registration.model_surface import ModelSurface
 from uuv.perception.registration.pose_search import Hypothesis

@@ -9,9 +9,8 @@ import trimesh
 
 from uuv.models.objects.targets import barrel, block
 from uuv.models.site.scenes import work_site
-from uuv.perception.finding.surveyed_object import SURVEY_SIGMA, SurveyedObjectFinder
 from uuv.own_vehicle import vehicle_spec
-from uuv.site import KnownObject
+from uuv.perception.finding.surveyed_object import SURVEY_SIGMA, SurveyedObjectFinder
 from uuv.sim import hydrodynamics
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.messages import DepthImage, StateEstimate, SurveyedPose
@@ -19,6 +18,7 @@ from uuv.sim.interfaces.spatial import exp_so3, inverse, pose, transform_points
 from uuv.sim.plant.plant import Plant
 from uuv.sim.sensors.survey import Survey
 from uuv.sim.water.current import Current
+from uuv.site import KnownObject
 
 ZERO = np.zeros(3)
 AT_REST = StateEstimate(

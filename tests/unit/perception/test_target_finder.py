@@ -8,9 +8,9 @@ import pytest
 from depth_scenes import look, seen_from
 from uuv.models.objects.targets import barrel
 from uuv.perception.clouds.scan import Scan
+from uuv.perception.finding.target_finder import Frame, KnownObjectFinder, fused, with_fused_frames
 from uuv.perception.registration.identification import identify
 from uuv.perception.registration.model_surface import ModelSurface
-from uuv.perception.finding.target_finder import Frame, KnownObjectFinder, fused, with_fused_frames
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.messages import StateEstimate
 from uuv.sim.interfaces.spatial import exp_so3, inverse, pose, readonly, transform_points

@@ -8,11 +8,11 @@ import mujoco
 import numpy as np
 import pytest
 
+from untyped import untyped
 from uuv.models import hydrodynamics as water
 from uuv.sim import hydrodynamics
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import checked, checked_pose, exp_so3, fitting, pose
-from untyped import untyped
 
 SPOILT: list[Any] = [
     [1.0, 2.0],

@@ -7,6 +7,7 @@ import mujoco
 import numpy as np
 import pytest
 
+from untyped import untyped
 from uuv import models
 from uuv.sim import hydrodynamics
 from uuv.sim.interfaces.errors import ConfigurationError, HydrodynamicsError
@@ -14,7 +15,6 @@ from uuv.sim.interfaces.messages import Command
 from uuv.sim.interfaces.spatial import pose
 from uuv.sim.plant.plant import Plant
 from uuv.sim.water.current import Current
-from untyped import untyped
 
 STILL = Current((0.0, 0.0, 0.0))
 GUSTS = Current((0.0, 0.0, 0.0), gust=0.01, timestep=0.002, rng=np.random.default_rng(0))

@@ -6,7 +6,21 @@ import numpy as np
 import pytest
 
 from uuv.models.site.seabed import KINDS, Seabed, seabed
-from uuv.models.site.soil import SOILS, Soil, SoilTool, box, core_tube, cutting_factor, depth_for, mud, pull_resistance, push_resistance, rankine, sand, side_resistance
+from uuv.models.site.soil import (
+    SOILS,
+    Soil,
+    SoilTool,
+    box,
+    core_tube,
+    cutting_factor,
+    depth_for,
+    mud,
+    pull_resistance,
+    push_resistance,
+    rankine,
+    sand,
+    side_resistance,
+)
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.plant.soil_contact import SoilForce
 

@@ -13,11 +13,11 @@ import numpy as np
 import pytest
 import tyro
 
-from uuv import models
 import run_scenario
-from uuv.models.objects.targets import OBJECTS
-from uuv import Perturbation, Scenario, assemble, barrel, read_scenario, run, write_scenario
+from untyped import untyped
+from uuv import Perturbation, Scenario, assemble, barrel, models, read_scenario, run, write_scenario
 from uuv.jobs import GearOptions, InsertionOptions, InspectionOptions, ObjectOptions, PileOptions, SeabedOptions
+from uuv.models.objects.targets import OBJECTS
 from uuv.own_vehicle import OwnVehicle, vehicle_spec
 from uuv.perturbations import perturbation
 from uuv.perturbations.loop import MisplacedSurface, SensorFailure, ThrusterFailure
@@ -26,13 +26,12 @@ from uuv.perturbations.perturbation import perturb
 from uuv.perturbations.vehicle import Gears, Payload, ThrusterSpread, Water
 from uuv.scenario import Task
 from uuv.scenario_file import as_dict, from_dict, registries, to_toml, with_values
-from uuv.site import KnownObject, Site
-from uuv.tasks import registry as tasks
-from uuv.tasks.surface_work import PlacedSurfaceWork, SurfaceWorkTask
 from uuv.sim.interfaces.errors import LONGEST, ConfigurationError
 from uuv.sim.interfaces.messages import WorkState
 from uuv.sim.plant.faults import FaultyPlant
-from untyped import untyped
+from uuv.site import KnownObject, Site
+from uuv.tasks import registry as tasks
+from uuv.tasks.surface_work import PlacedSurfaceWork, SurfaceWorkTask
 
 ALL = (
     Water(spread=0.3),
@@ -80,7 +79,7 @@ def test_random_numbers_keep_all_their_bits(rng):
 def test_every_class_that_a_file_can_name_is_registered():
     for base, registry in ((perturbation.Perturbation, perturbation.registry()), (Task, tasks.registry())):
         named = {registry.maker(name) for name in registry.names()}
-        ours = {one for one in subclasses(base) if one.__module__.startswith("scenarios.")}
+        ours = {one for one in subclasses(base) if one.__module__.startswith("uuv.")}
         nameless = {one for one in ours if one.__name__.startswith("_") or one.__subclasses__()}
         assert ours - nameless <= named <= ours
 

@@ -11,9 +11,26 @@ from typing import TypeVar
 
 import numpy as np
 
+from experiments.identification.unseen.solids import (
+    Solid3,
+    ball,
+    circle,
+    cylinder,
+    extruded,
+    hexagon,
+    inside,
+    mirrored,
+    moved,
+    rectangle,
+    ring,
+    scaled,
+    skinned,
+    swept,
+    tube,
+    turned,
+)
 from uuv.models.meshes.closed_shells import box, joined, sphere
 from uuv.models.objects.target_model import Symmetry, TargetModel
-from experiments.identification.unseen.solids import Solid3, ball, circle, cylinder, extruded, hexagon, inside, mirrored, moved, rectangle, ring, scaled, skinned, swept, tube, turned
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import Array, exp_so3, pose, rotation_from_z
 

@@ -5,12 +5,12 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import ndimage
 
-from uuv.models.meshes.ray_casting import RayScene
-from uuv.perception.clouds.scan import SensorModel
-from uuv.clouds.object_scenes import FOCAL
 from experiments.identification.unseen.likeness import DIFFERENT
 from experiments.identification.unseen.placing import pinhole
 from experiments.identification.unseen.scenes import UnseenScene
+from uuv.clouds.object_scenes import FOCAL
+from uuv.models.meshes.ray_casting import RayScene
+from uuv.perception.clouds.scan import SensorModel
 from uuv.sim.interfaces.spatial import Array, inverse, transform_points
 
 FOUND = (0.005, 0.003, 3.0)  # [m] and share of the range that a found position may be off, [deg] of attitude

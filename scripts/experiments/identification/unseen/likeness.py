@@ -10,11 +10,11 @@ from functools import cached_property
 
 import numpy as np
 
+from experiments.identification.unseen.grammar import UnseenShape, area_centroid
 from uuv.models.meshes.closed_shells import sphere
 from uuv.models.meshes.nearest_surface import NearestSurface
 from uuv.models.meshes.visibility import SurfaceSamples, View
 from uuv.models.objects.target_model import Symmetry
-from experiments.identification.unseen.grammar import UnseenShape, area_centroid
 from uuv.sim.interfaces.spatial import Array, exp_so3, pose, readonly, rotation_from_z, transform_points
 
 SAME = 0.005  # [-] of the radius: distance up to which a rotation maps the surface onto itself

@@ -5,10 +5,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from uuv.perception.registration.pose_check import Decision
-from uuv.experiment import Row
 from experiments.identification.unseen.placing import pinhole
 from experiments.identification.unseen.scenes import HIDDEN, UnseenCase, build
+from uuv.experiment import Row
+from uuv.perception.registration.pose_check import Decision
 from uuv.sim.interfaces.spatial import Array
 
 if TYPE_CHECKING:

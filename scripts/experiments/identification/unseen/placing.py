@@ -9,11 +9,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial import ConvexHull
 
-from uuv.models.meshes.closed_shells import box, sphere
-from uuv.models.meshes.ray_casting import RayScene
-from uuv.clouds.object_scenes import FOCAL
 from experiments.identification.unseen.grammar import UnseenShape, any_rotation
 from experiments.identification.unseen.solids import Solid3, cylinder, moved, scaled
+from uuv.clouds.object_scenes import FOCAL
+from uuv.models.meshes.closed_shells import box, sphere
+from uuv.models.meshes.ray_casting import RayScene
 from uuv.sim.interfaces.spatial import Array, exp_so3, inverse, pose, rotation_from_z
 
 Rng = np.random.Generator

@@ -13,14 +13,24 @@ from typing import Literal
 import mujoco
 import numpy as np
 
+from experiments.identification.unseen.grammar import KINDS, UnseenShape, any_rotation, unseen_shape
+from experiments.identification.unseen.likeness import Likeness
+from experiments.identification.unseen.placing import (
+    COARSE,
+    Body,
+    beside,
+    heaped,
+    hidden_by,
+    resting_attitude,
+    seabed,
+    stone,
+    veil,
+)
+from experiments.identification.unseen.solids import Solid3, moved
+from uuv.clouds.object_scenes import FOCAL, SENSORS, Camera, Imager
 from uuv.models.meshes.closed_shells import joined
 from uuv.models.objects.target_model import Symmetry, TargetModel
 from uuv.perception.clouds.scan import Scan
-from uuv.clouds.object_scenes import FOCAL, SENSORS, Camera, Imager
-from experiments.identification.unseen.grammar import KINDS, UnseenShape, any_rotation, unseen_shape
-from experiments.identification.unseen.likeness import Likeness
-from experiments.identification.unseen.placing import COARSE, Body, beside, heaped, hidden_by, resting_attitude, seabed, stone, veil
-from experiments.identification.unseen.solids import Solid3, moved
 from uuv.sim.interfaces.errors import ConfigurationError, PerceptionError
 from uuv.sim.interfaces.spatial import Array, exp_so3, inverse, pose, readonly, rotation_from_z, transform_points
 from uuv.sim.sensors.depth_camera import DepthCamera, Optics

@@ -9,14 +9,14 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from scipy.stats import chi2
 
+from experiments.identification.unseen.judge import RIVAL_GAIN, SIZED, TELLING, ViewOfObject, pose_error
+from experiments.identification.unseen.pictures import gallery, recall_chart
+from experiments.identification.unseen.scenes import PILE, UnseenCase, UnseenScene, build, present
+from uuv.experiment import Row, Summary, Table
 from uuv.perception.registration.fine_fit import ModelSurface
 from uuv.perception.registration.identification import Identification, identify
 from uuv.perception.registration.pose_check import Decision
 from uuv.perception.registration.recognition import identify_together
-from uuv.experiment import Row, Summary, Table
-from experiments.identification.unseen.judge import RIVAL_GAIN, SIZED, TELLING, ViewOfObject, pose_error
-from experiments.identification.unseen.pictures import gallery, recall_chart
-from experiments.identification.unseen.scenes import PILE, UnseenCase, UnseenScene, build, present
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -1,9 +1,9 @@
 """Study: recall, accepts and false accepts of identification on objects that no code was tuned on.
 
-Shapes and scenes are drawn by a seeded grammar (`experiments.identification.unseen`): ten classes of shape, three of occlusion, clutter,
-touching neighbours and piles, three kinds of depth noise and a sonar. A pose is found within 5 mm plus 0.3 % of the
-range and 3 deg, modulo the geometric symmetry of the shape. A false accept is an accepted pose that is not found, or
-any accepted pose where the object is absent, another one, mirrored, or 5 % larger or smaller.
+Shapes and scenes are drawn by a seeded grammar (`experiments.identification.unseen`): ten classes of shape, three of
+occlusion, clutter, touching neighbours and piles, three kinds of depth noise and a sonar. A pose is found within 5 mm
+plus 0.3 % of the range and 3 deg, modulo the geometric symmetry of the shape. A false accept is an accepted pose that
+is not found, or any accepted pose where the object is absent, another one, mirrored, or 5 % larger or smaller.
 """
 
 from uuv.start import parse, run_scenario  # isort: skip
@@ -11,10 +11,10 @@ from uuv.start import parse, run_scenario  # isort: skip
 from dataclasses import dataclass
 from functools import partial
 
-from uuv.experiment import Study, StudyOptions
-from uuv.experiment.options import at_least
 from experiments.identification.unseen.scenes import PILE, piled, present, wrong
 from experiments.identification.unseen.study import Known, UnseenTrial, line, run, summarise
+from uuv.experiment import Study, StudyOptions
+from uuv.experiment.options import at_least
 from uuv.sim.interfaces.errors import ConfigurationError
 
 

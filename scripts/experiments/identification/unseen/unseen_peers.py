@@ -2,7 +2,8 @@
 
     ./uvw run scripts/experiments/identification/unseen/unseen_peers.py  # ours alone.
     PEERS=scripts/experiments/peers_requirements.txt
-    ./uvw run --extra open3d --with-requirements $PEERS scripts/experiments/identification/unseen/unseen_peers.py  # with the peers.
+    ./uvw run --extra open3d --with-requirements $PEERS scripts/experiments/identification/unseen/unseen_peers.py  #
+    with the peers.
 
 The scenes are those of the study of unseen objects with the object present; its position is known within 0.3 m, its
 attitude is not. Ours begins at the depth frame. The peers get the points with normals that our segmentation assigns to
@@ -24,14 +25,14 @@ from typing import Any
 import numpy as np
 
 from experiments.identification.registration_peers import PEERS, Model, RegistrationTask
+from experiments.identification.unseen.judge import pose_error
+from experiments.identification.unseen.scenes import UnseenCase, UnseenScene, build, present
+from uuv.experiment import Row, Study, StudyOptions, Summary, Table
+from uuv.experiment.options import at_least
 from uuv.perception.clouds.scan import near_any, without_flying_pixels
 from uuv.perception.registration.evidence import Evidence
 from uuv.perception.registration.identification import APPROACH_ERROR, Identification, identify
 from uuv.perception.registration.model_surface import ModelSurface
-from uuv.experiment import Row, Study, StudyOptions, Summary, Table
-from uuv.experiment.options import at_least
-from experiments.identification.unseen.judge import pose_error
-from experiments.identification.unseen.scenes import UnseenCase, UnseenScene, build, present
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import Array, exp_so3, pose, transform_points
 

@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from uuv.calib.water.named_fit import values_of
 from experiments.water.pool.pool_vehicle import NOMINAL, PARAMETERS, pool_model
 from experiments.water.pool.replay import TrialScore, replay
 from experiments.water.pool.trials import PoolTrial
 from experiments.water.pool.validation import Validation, medians
+from uuv.calib.water.named_fit import values_of
 from uuv.experiment import Table
 from uuv.sim.interfaces.extras import wanted
 

@@ -8,9 +8,9 @@ import numpy as np
 from mujoco import rollout
 from scipy.spatial.transform import Rotation
 
-from uuv.calib.water.named_fit import values_of
 from experiments.water.pool.pool_vehicle import PARAMETERS, joint_zeros, mount, pool_model
 from experiments.water.pool.trials import PoolTrial
+from uuv.calib.water.named_fit import values_of
 from uuv.sim.interfaces.errors import UuvError
 from uuv.sim.interfaces.spatial import Array, quat_wxyz_from_rotation
 

@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 from scipy.optimize import minimize_scalar
 
-from uuv.calib.water.named_fit import NamedFit, fit_named, values_of
 from experiments.water.pool.pool_vehicle import NOMINAL, PARAMETERS, pool_model
 from experiments.water.pool.replay import Residuals, TrialScore, replay, score_of
 from experiments.water.pool.trials import PoolTrial
+from uuv.calib.water.named_fit import NamedFit, fit_named, values_of
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import Array, shown
 from uuv.sim.interfaces.tables import json_of

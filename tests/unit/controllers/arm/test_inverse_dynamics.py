@@ -7,11 +7,11 @@ import mujoco
 import numpy as np
 import pytest
 
+from uncompiled import uncompiled
 from uuv import models
 from uuv.models import hydrodynamics
 from uuv.models.vehicle import Vehicle
 from uuv.sim.interfaces.spatial import Array, exp_so3, pose
-from uncompiled import uncompiled
 
 (dynamics,) = uncompiled("uuv.controllers.arm.inverse_dynamics")
 _WORK: dict[int, Array] = {}  # by the number of bodies

@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from uuv import models
 from at_rest import at_rest
+from uuv import models
 from uuv.controllers.hull.allocation import Allocation
 from uuv.controllers.hull.hull_control import HullControl, ThrusterLead
 from uuv.models.vehicle import Vehicle

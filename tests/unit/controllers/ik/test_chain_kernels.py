@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from numba import types
 
-from uuv.controllers.ik.chain import Chain
 from plain_chains import SCALE, by_exponentials, drawn_chain, drawn_q, kernels, plain
+from uuv.controllers.ik.chain import Chain
 from uuv.sim.interfaces.spatial import Array, exp_so3, log_so3, pose
 
 H = np.pi / 2

@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from untyped import untyped
 from uuv.controllers.ik import chain_kernels, damped_descent, paper_stages, pose_parts, sweeps
 from uuv.controllers.mkps import Chain, IkOptions, Method, solve, solve_many
 from uuv.models.arms import published_arms
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import Array, exp_so3, log_so3, pose
-from untyped import untyped
 
 H = np.pi / 2
 PUMA = [(0, 0, 0, H), (0, 0, 0.4318, 0), (0, 0.15005, 0.0203, -H), (0, 0.4318, 0, H), (0, 0, 0, -H), (0, 0, 0, 0)]

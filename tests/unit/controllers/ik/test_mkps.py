@@ -6,11 +6,11 @@ import mujoco
 import numpy as np
 import pytest
 
+from untyped import untyped
 from uuv.controllers.mkps import Branch, Chain, IkOptions, Method, solve, solve_many
 from uuv.models.arms import published_arms
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import Array, exp_so3, inverse, log_so3, pose
-from untyped import untyped
 
 H = np.pi / 2
 ARMS = {name: published_arms.load(name) for name in published_arms.available()}

@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from uuv.controllers.ik.chain import Chain
 from plain_chains import SCALE, Plain, by_exponentials, drawn_chain, drawn_q, kernels, plain, settings, stages
+from uuv.controllers.ik.chain import Chain
 from uuv.sim.interfaces.spatial import Array, exp_so3, pose
 
 H = np.pi / 2

@@ -7,11 +7,11 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from experiments.kinematics.ik_parts import REACHER
+from untyped import untyped
 from uuv.controllers.mkps import Chain, IkOptions, solve, solve_many
 from uuv.models.arms import published_arms
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import Array, exp_so3, pose
-from untyped import untyped
 
 INF = math.inf
 KINDS = {

@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
+from untyped import untyped
 from uuv.controllers.ik.method import Method
 from uuv.controllers.ik.tracking import Passing
 from uuv.controllers.ik.tracking_solvers import solve_at, solver_address
 from uuv.controllers.mkps import Chain, IkOptions, Track, Tracker, solve, track
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import Array, exp_so3, log_so3, pose
-from untyped import untyped
 
 H = np.pi / 2
 PUMA = [(0, 0, 0, H), (0, 0, 0.4318, 0), (0, 0.15005, 0.0203, -H), (0, 0.4318, 0, H), (0, 0, 0, -H), (0, 0.1, 0, 0)]

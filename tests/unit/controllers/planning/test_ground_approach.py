@@ -6,6 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 
+from untyped import untyped
 from uuv.controllers.planning.ground_approach import GroundApproach
 from uuv.models.site.seabed import Seabed, seabed
 from uuv.perception.navigation.ground_plane import GroundPlaneEstimator, plane_through
@@ -13,7 +14,6 @@ from uuv.sim.interfaces.errors import ConfigurationError, ReachError
 from uuv.sim.interfaces.messages import DvlRangesMeasurement, Measurement, StateEstimate
 from uuv.sim.interfaces.spatial import Array, exp_so3, pose, transform_points
 from uuv.sim.sensors.dvl_ranges import DvlBeams, DvlRanges
-from untyped import untyped
 
 P_BD = np.array([-0.7, 0.1, -0.4])
 X_WB = pose(exp_so3([0.03, -0.05, 0.8]), [0.2, -0.1, -6.1])

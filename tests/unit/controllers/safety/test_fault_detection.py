@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from uuv import models
 from at_rest import at_rest
+from uuv import models
 from uuv.controllers.hull.hull_control import ThrusterLead
 from uuv.controllers.hull.station_keeping import hull_inertia
 from uuv.controllers.safety.fault_detection import FaultDetection

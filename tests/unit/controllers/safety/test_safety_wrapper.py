@@ -12,7 +12,16 @@ from uuv.controllers.safety.blind_departure import BlindDeparture, HullBalance
 from uuv.controllers.safety.safety_wrapper import SafetyWrapper
 from uuv.controllers.tuning import SAFETY, FaultLimits
 from uuv.models.vehicle import Vehicle
-from uuv.sim.interfaces.messages import AbortCode, Command, ContactEstimate, Fault, FaultKind, Reference, StateEstimate, WorkState
+from uuv.sim.interfaces.messages import (
+    AbortCode,
+    Command,
+    ContactEstimate,
+    Fault,
+    FaultKind,
+    Reference,
+    StateEstimate,
+    WorkState,
+)
 from uuv.sim.interfaces.spatial import Array
 
 DT = 0.002

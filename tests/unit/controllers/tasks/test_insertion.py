@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from told import Told
 from uuv.controllers.mkps import Chain
 from uuv.controllers.planning import hull_placement
 from uuv.controllers.planning.placement import Placement
@@ -20,9 +21,17 @@ from uuv.models.vehicle import Vehicle
 from uuv.models.vehicles import uuv_puma
 from uuv.sim.evaluation.insertion_metrics import crashed, hole_error, summary
 from uuv.sim.interfaces.errors import ConfigurationError
-from uuv.sim.interfaces.messages import AbortCode, Command, ContactEstimate, Fault, FaultKind, StateEstimate, Target, WorkState
+from uuv.sim.interfaces.messages import (
+    AbortCode,
+    Command,
+    ContactEstimate,
+    Fault,
+    FaultKind,
+    StateEstimate,
+    Target,
+    WorkState,
+)
 from uuv.sim.interfaces.spatial import Array, exp_so3, inverse, pose
-from told import Told
 
 PERIOD = 0.01  # [s]
 SCAN_POSE, WORK_POSE = pose(p=[-1.0, 0.2, 0.5]), pose(p=[-0.6, 0.0, 0.3])

@@ -6,21 +6,31 @@ import numpy as np
 import pytest
 from scipy.spatial import ConvexHull
 
+from mujoco_visibility import MujocoVisibility
+from told import Told
 from uuv.controllers.mkps import Chain
 from uuv.controllers.planning.hull_path import HullPath
 from uuv.controllers.planning.work_vehicle import WorkVehicle
-from uuv.controllers.tasks.inspection import HullCamera, Inspection, InspectionJob, Keep, Orbit, allowed_cameras, covering, offset_outline, orbit
+from uuv.controllers.tasks.inspection import (
+    HullCamera,
+    Inspection,
+    InspectionJob,
+    Keep,
+    Orbit,
+    allowed_cameras,
+    covering,
+    offset_outline,
+    orbit,
+)
 from uuv.models.meshes.visibility import SurfaceSamples, View
 from uuv.models.naming import ARM_BASE_BODY, TIP_SITE
 from uuv.models.objects import targets
 from uuv.models.objects.targets import TargetModel
 from uuv.models.vehicle import Vehicle
 from uuv.models.vehicles import uuv_puma
-from mujoco_visibility import MujocoVisibility
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.messages import StateEstimate, Target, WorkState
 from uuv.sim.interfaces.spatial import Array, exp_so3, inverse, pose, transform_points
-from told import Told
 
 OWN = uuv_puma.build().compile()
 VEHICLE, CHAIN = Vehicle.of(OWN), Chain.from_mjcf(OWN, ARM_BASE_BODY, TIP_SITE, exclude=["pad"])

@@ -14,7 +14,16 @@ from uuv.controllers.tasks.phase import Abort, Context, Held, PhaseEvent, ToolLi
 from uuv.controllers.tasks.surface_work import SurfaceTaskConfig, surface_monitors
 from uuv.controllers.tasks.task import TaskPlanner, TaskRow
 from uuv.sim.interfaces.errors import ConfigurationError
-from uuv.sim.interfaces.messages import AbortCode, Command, ContactEstimate, Fault, FaultKind, StateEstimate, ToolPath, WorkState
+from uuv.sim.interfaces.messages import (
+    AbortCode,
+    Command,
+    ContactEstimate,
+    Fault,
+    FaultKind,
+    StateEstimate,
+    ToolPath,
+    WorkState,
+)
 from uuv.sim.interfaces.spatial import Array, exp_so3, pose
 
 STEP = 0.02  # [s]

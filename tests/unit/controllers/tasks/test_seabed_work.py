@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import pytest
 
+from told import Told
 from uuv.controllers.mkps import Chain
 from uuv.controllers.planning.placement import Placement
 from uuv.controllers.planning.seabed_height import WorkHeight
@@ -21,7 +22,6 @@ from uuv.sim.interfaces.errors import ConfigurationError, ReachError
 from uuv.sim.interfaces.messages import Command, ContactEstimate, StateEstimate, Target, ToolPath, WorkState
 from uuv.sim.interfaces.spatial import Array, pose, readonly
 from uuv.sim.plant.soil_contact import SoilForce
-from told import Told
 
 PERIOD = 0.01  # [s]
 SCAN_POSE, WORK_POSE = pose(p=[0.0, 0.0, 2.5]), pose(p=[0.1, 0.0, 1.6])

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from told import Told
 from uuv import models
 from uuv.controllers.hull.thrust_margin import ThrustMargin
 from uuv.controllers.mkps import Chain
@@ -23,9 +24,19 @@ from uuv.models.naming import ARM_BASE_BODY, TIP_SITE
 from uuv.models.objects.targets import barrel
 from uuv.models.vehicle import Vehicle
 from uuv.sim.interfaces.errors import ConfigurationError, ReachError, StrongCurrentError
-from uuv.sim.interfaces.messages import AbortCode, Command, ContactEstimate, Fault, FaultKind, Reference, StateEstimate, Target, ToolPath, WorkState
+from uuv.sim.interfaces.messages import (
+    AbortCode,
+    Command,
+    ContactEstimate,
+    Fault,
+    FaultKind,
+    Reference,
+    StateEstimate,
+    Target,
+    ToolPath,
+    WorkState,
+)
 from uuv.sim.interfaces.spatial import Array, exp_so3, pose
-from told import Told
 
 PERIOD, FINE = 0.02, 0.01  # [s] enough for most that is asked here; that of jobs
 SCAN_POSE = pose(p=[-1.0, 0.2, 0.5])

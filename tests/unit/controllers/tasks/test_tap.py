@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from told import Told
 from uuv import models
 from uuv.controllers.mkps import Chain
 from uuv.controllers.planning.placement import Placement
@@ -19,7 +20,6 @@ from uuv.models.vehicle import Vehicle
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.messages import Command, ContactEstimate, StateEstimate, Target, ToolPath, WorkState
 from uuv.sim.interfaces.spatial import Array, pose
-from told import Told
 
 PERIOD, STIFFNESS = 0.01, 3e4  # [s], [N/m]
 HEIGHTS = {0.0: 4e-3, 0.05: 0.0, 0.12: -3e-3}  # [m] of the real surface over that expected, at each point

@@ -5,10 +5,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from experiments.calibration.calibration_study import (
+    EffectCase,
+    LoadCase,
+    RealCase,
+    WildCase,
+    real_cases,
+    run,
+    simulated_cases,
+    summarise,
+)
 from uuv.calib.simulation import touch, wrong_arm
 from uuv.calib.touch_files import write_touches
 from uuv.models.arms import published_arms
-from experiments.calibration.calibration_study import EffectCase, LoadCase, RealCase, WildCase, real_cases, run, simulated_cases, summarise
 from uuv.sim.interfaces.errors import ConfigurationError
 
 

@@ -5,10 +5,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from uuv.calib.touch_files import write_touches
-from uuv.arm_identification.calibration_input import nominal
-from experiments.calibration.verdict_study import AS_RIGHT, Source, VerdictCase, cases, outcome_of, summarise, verdict_of
+from experiments.calibration.verdict_study import (
+    AS_RIGHT,
+    Source,
+    VerdictCase,
+    cases,
+    outcome_of,
+    summarise,
+    verdict_of,
+)
 from experiments.calibration.wrong_inputs import WRONG, Input
+from uuv.arm_identification.calibration_input import nominal
+from uuv.calib.touch_files import write_touches
 from uuv.sim.interfaces.errors import ConfigurationError
 
 STRAIGHT = Source("ur5", 105, "straight")

@@ -5,7 +5,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from experiments.contact import force_steps, force_step_figures as step_response
+from experiments.contact import force_step_figures as step_response
+from experiments.contact import force_steps
 from experiments.faults import gyro_steps
 from experiments.vehicles import pushed_hover as hover
 from uuv.sim.interfaces.messages import FaultKind

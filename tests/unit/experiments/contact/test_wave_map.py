@@ -2,8 +2,8 @@
 
 from typing import Any
 
-from uuv.campaigns.contact_study import DAMAGED
 from experiments.contact.wave_map import BLAMED, line, summarise
+from uuv.campaigns.contact_study import DAMAGED
 
 
 def row(amplitude: float, **changed: Any) -> dict[str, Any]:

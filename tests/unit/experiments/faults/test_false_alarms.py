@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from uuv import assemble, barrel
 from experiments.faults.quiet_runs import CURRENT, GUST, WAVE, WORKERS, SoundCase, draw, summarise
+from uuv import assemble, barrel
 from uuv.sim.interfaces.messages import FaultKind
 
 

@@ -5,9 +5,9 @@ from dataclasses import asdict, replace
 import numpy as np
 import pytest
 
-from uuv.campaigns.contact_study import DAMAGE
 from experiments.faults.fault_cases import AT_WORK, PUSH, Trace
 from experiments.faults.fault_figures import figures, summarise
+from uuv.campaigns.contact_study import DAMAGE
 from uuv.sim.interfaces.messages import WorkState
 
 

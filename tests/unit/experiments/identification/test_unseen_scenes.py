@@ -8,16 +8,27 @@ import mujoco
 import numpy as np
 import pytest
 
-from uuv.models.meshes.closed_shells import box
-from uuv.models.meshes.ray_casting import RayScene
-from uuv.perception.clouds.scan import SensorModel
-from uuv.clouds.object_scenes import FOCAL
 from experiments.identification.unseen.grammar import KINDS, unseen_shape
 from experiments.identification.unseen.judge import FOUND, RIVAL_GAIN, TELLING, ViewOfObject, pose_error
 from experiments.identification.unseen.placing import Body, hidden_by, pinhole, resting_attitude, slid, veil
-from experiments.identification.unseen.scenes import DEPTH_SENSORS, HIDDEN, PILE, RESIZED, UnseenCase, UnseenScene, build, piled, present, wrong
+from experiments.identification.unseen.scenes import (
+    DEPTH_SENSORS,
+    HIDDEN,
+    PILE,
+    RESIZED,
+    UnseenCase,
+    UnseenScene,
+    build,
+    piled,
+    present,
+    wrong,
+)
 from experiments.identification.unseen.solids import ball, moved
 from experiments.identification.unseen.study import UnseenTrial, run
+from uuv.clouds.object_scenes import FOCAL
+from uuv.models.meshes.closed_shells import box
+from uuv.models.meshes.ray_casting import RayScene
+from uuv.perception.clouds.scan import SensorModel
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import Array, exp_so3, inverse, pose, transform_points
 

@@ -3,11 +3,24 @@
 import numpy as np
 import pytest
 
-from uuv.models.meshes.closed_shells import box, joined, open_edges, volume
-from uuv.models.objects.target_model import Symmetry
 from experiments.identification.unseen.grammar import EXTENT, KINDS, UnseenShape, area_centroid, unseen_shape
 from experiments.identification.unseen.likeness import Likeness
-from experiments.identification.unseen.solids import Solid3, ball, circle, cylinder, extruded, hexagon, inside, rectangle, ring, swept, tube, turned
+from experiments.identification.unseen.solids import (
+    Solid3,
+    ball,
+    circle,
+    cylinder,
+    extruded,
+    hexagon,
+    inside,
+    rectangle,
+    ring,
+    swept,
+    tube,
+    turned,
+)
+from uuv.models.meshes.closed_shells import box, joined, open_edges, volume
+from uuv.models.objects.target_model import Symmetry
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import exp_so3
 

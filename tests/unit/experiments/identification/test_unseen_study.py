@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from uuv.perception.registration.pose_check import Decision
 from experiments.identification.unseen import study
+from uuv.perception.registration.pose_check import Decision
 
 
 def row(found: bool, decision: Decision, content: str = "present", **changed: Any) -> dict[str, Any]:

@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from uuv.calib.water.named_fit import NamedParameter, fit_named, values_of
 from experiments.water.pool import validation
 from experiments.water.pool.pool_vehicle import HULLS, NOMINAL, PARAMETERS, pool_model
 from experiments.water.pool.replay import Residuals, replay, score_of
 from experiments.water.pool.trials import PoolTrial, names_in, read_trial, read_trials
 from experiments.water.pool.validation import FITTED, medians, read_fitted, scores
+from untyped import untyped
+from uuv.calib.water.named_fit import NamedParameter, fit_named, values_of
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import Array
-from untyped import untyped
 
 REAL = Path(os.environ.get("UUV_POOL_TRIALS", "../shared/data/pool"))
 

@@ -3,8 +3,8 @@
 import numpy as np
 
 from dh_product import drawn_arm, link_frames
-from uuv.sim.interfaces.spatial import Array, exp_so3
 from uncompiled import uncompiled
+from uuv.sim.interfaces.spatial import Array, exp_so3
 
 kinematics, tip_places = uncompiled("uuv.models.arms.kinematics", "uuv.models.arms.tip_places")
 

@@ -5,13 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from uuv.controllers.mkps import Chain
 from dh_product import tips_here
+from untyped import untyped
+from uuv.controllers.mkps import Chain
 from uuv.models.arms import published_arms
 from uuv.models.arms.serial_arm import SerialArm
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import exp_so3, inverse, pose, readonly
-from untyped import untyped
 
 DEG = np.pi / 180
 UR10E = published_arms.load("ur10e").dh

@@ -3,7 +3,18 @@
 import numpy as np
 import pytest
 
-from uuv.models.meshes.closed_shells import box, joined, open_edges, prism, revolve, sphere, split, vertex_normals, volume, welded
+from uuv.models.meshes.closed_shells import (
+    box,
+    joined,
+    open_edges,
+    prism,
+    revolve,
+    sphere,
+    split,
+    vertex_normals,
+    volume,
+    welded,
+)
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import exp_so3
 

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from untyped import untyped
 from uuv.models.meshes.closed_shells import box, sphere
 from uuv.models.meshes.cloud_mesh import FEWEST, CloudMesh, mesh_of_cloud
 from uuv.models.meshes.nearest_surface import NearestSurface
@@ -12,7 +13,6 @@ from uuv.models.objects.mesh_symmetry import mesh_symmetry
 from uuv.models.objects.target_model import TargetModel
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import Array
-from untyped import untyped
 
 SIZE = np.array([0.4, 0.3, 0.2])
 

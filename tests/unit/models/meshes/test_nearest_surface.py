@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from uncompiled import uncompiled
 from uuv.models.meshes.closed_shells import sphere
 from uuv.sim.interfaces.spatial import Array, exp_so3
-from uncompiled import uncompiled
 
 (nearest,) = uncompiled("uuv.models.meshes.nearest_surface")
 _STEPS = np.linspace(0.0, 1.0, 41)

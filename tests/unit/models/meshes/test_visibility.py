@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from mujoco_visibility import MujocoVisibility
 from uuv.models.meshes.visibility import SurfaceSamples, View
 from uuv.models.objects import targets
-from mujoco_visibility import MujocoVisibility
 from uuv.sim.interfaces.spatial import exp_so3, pose, rotation_from_z
 
 VIEW = View((0.58, 0.43), 2.2)

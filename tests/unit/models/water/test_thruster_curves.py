@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from scipy.interpolate import PchipInterpolator
 
+from uncompiled import uncompiled
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import Array
-from uncompiled import uncompiled
 
 (curves,) = uncompiled("uuv.models.water.thruster_curves")
 AHEAD, ASTERN, BAND = (3.0, 20.0, 17.0), (2.0, 24.0), 0.1

@@ -8,6 +8,7 @@ import mujoco
 import numpy as np
 import pytest
 
+from untyped import untyped
 from uuv import models
 from uuv.models import hydrodynamics
 from uuv.models.site.scenes import vehicle_spec
@@ -17,7 +18,6 @@ from uuv.models.water_from_geometry.geoms import Choice, primitive
 from uuv.models.water_from_geometry.wetting import wet
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import Array, exp_so3, quat_wxyz_from_rotation
-from untyped import untyped
 from wet_files import INERTIAL, urdf, write_stl
 
 FAST = 800  # panels: at once as fine as need be

@@ -5,7 +5,15 @@ import pytest
 
 from uuv.models.meshes.ray_casting import RayScene
 from uuv.perception.clouds import scan as scans
-from uuv.perception.clouds.scan import Scan, SensorModel, contour, distances_along, facing_normals, triangulate, voxel_means
+from uuv.perception.clouds.scan import (
+    Scan,
+    SensorModel,
+    contour,
+    distances_along,
+    facing_normals,
+    triangulate,
+    voxel_means,
+)
 from uuv.sim.interfaces.spatial import Array, exp_so3
 
 

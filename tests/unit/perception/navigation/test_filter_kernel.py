@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from uncompiled import uncompiled
 from uuv.sim.interfaces.records import EstimateRecord, estimate_record, joint_record
 from uuv.sim.interfaces.spatial import GRAVITY, Array, exp_so3, log_so3
-from uncompiled import uncompiled
 
 (kernel,) = uncompiled("uuv.perception.navigation.filter_kernel")
 WALKS = np.array([0.02, 0.3, 5.0])

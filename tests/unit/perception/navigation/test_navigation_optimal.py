@@ -6,7 +6,15 @@ from scipy.linalg import solve_discrete_are
 
 from navigation_bench import UP, Hull, Rig, body
 from uuv.perception.navigation.strapdown_filter import Navigation, NavigationState
-from uuv.sim.interfaces.messages import DvlMeasurement, DvlNoise, ImuMeasurement, ImuNoise, Measurement, VisionMeasurement, VisionNoise
+from uuv.sim.interfaces.messages import (
+    DvlMeasurement,
+    DvlNoise,
+    ImuMeasurement,
+    ImuNoise,
+    Measurement,
+    VisionMeasurement,
+    VisionNoise,
+)
 from uuv.sim.interfaces.spatial import Array, exp_so3
 from uuv.sim.sensors import proprioception
 

@@ -7,12 +7,19 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from untyped import untyped
 from uuv.perception.navigation.rate_check import REPEATS
 from uuv.perception.navigation.strapdown_filter import Navigation
-from uuv.sim.interfaces.messages import EncoderMeasurement, ImuMeasurement, Measurement, StateEstimate, TorqueMeasurement, VisionMeasurement
+from uuv.sim.interfaces.messages import (
+    EncoderMeasurement,
+    ImuMeasurement,
+    Measurement,
+    StateEstimate,
+    TorqueMeasurement,
+    VisionMeasurement,
+)
 from uuv.sim.interfaces.spatial import Array, exp_so3
 from uuv.sim.sensors.proprioception import Imu
-from untyped import untyped
 
 STEP = 0.002  # [s]
 ONSET = 1500  # tick of a fault

@@ -7,7 +7,13 @@ import pytest
 
 from uuv.perception.navigation.raw_navigation import RawNavigation
 from uuv.sim.interfaces.errors import ConfigurationError
-from uuv.sim.interfaces.messages import DvlMeasurement, EncoderMeasurement, ImuMeasurement, TorqueMeasurement, VisionMeasurement
+from uuv.sim.interfaces.messages import (
+    DvlMeasurement,
+    EncoderMeasurement,
+    ImuMeasurement,
+    TorqueMeasurement,
+    VisionMeasurement,
+)
 from uuv.sim.interfaces.spatial import GRAVITY, exp_so3
 
 R = exp_so3([0.1, -0.2, 0.4])

@@ -10,7 +10,15 @@ from navigation_bench import Course, Hull, Rig
 from uuv.perception.navigation import filter_kernel as kernel
 from uuv.perception.navigation.strapdown_filter import Navigation
 from uuv.sim.interfaces.errors import ConfigurationError
-from uuv.sim.interfaces.messages import DvlMeasurement, EncoderMeasurement, ImuMeasurement, Measurement, TorqueMeasurement, VisionMeasurement, VisionNoise
+from uuv.sim.interfaces.messages import (
+    DvlMeasurement,
+    EncoderMeasurement,
+    ImuMeasurement,
+    Measurement,
+    TorqueMeasurement,
+    VisionMeasurement,
+    VisionNoise,
+)
 from uuv.sim.interfaces.records import estimate_record, joint_record
 from uuv.sim.interfaces.spatial import GRAVITY, Array, exp_so3, log_so3
 from uuv.sim.sensors import proprioception

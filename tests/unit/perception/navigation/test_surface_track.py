@@ -9,7 +9,17 @@ from uuv.models.arms.serial_arm import SerialArm
 from uuv.perception.navigation.filter_kernel import AT_TRACK, STATES
 from uuv.perception.navigation.strapdown_filter import Navigation, NavigationState
 from uuv.perception.navigation.surface_track import TrackMount
-from uuv.sim.interfaces.messages import DvlMeasurement, EncoderMeasurement, ImuMeasurement, Measurement, SurfaceMotionMeasurement, ToolAtRest, TorqueMeasurement, VisionMeasurement, VisionNoise
+from uuv.sim.interfaces.messages import (
+    DvlMeasurement,
+    EncoderMeasurement,
+    ImuMeasurement,
+    Measurement,
+    SurfaceMotionMeasurement,
+    ToolAtRest,
+    TorqueMeasurement,
+    VisionMeasurement,
+    VisionNoise,
+)
 from uuv.sim.interfaces.spatial import GRAVITY, Array, pose
 
 STEP = 0.01  # [s]

@@ -5,12 +5,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from experiments.identification.cloud_models import sampled_cloud
 from uuv import perception
+from uuv.clouds.object_scenes import object_scene, target_of
 from uuv.models.meshes.ply_files import write_ply
 from uuv.models.objects.targets import TargetModel
 from uuv.perception.registration.model_surface import ModelSurface
-from uuv.clouds.object_scenes import object_scene, target_of
-from experiments.identification.cloud_models import sampled_cloud
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import transform_points
 

@@ -11,19 +11,26 @@ import pytest
 import trimesh
 from scipy.spatial import cKDTree
 
-from uuv import perception
 from depth_scenes import DEFAULT_NOISE, add_floor, coarse, look, random_view, seen_from, shoot, standing
+from uuv import perception
 from uuv.models.meshes.closed_shells import box, joined, revolve
 from uuv.models.objects.targets import Symmetry, TargetModel, barrel
 from uuv.perception.clouds.scan import Scan, SensorModel, background, facing_normals
+from uuv.perception.finding.target_finder import KnownObjectFinder
 from uuv.perception.registration.identification import Identification, identify
 from uuv.perception.registration.model_surface import ModelSurface
 from uuv.perception.registration.pose_check import check
-from uuv.perception.finding.target_finder import KnownObjectFinder
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.messages import DepthImage, EncoderMeasurement
 from uuv.sim.interfaces.protocols import TargetFinder
-from uuv.sim.interfaces.spatial import exp_so3, inverse, pose, quat_wxyz_from_rotation, rotation_from_z, transform_points
+from uuv.sim.interfaces.spatial import (
+    exp_so3,
+    inverse,
+    pose,
+    quat_wxyz_from_rotation,
+    rotation_from_z,
+    transform_points,
+)
 
 BARREL = barrel()
 VIEW = seen_from(np.array([0.1, -0.9, 0.75]))

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from depth_scenes import look, seen_from
+from untyped import untyped
 from uuv.models.objects import targets
 from uuv.perception.clouds.scan import Scan, SensorModel
 from uuv.perception.registration.identification import identify
@@ -14,7 +15,6 @@ from uuv.perception.registration.pose_check import Decision
 from uuv.perception.registration.published.paper_icp import laid_on, paper_fit
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import exp_so3, pose, transform_points
-from untyped import untyped
 
 VALVE = targets.named("valve")
 SURFACE = ModelSurface.of(VALVE)

@@ -5,7 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from experiments.identification.cloud_models import sampled_cloud
+from untyped import untyped
 from uuv import perception
+from uuv.clouds.object_scenes import object_scene, target_of
 from uuv.models.meshes.ply_files import write_ply
 from uuv.perception.clouds.scan import KnownObjects, Scan, SensorModel
 from uuv.perception.registration import identification
@@ -13,11 +16,8 @@ from uuv.perception.registration.evidence import Evidence
 from uuv.perception.registration.likelihood import log_likelihood
 from uuv.perception.registration.model_surface import ModelSurface
 from uuv.perception.registration.pose_check import MIN_MARGIN, Decision
-from uuv.clouds.object_scenes import object_scene, target_of
-from experiments.identification.cloud_models import sampled_cloud
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import exp_so3, pose
-from untyped import untyped
 
 NAMES = ("starfish", "valve", "manifold")
 ANOTHER = pytest.mark.long(

@@ -13,14 +13,20 @@ from depth_scenes import look, seen_from, standing
 from uuv.models.objects.target_model import TargetModel
 from uuv.models.objects.targets import barrel, starfish
 from uuv.perception.clouds.scan import Scan
+from uuv.perception.finding.target_finder import KnownObjectFinder
 from uuv.perception.registration import rival_shapes
 from uuv.perception.registration.evidence import Evidence
 from uuv.perception.registration.identification import identify
 from uuv.perception.registration.likelihood import log_likelihood
 from uuv.perception.registration.model_surface import ModelSurface
 from uuv.perception.registration.pose_search import Found
-from uuv.perception.registration.rival_shapes import MirrorImage, is_told_again, mirror_image, resized, resized_log_likelihood
-from uuv.perception.finding.target_finder import KnownObjectFinder
+from uuv.perception.registration.rival_shapes import (
+    MirrorImage,
+    is_told_again,
+    mirror_image,
+    resized,
+    resized_log_likelihood,
+)
 from uuv.sim.interfaces.messages import DepthImage
 from uuv.sim.interfaces.spatial import readonly
 

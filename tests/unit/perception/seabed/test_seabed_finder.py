@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from at_rest import at_rest
+from untyped import untyped
 from uuv.models.site.seabed import Seabed, seabed
 from uuv.perception.seabed.seabed_finder import SeabedFinder, points_in_world
 from uuv.perception.seabed.terrain import ReliefLimits
@@ -12,7 +13,6 @@ from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.messages import ImuMeasurement, SonarScan, Target
 from uuv.sim.interfaces.spatial import exp_so3, pose, transform_points
 from uuv.sim.sensors.sonar import Sonar, SonarBeams
-from untyped import untyped
 
 X_WB = pose(exp_so3([0.0, 0.0, 0.7]), [1.0, -2.0, -17.5])
 X_BS = pose(np.array([[0.0, -1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, -1.0]]), [0.7, 0.0, -0.4])

@@ -6,15 +6,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from uuv.controllers.planning.path_poses import part_of, stretches
 from depth_scenes import dented_barrel, look, seen_from
+from uuv.controllers.planning.path_poses import part_of, stretches
 from uuv.models.meshes.nearest_surface import NearestSurface
 from uuv.models.meshes.ray_casting import RayScene
 from uuv.models.objects.targets import ModelPath, barrel, longitudinal, transverse
 from uuv.perception.clouds.scan import Scan
+from uuv.perception.finding.target_finder import KnownObjectFinder
 from uuv.perception.registration.identification import Identification, identify
 from uuv.perception.registration.model_surface import ModelSurface
-from uuv.perception.finding.target_finder import KnownObjectFinder
 from uuv.perception.toolpath.path_deviation import scanned_axis
 from uuv.perception.toolpath.path_planner import carry, densified, plan_path, workable
 from uuv.sim.interfaces.errors import ConfigurationError, PerceptionError

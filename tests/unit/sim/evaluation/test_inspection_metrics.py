@@ -5,11 +5,18 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from untyped import untyped
 from uuv.models.objects.targets import TargetModel
-from uuv.sim.evaluation.inspection_metrics import TrueInspection, camera_poses, coverage, mesh_figures, off_and_view, seen_share
+from uuv.sim.evaluation.inspection_metrics import (
+    TrueInspection,
+    camera_poses,
+    coverage,
+    mesh_figures,
+    off_and_view,
+    seen_share,
+)
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import Array, exp_so3, pose, quat_wxyz_from_rotation, transform_points
-from untyped import untyped
 
 CORNERS = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
 SIDES = np.array(

@@ -10,12 +10,25 @@ import mujoco
 import numpy as np
 import pytest
 
+from recorded_work import DT, SPEED, STEPS, TIME, TRUTH, recorded
 from uuv import models
 from uuv.models.objects.targets import BARREL_DIAMETER
-from recorded_work import DT, SPEED, STEPS, TIME, TRUTH, recorded
 from uuv.sim.evaluation.force_levels import JUDGED, SETTLING, contact_figures, unjudged_levels
 from uuv.sim.evaluation.mesh_surface import Surface, closest_on_curve
-from uuv.sim.evaluation.metrics import AskedWork, Assessment, TrueObject, assess, force_estimate_figures, hull_figures, path_error, reversals, schema, tool_figures, tool_twist, true_path_deviation
+from uuv.sim.evaluation.metrics import (
+    AskedWork,
+    Assessment,
+    TrueObject,
+    assess,
+    force_estimate_figures,
+    hull_figures,
+    path_error,
+    reversals,
+    schema,
+    tool_figures,
+    tool_twist,
+    true_path_deviation,
+)
 from uuv.sim.evaluation.tool_speed import speed_figures
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.messages import Target, WorkState

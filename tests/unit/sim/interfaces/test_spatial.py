@@ -5,7 +5,17 @@ import pytest
 from scipy.linalg import expm
 from scipy.spatial.transform import Rotation
 
-from uuv.sim.interfaces.spatial import exp_so3, inverse, log_so3, pose, quat_wxyz_from_rotation, rotation_from_quat_wxyz, rotation_from_z, skew, transform_points
+from uuv.sim.interfaces.spatial import (
+    exp_so3,
+    inverse,
+    log_so3,
+    pose,
+    quat_wxyz_from_rotation,
+    rotation_from_quat_wxyz,
+    rotation_from_z,
+    skew,
+    transform_points,
+)
 
 ANGLES = [0.0, 1e-9, 9e-7, 1.1e-6, 1e-3, 1.0, 2.5, 3.1, np.pi - 1e-4, np.pi - 1e-7]
 

@@ -7,8 +7,8 @@ import numba
 import numpy as np
 import pytest
 
-from uuv import models
 from at_rest import at_rest
+from uuv import models
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.messages import Command, ContactEstimate, Reference, Target, WorkState
 from uuv.sim.interfaces.spatial import exp_so3, pose, quat_wxyz_from_rotation, rotation_from_quat_wxyz

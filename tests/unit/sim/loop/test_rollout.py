@@ -8,7 +8,15 @@ import numpy as np
 import pytest
 
 from uuv.sim.interfaces.errors import ConfigurationError
-from uuv.sim.interfaces.messages import Command, DepthImage, EncoderMeasurement, Reference, StateEstimate, Target, WorkState
+from uuv.sim.interfaces.messages import (
+    Command,
+    DepthImage,
+    EncoderMeasurement,
+    Reference,
+    StateEstimate,
+    Target,
+    WorkState,
+)
 from uuv.sim.loop.rollout import Moment, Parts, at_rest_after_work, never, rollout
 
 STEP = 0.01  # [s]

@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 from rich.console import Console
 
+from run_records import every_run
 from uuv import models
 from uuv.models.objects.targets import barrel
 from uuv.models.vehicle import Vehicle
-from run_records import every_run
 from uuv.sim.evaluation.metrics import Assessment, Requirement, TrueObject, assess
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.messages import ObjectMotion, Target, ToolPath, WorkState

@@ -7,8 +7,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from uuv.perception.navigation import surface_alignment
 from experiments.navigation.arm_camera_errors import KeyCase, pairs_of, run, squared
+from uuv.perception.navigation import surface_alignment
 from uuv.sensors.rendered_arm_camera import RenderedArmCamera
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.messages import SurfaceMotionMeasurement

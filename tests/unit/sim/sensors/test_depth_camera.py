@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from depth_scenes import Poses, seen_from, shoot
+from untyped import untyped
 from uuv.models.objects.targets import barrel
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.messages import DepthImage
@@ -12,7 +13,6 @@ from uuv.sim.interfaces.protocols import Sensor
 from uuv.sim.interfaces.spatial import Array, exp_so3, pose
 from uuv.sim.sensors.depth_camera import DepthCamera, Optics, StereoNoise, add_noise
 from uuv.sim.sensors.visible_world import Visible
-from untyped import untyped
 
 SCENE = """
 <mujoco>

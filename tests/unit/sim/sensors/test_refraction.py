@@ -6,12 +6,12 @@ import pytest
 from scipy import optimize
 
 from depth_scenes import Poses
+from untyped import untyped
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.messages import DepthImage
 from uuv.sim.interfaces.spatial import Array
 from uuv.sim.sensors.depth_camera import DepthCamera, Optics
 from uuv.sim.sensors.refraction import FlatPort, PortCalibration, in_air, in_water
-from untyped import untyped
 
 FOCAL = 554.0
 THIN = FlatPort(distance=0.0, thickness=0.0)

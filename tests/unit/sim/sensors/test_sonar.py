@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 
 from depth_scenes import Poses, seen_from, standing
+from untyped import untyped
 from uuv.models.meshes.ray_casting import RayScene
 from uuv.models.objects.targets import TargetModel, barrel
 from uuv.perception.clouds.sonar_cloud import sonar_model, without_isolated_echoes
-from uuv.perception.registration.identification import identify
 from uuv.perception.finding.target_finder import KnownObjectFinder
+from uuv.perception.registration.identification import identify
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.messages import SonarScan
 from uuv.sim.interfaces.protocols import Sensor
@@ -20,7 +21,6 @@ from uuv.sim.interfaces.spatial import Array, inverse, pose, rotation_from_z, tr
 from uuv.sim.sensors.sonar import Sonar, SonarBeams, SonarNoise, SonarState
 from uuv.sim.sensors.tessellation import tessellate
 from uuv.sim.sensors.visible_world import Rays, Visible, VisibleWorld
-from untyped import untyped
 
 DOWN = np.diag([1.0, -1.0, -1.0])  # S looking down in W
 PENCIL = SonarBeams(rows=1, columns=1, width=0.0)

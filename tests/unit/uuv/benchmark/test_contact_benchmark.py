@@ -14,22 +14,22 @@ import numpy as np
 import pytest
 
 import bad_entries
-from uuv.models.hydrodynamics import SEA_WATER
+from experiments.leaderboard.table import page, read_result
+from untyped import untyped
 from uuv.assembly import assemble
 from uuv.benchmark import door
 from uuv.benchmark.cases import CASES, FAMILIES, BenchmarkCase, cases, digest
 from uuv.benchmark.door import EntryProcess
 from uuv.benchmark.entries import ENTRIES, Entry
-from experiments.leaderboard.table import page, read_result
 from uuv.benchmark.score import DISC, ENTRY_SEED, KEPT, ScoredCase, ThrusterEnergy, behind_door, median, score, share
 from uuv.benchmark.wire import Briefing, CommandCodec, EntryError, EstimateCodec
+from uuv.experiment import read_rows
+from uuv.models.hydrodynamics import SEA_WATER
 from uuv.runner import run
 from uuv.scenario import Control
-from uuv.experiment import read_rows
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.messages import AbortCode, Command, ContactEstimate, GroundPlane, HullLoad, StateEstimate
 from uuv.sim.interfaces.spatial import exp_so3, pose
-from untyped import untyped
 
 GROUND = GroundPlane(time=1.0, p_W=np.ones(3), normal_W=np.ones(3), scatter=0.0, beams=3, silent=())
 DIGEST = "d090bbf90ede"  # of the 100 public cases
@@ -271,7 +271,14 @@ def test_an_entry_finds_its_case_nowhere(root: Path, tmp_path: Path):
     """By the command, with a fresh case: arguments, environment, files and parents tell the seed to nobody."""
     seed, out, log = 8_414_709_848_078_965_066, tmp_path / "out", tmp_path / "log"
     (tmp_path / "snooping_entry.py").write_text(SNOOPING.format(out=str(out), log=str(log)))
-    command = ["scripts/experiments/leaderboard/contact_score.py", "--fresh", "--entry", "snooping_entry:Snoops", "--cases", "1"]
+    command = [
+        "scripts/experiments/leaderboard/contact_score.py",
+        "--fresh",
+        "--entry",
+        "snooping_entry:Snoops",
+        "--cases",
+        "1",
+    ]
     paths = os.pathsep.join([str(tmp_path), str(root), str(root / "scripts")])
     done = subprocess.run(
         [sys.executable, *command, "--workers", "1", "--out", str(out)],
@@ -322,7 +329,9 @@ def test_a_damaged_result_is_one_line(change: str, said: str, tmp_path: Path):
 def test_one_case_again_gives_the_same_figures(script, tmp_path):
     """With log and report; its figures are those of the row."""
     row = score(ScoredCase(case=BenchmarkCase(index=0), entry=Entry.of("joint PD")))
-    done = script("experiments.leaderboard.contact_score", "--entry", "joint PD", "--only", 0, "--out", tmp_path / "one")
+    done = script(
+        "experiments.leaderboard.contact_score", "--entry", "joint PD", "--only", 0, "--out", tmp_path / "one"
+    )
     assert done.returncode == (0 if row["class"] == KEPT else 1)
     assert {"metrics.json", "report.html", "run.rrd"} <= {path.name for path in (tmp_path / "one").iterdir()}
     contact = json.loads((tmp_path / "one" / "metrics.json").read_text())["contact"]

@@ -6,11 +6,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from experiments.leaderboard.table import page
+from untyped import untyped
 from uuv.benchmark import score
 from uuv.benchmark.cases import INSERTION
-from experiments.leaderboard.table import page
 from uuv.sim.interfaces.messages import WorkState
-from untyped import untyped
 
 STATES = (WorkState.CLOSE_IN, WorkState.APPROACH, WorkState.PRESS, WorkState.WORK, WorkState.RETREAT)
 

@@ -14,10 +14,10 @@ import pytest
 from uuv.campaigns import campaign_report
 from uuv.campaigns.campaign import Campaign, CampaignRun, one_run, read_campaign
 from uuv.campaigns.distributions import DESIGNS, Design, Distribution, drawn
-from uuv.jobs import barrel
-from uuv.perturbations.pad import Pad
 from uuv.experiment import Summary
 from uuv.experiment.row_table import SCHEMA_VERSION, RowTable
+from uuv.jobs import barrel
+from uuv.perturbations.pad import Pad
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.runs.provenance import versions
 from uuv.sim.runs.run_folder import alone_in

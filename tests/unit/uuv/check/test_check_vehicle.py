@@ -11,17 +11,17 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from uuv.models import hydrodynamics
-from uuv.models.naming import CAMERA_SITE, HULL_BODY, TIP_SITE
-from uuv.cli import check_vehicle as command
-from uuv.jobs import barrel
-from uuv.own_vehicle import OwnVehicle, vehicle_spec
 from uuv.check.check import check_vehicle
 from uuv.check.doubts import inertia_doubts
 from uuv.check.findings import JobVerdict, VehicleCheck
 from uuv.check.jobs import restless
 from uuv.check.preflight import preflight
 from uuv.check.table import print_check
+from uuv.cli import check_vehicle as command
+from uuv.jobs import barrel
+from uuv.models import hydrodynamics
+from uuv.models.naming import CAMERA_SITE, HULL_BODY, TIP_SITE
+from uuv.own_vehicle import OwnVehicle, vehicle_spec
 from uuv.sim import hydrodynamics as hydrodynamics_of
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import quat_wxyz_from_rotation, rotation_from_z

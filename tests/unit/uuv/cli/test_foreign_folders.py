@@ -17,9 +17,9 @@ from uuv.campaigns.campaign import read_campaign
 from uuv.campaigns.distributions import Distribution
 from uuv.cli import compare_runs
 from uuv.cli.main import main
+from uuv.experiment.row_log import RowLog
 from uuv.jobs import barrel
 from uuv.scenario_file import read_scenario, to_toml
-from uuv.experiment.row_log import RowLog
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.messages import WorkState
 from uuv.sim.loop.recording import STATES, WIDTHS
@@ -238,16 +238,7 @@ def test_a_campaign_names_no_code_either(tmp_path: Path):
     assert read_campaign(tmp_path / "plain.toml", typed).base.control.controller == "stranger:C"
 
 
-HIDING = (
-    "csv.py",
-    "json.py",
-    "numpy.py",
-    "yaml.py",
-    "rich.py",
-    "tyro.py",
-    "models/__init__.py",
-    "uuv/__init__.py",
-)
+HIDING = ("csv.py", "json.py", "numpy.py", "yaml.py", "rich.py", "tyro.py", "models/__init__.py", "uuv/__init__.py")
 
 
 def test_the_working_folder_is_last_on_the_path(tmp_path: Path):

@@ -46,11 +46,11 @@ def uuv(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureF
 
 def test_list_names_everything_that_the_registries_do_without_importing_them(uuv):
     from uuv import models
+    from uuv.components.contact_parts import CONTROLLERS, SENSORS
     from uuv.models.arms.published_arms import ARMS
     from uuv.models.objects.targets import OBJECTS
     from uuv.models.site.soil import SOILS
     from uuv.models.tools.tools import TOOLS
-    from uuv.components.contact_parts import CONTROLLERS, SENSORS
     from uuv.perturbations.perturbation import registry
     from uuv.tasks import registry as tasks
 

@@ -18,15 +18,16 @@ import trimesh
 from dm_control import composer, mjcf
 from dm_control.composer.observation import observable
 
+from untyped import untyped
+from uuv.environments.actions import ThrustersAndTorques
+from uuv.environments.entities import put
+from uuv.environments.mjcf_parts import parts_of
+from uuv.environments.vehicle_task import VehicleTask
 from uuv.models import hydrodynamics as hydrodynamic_rows
 from uuv.models.files import sidecar
 from uuv.models.objects import targets
 from uuv.models.site import scenes
 from uuv.models.water.forms import LiftDrag, MunkFactor
-from uuv.environments.actions import ThrustersAndTorques
-from uuv.environments.entities import put
-from uuv.environments.mjcf_parts import parts_of
-from uuv.environments.vehicle_task import VehicleTask
 from uuv.own_vehicle import vehicle_spec
 from uuv.perturbations.pad import Pad
 from uuv.perturbations.target import MovingObject
@@ -38,7 +39,6 @@ from uuv.sim.interfaces.spatial import Array, exp_so3, pose
 from uuv.sim.plant.plant import Plant
 from uuv.sim.sensors.proprioception import Dvl, Encoders, Imu
 from uuv.sim.water.current import Current
-from untyped import untyped
 
 
 class Drift(VehicleTask):

@@ -17,10 +17,10 @@ from uuv import environments as uuv  # isort: skip  # before dm_control, for whi
 import gymnasium
 from gymnasium.utils.env_checker import check_env
 
+from untyped import untyped
 from uuv.environments.gym_tasks import IDS, TaskEnvironment
 from uuv.perturbations.vehicle import ThrusterSpread
 from uuv.sim.interfaces.errors import ConfigurationError, MissingLibraryError
-from untyped import untyped
 
 _PICTURE = """
 from uuv import environments as composer

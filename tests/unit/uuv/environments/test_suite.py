@@ -18,6 +18,7 @@ from uuv import environments as uuv  # isort: skip  # before dm_control, for whi
 import pyarrow.parquet as pq
 from dm_env.test_utils import EnvironmentTestMixin
 
+from untyped import untyped
 from uuv.environments.actions import ThrusterSpeeds, ToolTwist
 from uuv.environments.episodes import run_episode
 from uuv.environments.free_tasks import HoldStation
@@ -28,7 +29,6 @@ from uuv.sim.interfaces.errors import ConfigurationError, ReachError
 from uuv.sim.interfaces.messages import ToolPath
 from uuv.sim.interfaces.spatial import Array
 from uuv.sim.sensors.proprioception import Dvl
-from untyped import untyped
 
 DT = 0.002
 

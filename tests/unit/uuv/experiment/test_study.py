@@ -14,10 +14,9 @@ import jsonschema
 import numpy as np
 import pytest
 
-from uuv import models
-from uuv.models.vehicle import Vehicle
-from uuv import assemble, barrel
+from uuv import assemble, barrel, models
 from uuv import run as run_of
+from uuv.models.vehicle import Vehicle
 from uuv.perturbations.pad import Pad
 from uuv.perturbations.sensing import WanderingVision
 from uuv.sim.interfaces.errors import ConfigurationError

@@ -7,17 +7,17 @@ import mujoco
 import numpy as np
 import pytest
 
+from untyped import untyped
 from uuv import models
-from uuv.models.files.keyframes import keyframes_kept
-from uuv.models.vehicle import Vehicle
 from uuv.assembly import assemble
 from uuv.jobs import barrel
+from uuv.models.files.keyframes import keyframes_kept
+from uuv.models.vehicle import Vehicle
 from uuv.perturbations.elastic_gears import TWIST, ElasticGears
 from uuv.perturbations.sensing import AttitudeError, DriftingTorque
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.sensors.proprioception import Imu, JointTorqueSensors
 from uuv.sim.sensors.torque_drift import DriftingTorqueSensors
-from untyped import untyped
 
 ARM = """
 <mujoco>

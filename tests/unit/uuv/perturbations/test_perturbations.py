@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from uuv import models
+from uuv.assembly import assemble
+from uuv.jobs import barrel
 from uuv.models import hydrodynamics
 from uuv.models.site.sliding_contact import FRICTION_TIME, LONGEST, let_tool_slide
 from uuv.models.vehicle import Vehicle
 from uuv.models.water import thrusters
-from uuv.assembly import assemble
-from uuv.jobs import barrel
 from uuv.perturbations import pad
 from uuv.perturbations.pad import Pad
 from uuv.perturbations.perturbation import perturb

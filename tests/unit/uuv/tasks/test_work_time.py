@@ -6,16 +6,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from uuv.controllers.planning.trajectories import Progress
 from uuv import assemble, barrel
+from uuv.controllers.planning.trajectories import Progress
 from uuv.jobs import BarrelOptions, InsertionOptions, PileOptions, SeabedOptions
+from uuv.sim.evaluation.force_levels import long_enough
+from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.site import Barrel, Pile
 from uuv.tasks.insertion import InsertionTask
 from uuv.tasks.seabed_sampling import SeabedSamplingTask
 from uuv.tasks.surface_work import SurfaceWorkTask
 from uuv.tasks.work_time import WorkTime
-from uuv.sim.evaluation.force_levels import long_enough
-from uuv.sim.interfaces.errors import ConfigurationError
 
 QUICK = WorkTime(length=0.2, speed=0.02, forces=(60.0, 90.0, 60.0), force_rate=60.0)
 

@@ -8,31 +8,31 @@ from typing import Any
 import numpy as np
 import pytest
 
+from untyped import untyped
+from uuv import Scenario, assemble, barrel
+from uuv.assembly import Assembly
 from uuv.controllers.arm.kernel_force_law import KernelForceLaw
 from uuv.controllers.arm.position_force import ForceDisplacement
 from uuv.controllers.planning.promise import PromiseLimits, StopLimits
 from uuv.controllers.safety.safety_wrapper import SafetyWrapper
-from uuv.controllers.whole_body.tool_control import ForceLaw
 from uuv.controllers.tuning import FaultLimits
+from uuv.controllers.whole_body.tool_control import ForceLaw
 from uuv.controllers.whole_body.work_controller import WorkController
-from uuv import Scenario, assemble, barrel
-from uuv.assembly import Assembly
 from uuv.jobs import InsertionOptions, InspectionOptions, ObjectOptions, PileOptions, SeabedOptions
 from uuv.perturbations.loop import SensorFailure, ThrusterFailure
 from uuv.perturbations.pad import Pad
 from uuv.perturbations.vehicle import Water
 from uuv.runner import run_through
 from uuv.scenario import LONGEST, Control
-from uuv.tasks.surface_work import SurfaceWorkTask
-from uuv.ticks.compiled_ticks import CompiledTicks, reason
-from uuv.ticks.ticks_around import TicksAround, ticks_for
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.messages import FaultKind
 from uuv.sim.loop import recording
 from uuv.sim.loop.recording import EVERY_STEP, Recorder
 from uuv.sim.loop.rollout import Parts
 from uuv.sim.sensors.proprioception import Dvl, Imu
-from untyped import untyped
+from uuv.tasks.surface_work import SurfaceWorkTask
+from uuv.ticks.compiled_ticks import CompiledTicks, reason
+from uuv.ticks.ticks_around import TicksAround, ticks_for
 
 EARLY = 4.0  # [s] of a short run: settled, and identified
 

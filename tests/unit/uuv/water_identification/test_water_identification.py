@@ -15,17 +15,17 @@ from uuv.calib.water.logs import ATTITUDE, POSITION, RATE, Channel, WaterLog, wr
 from uuv.calib.water.named_fit import values_of
 from uuv.calib.water.results import write_vehicle
 from uuv.models.site.scenes import vehicle_spec
+from uuv.sim import hydrodynamics
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.messages import Command
+from uuv.sim.plant.plant import Plant
+from uuv.sim.water.current import Current
 from uuv.water_identification.command import run
 from uuv.water_identification.log_residuals import LogReplay, identify
 from uuv.water_identification.manoeuvres import Manoeuvre, menu, simulated, survey
 from uuv.water_identification.options import WaterOptions
 from uuv.water_identification.settings import FitSettings
 from uuv.water_identification.vehicle_replay import ReplayVehicle
-from uuv.sim import hydrodynamics
-from uuv.sim.interfaces.errors import ConfigurationError
-from uuv.sim.interfaces.messages import Command
-from uuv.sim.plant.plant import Plant
-from uuv.sim.water.current import Current
 
 
 @pytest.fixture(scope="module")

@@ -90,7 +90,7 @@ def peer_fit(python: Path, task: Path, folder: Path) -> dict[str, float]:
         ConfigurationError: The peer failed.
     """
     result = folder / "result.npz"
-    script = Path(__file__).parent / "peers" / "calibration.py"
+    script = Path(__file__).with_name("pybotics_peer.py")
     run = subprocess.run([python, script, task, result], capture_output=True, text=True, check=False)
     if run.returncode != 0:
         raise ConfigurationError(f"--peer-python {python}: {run.stderr.strip().splitlines()[-1]}")

@@ -28,7 +28,7 @@ from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.start import parse, run_scenario
 
 HERE = Path(__file__).resolve()
-DOCS = HERE.parents[2] / "docs"
+DOCS = HERE.parents[3] / "docs"
 STATEMENTS, FIGURES, PAGE = HERE.with_name("statements.toml"), DOCS / "papers.json", DOCS / "papers.md"
 _LOST = (0, 1)  # exit codes of a run with figures: accepted, or done outside its bounds
 
@@ -92,7 +92,7 @@ def _figures(command: str, rows: list[PaperStatement]) -> dict[str, str]:
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder) / "out"
         call = [sys.executable, *_script(command), "--out", str(out)]
-        done = subprocess.run(call, cwd=HERE.parents[2], capture_output=True, text=True, check=False)
+        done = subprocess.run(call, cwd=HERE.parents[3], capture_output=True, text=True, check=False)
         file = out / "metrics.json"
         metrics = dict(_flat(json.loads(file.read_text(encoding="utf-8")))) if file.exists() else {}
     if done.returncode not in _LOST:
@@ -111,7 +111,7 @@ def _figures(command: str, rows: list[PaperStatement]) -> dict[str, str]:
 
 def _script(command: str) -> list[str]:
     first, *rest = shlex.split(command)
-    return [str(HERE.parents[1] / first), *rest]
+    return [str(HERE.parents[2] / first), *rest]
 
 
 def _filled(text: str, groups: tuple[str, ...], metrics: Mapping[str, Any]) -> str:

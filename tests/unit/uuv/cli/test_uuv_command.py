@@ -176,7 +176,7 @@ def test_a_run_is_repeated_compared_and_read_back(uuv, tmp_path: Path):
     assert "written to first/compare_third.html" in uuv("compare", "first", "third")
     assert "solid: first; dotted: third" in (tmp_path / "first" / "compare_third.html").read_text(encoding="utf-8")
     assert uuv("report", "first").strip() == str((tmp_path / "first" / "report.html").resolve())
-    page = Path(__file__).resolve().parents[3] / "docs" / "runs.md"
+    page = Path(__file__).resolve().parents[4] / "docs" / "runs.md"
     (read_back,) = re.findall(r"```python\n([^`]*PastRun[^`]*)```", page.read_text(encoding="utf-8"))
     exec(compile(read_back.replace("runs/clean_barrel/latest", "first"), "runs.md", "exec"), names := {})
     past = PastRun.of(tmp_path / "first")

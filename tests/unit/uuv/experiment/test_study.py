@@ -26,7 +26,7 @@ from uuv.sim.runs.command_line import Interrupted, RunOptions
 from uuv.sim.runs.terminal import PlainConsole
 
 DT = 0.002
-SCHEMA = json.loads((Path(__file__).resolve().parents[3] / "sim/schemas/study_contact.schema.json").read_text())
+SCHEMA = json.loads((Path(__file__).resolve().parents[4] / "sim/schemas/study_contact.schema.json").read_text())
 
 
 @pytest.fixture

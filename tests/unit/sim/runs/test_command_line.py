@@ -1,9 +1,6 @@
 """Scripts start on our rooms, and end in one line and the right code."""
 
-import os
 import signal
-import subprocess
-import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from importlib import import_module
@@ -13,7 +10,7 @@ from typing import Any, Literal
 import pytest
 
 from uuv.sim.interfaces.errors import ConfigurationError
-from uuv.sim.runs.command_line import check, parse, run_scenario
+from uuv.sim.runs.command_line import parse, run_scenario
 from uuv.sim.runs.run_folder import new_folder
 
 ROOT = Path(__file__).resolve().parents[4]
@@ -144,39 +141,3 @@ def test_whatever_ends_a_scenario_at_its_door_leaves_no_folder(
 
 def test_traceback_is_an_option_of_every_script():
     assert parse(Options, ["--traceback", "--force", "90"]).force == 90.0
-
-
-def test_our_rooms_pass():
-    check()
-
-
-@pytest.mark.parametrize("foreign", ["sim.py", "sim/__init__.py", "models/__init__.py", "calib.py"])
-def test_foreign_module_that_hides_a_room_is_named(foreign: str, tmp_path: Path, root: Path):
-    file = tmp_path / foreign
-    file.parent.mkdir(exist_ok=True)
-    file.write_text("raise RuntimeError('a foreign room was run')\n")
-    run = subprocess.run(
-        [sys.executable, "-c", "import uuv.start"],
-        env={**os.environ, "PYTHONPATH": os.pathsep.join([str(root / "scripts"), str(tmp_path)])},
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert run.returncode == 2, run.stderr
-    assert run.stderr.count("\n") == 1
-    assert str(file) in run.stderr
-
-
-def test_python_without_the_project_is_told_the_way(root: Path, tmp_path: Path):
-    run = subprocess.run(
-        [sys.executable, "-S", "-c", "import uuv.start"],  # -S: no site-packages
-        env={"PYTHONPATH": str(root / "scripts")},
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert run.returncode == 2
-    assert run.stderr.count("\n") == 1
-    assert "./uvw run" in run.stderr

@@ -4,11 +4,13 @@ import os
 import shutil
 import subprocess
 import sys
+import zipfile
 from pathlib import Path
 
 import pytest
 
 TWICE = """
+import os
 import sys
 from uuv import assemble, barrel, read_scenario, run, show
 from uuv.scenario_file import from_dict, as_dict
@@ -16,13 +18,8 @@ assert from_dict(as_dict(barrel(seed=1))) == barrel(seed=1)
 names = {}
 for name, module in list(sys.modules.items()):
     if getattr(module, "__file__", None):
-        names.setdefault(module.__file__, []).append(name)
-rooms = {"models", "sim", "perception", "controllers", "calib", "scenarios", "scripts"}
-ours = {
-    file: found
-    for file, found in names.items()
-    if file.startswith("HOME") and any(name.partition(".")[0] in rooms for name in found)
-}
+        names.setdefault(os.path.realpath(module.__file__), []).append(name)
+ours = {file: found for file, found in names.items() if any(name.partition(".")[0] == "uuv" for name in found)}
 assert len(ours) > 100, len(ours)
 print({file: found for file, found in ours.items() if len(found) > 1})
 """
@@ -51,25 +48,51 @@ def python(program: str | Path, code: str, folder: Path) -> subprocess.Completed
     return subprocess.run([program, "-c", code], cwd=folder, env=env, capture_output=True, text=True, check=False)
 
 
-def test_no_module_is_loaded_twice_and_a_folder_without_modules_hides_nothing(root: Path, tmp_path: Path):
-    (tmp_path / "calib").mkdir()
-    (tmp_path / "calib" / "readme.txt").write_text("")
-    ran = python(sys.executable, TWICE.replace("HOME", str(root)), tmp_path)
+ROOMS = ("models", "sim", "controllers", "perception", "calib", "scenarios")
+OWN = """
+import models, sim, controllers, perception, calib, scenarios
+assert models.MINE and sim.MINE and controllers.MINE and perception.MINE and calib.MINE and scenarios.MINE
+import uuv.models, uuv.sim
+print(uuv.models.load("uuv_puma").modelname != "", not hasattr(uuv.sim, "MINE"))
+"""
+
+
+@pytest.fixture
+def own_folder(tmp_path: Path) -> Path:
+    """A folder, with a blank and an umlaut in its name, of a user who calls his own packages as our rooms."""
+    folder = tmp_path / "Tiefsee Gerät"
+    for name in ROOMS:
+        (folder / name).mkdir(parents=True)
+        (folder / name / "__init__.py").write_text("MINE = True\n")
+    return folder
+
+
+def test_no_module_is_loaded_under_two_names(own_folder: Path):
+    ran = python(sys.executable, TWICE, own_folder)
     assert ran.returncode == 0, ran.stderr
     assert ran.stdout.strip() == "{}"
 
 
-@pytest.mark.parametrize("foreign", ["models/__init__.py", "sim.py"])
-def test_a_folder_of_ones_own_that_hides_a_package_is_named(foreign: str, root: Path, tmp_path: Path):
-    file = tmp_path / foreign
-    file.parent.mkdir(exist_ok=True)
-    file.write_text("")
-    ran = python(sys.executable, "from uuv import barrel", tmp_path)
+def test_folders_of_ones_own_are_ones_own_and_hide_nothing(own_folder: Path):
+    ran = python(sys.executable, OWN, own_folder)
+    assert ran.returncode == 0, ran.stderr
+    assert ran.stdout.strip() == "True True"
+
+
+@pytest.mark.parametrize("room", ROOMS[:-1])
+def test_a_room_has_no_other_name(room: str, tmp_path: Path):
+    """In a checkout its folder lies on the path."""
+    ran = python(sys.executable, f"import {room}", tmp_path)
     assert ran.returncode == 1
-    room = foreign.partition("/")[0].removesuffix(".py")
-    assert ran.stderr.splitlines()[-1] == (
-        f"ImportError: {file} hides the package {root / room}; rename it, or run from another folder"
+    assert ran.stderr.splitlines()[-1] == f"ImportError: {room!r} is not a package of the project: import uuv.{room}"
+
+
+def test_the_command_is_a_module_too(root: Path):
+    ran = subprocess.run(
+        [sys.executable, "-m", "uuv", "--version"], cwd=root, capture_output=True, text=True, check=False
     )
+    assert ran.returncode == 0, ran.stderr
+    assert ran.stdout.startswith("uuv-arm ")
 
 
 def call_uv(root: Path, *words: object) -> None:
@@ -128,8 +151,21 @@ def test_the_wheel_runs_the_main_job_from_any_folder(environment: Path, tmp_path
     assert ran.returncode == 0, ran.stderr
     assert ran.stdout.splitlines()[-1] == "True ()"
     assert {file.name for file in (tmp_path / "my_run").iterdir()} == LEFT
-    twice = python(environment, TWICE.replace("HOME", str(environment.parents[1])), tmp_path)
-    assert twice.returncode == 0, twice.stderr
+
+
+@pytest.mark.long(
+    guarded_by="tests/unit/uuv/cli/test_installed.py::test_folders_of_ones_own_are_ones_own_and_hide_nothing"
+)
+def test_the_wheel_adds_one_name_and_hides_nothing_of_the_users(environment: Path, wheel: Path, own_folder: Path):
+    with zipfile.ZipFile(wheel) as archive:
+        names = {name.partition("/")[0] for name in archive.namelist()}
+        experiments = [name for name in archive.namelist() if "experiments" in name]
+    assert {name for name in names if not name.endswith(".dist-info")} == {"uuv"}
+    assert experiments == []
+    for code, said in ((TWICE, "{}"), (OWN, "True True")):
+        ran = python(environment, code, own_folder)
+        assert ran.returncode == 0, ran.stderr
+        assert ran.stdout.strip() == said
 
 
 NOTEBOOK = """

@@ -419,4 +419,6 @@ def rotation_from_z(z: ArrayLike, x_hint: ArrayLike) -> Array:
     if not length > 1e-9:
         raise ConfigurationError(f"x_hint {x_hint} must not be zero or parallel to z {z}")
     x_axis /= length
-    return np.column_stack([x_axis, np.cross(z_axis, x_axis), z_axis])
+    R = np.empty((3, 3))
+    R[:, 0], R[:, 1], R[:, 2] = x_axis, cross(z_axis, x_axis), z_axis
+    return R

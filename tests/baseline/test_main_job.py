@@ -5,13 +5,12 @@ import pytest
 import holding
 import traces
 
-TRANSVERSE = pytest.param(
-    "barrel_transverse",
-    marks=pytest.mark.long(guarded_by="tests/baseline/test_main_job.py::test_figures_keep_their_bands"),
-)
+ANOTHER = pytest.mark.long(guarded_by="tests/baseline/test_main_job.py::test_figures_keep_their_bands")
+TRANSVERSE = pytest.param("barrel_transverse", marks=ANOTHER)
+STEPS = pytest.param("force_steps", marks=ANOTHER)
 
 
-@pytest.mark.parametrize("name", ["barrel_longitudinal", TRANSVERSE, "pile", "rock", "force_steps"])
+@pytest.mark.parametrize("name", ["barrel_longitudinal", TRANSVERSE, "pile", "rock", STEPS])
 def test_figures_keep_their_bands(name, fresh_seeds):
     holding.check(name, fresh_seeds)
 

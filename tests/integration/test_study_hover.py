@@ -10,6 +10,7 @@ import pytest
 from uuv import models
 from uuv.controllers.arm.inverse_dynamics import ArmDynamics
 from uuv.models.vehicle import Vehicle
+from uuv.sim.interfaces.spatial import spread_directions
 
 AHEAD = np.array([0.0, 0.2, 0.0, 0.0, 0.0, 0.0])  # [rad] laid out straight
 
@@ -53,7 +54,7 @@ def test_drives_bear_what_the_jacobian_says(pushing):
     """Torques of a push by its moment about each joint, measured by moving the joint a little; gravity left aside."""
     model = models.load("uuv_puma").compile()
     vehicle, arm = Vehicle.of(model), ArmDynamics(model)
-    directions = pushing.sphere(14)
+    directions = spread_directions(14)
     assert np.allclose(np.linalg.norm(directions, axis=1), 1.0)
     step = 1e-6
     columns = []

@@ -123,7 +123,7 @@ def test_odds_of_a_length_are_those_of_two_deviations(off: float):
     )
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(doubts, "_information", lambda _: np.eye(1))
-        patch.setattr(doubts, "_as_made", lambda _: np.array([1e-9]))
+        patch.setattr(doubts, "as_made", lambda _: np.array([1e-9]))
         patch.setattr(doubts, "_slope", lambda *_: np.zeros((1, 3)))
         told = doubts.Told(names="ab", distances=[(0, 1, length, deviation)])
         (doubt,) = doubts._wrong_lengths(untyped(free), [np.zeros((4, 6))] * 2, told)

@@ -20,7 +20,7 @@ from uuv.sim.interfaces.messages import WorkState
 from uuv.sim.loop.recording import Recorder, Recording
 
 EARLY = 6.0  # [s] of a short run, which begins to scan at 5.05 s
-PAGE = Path(__file__).resolve().parents[3] / "docs" / "runs.md"
+PAGE = Path(__file__).resolve().parents[4] / "docs" / "runs.md"
 
 
 def bits(recording: Recording) -> str:
@@ -53,6 +53,7 @@ def as_documented() -> dict[str, Any]:
     return names
 
 
+@pytest.mark.long(guarded_by="tests/unit/uuv/test_saved_run.py::test_what_has_begun_goes_on")
 def test_the_example_goes_on_to_the_bits_of_the_whole_run(as_documented):
     """From the approach, and from the press that is saved on the way from there."""
     scenario, at_press = as_documented["scenario"], as_documented["at_press"]

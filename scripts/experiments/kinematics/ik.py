@@ -1,7 +1,7 @@
 """Benchmark: inverse kinematics against its goals, a compiled baseline and installed peers.
 
     ./uvw run scripts/experiments/kinematics/ik.py  # our methods and the baseline.
-    ./uvw run --with-requirements scripts/experiments/ik_requirements.txt scripts/experiments/kinematics/ik.py  # with
+    ./uvw run --with-requirements scripts/experiments/kinematics/ik_requirements.txt scripts/experiments/kinematics/ik.py  # with
     the peers.
 
 The second command overlays the peers on the project's environment for this run; uv.lock and .venv stay as they are. KDL

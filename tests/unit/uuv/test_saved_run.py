@@ -179,7 +179,7 @@ def test_an_observer_that_cannot_be_saved_is_refused():
         saved(replace(GUSTY, perturbations=(Counted(),)), "scan")
 
 
-@pytest.mark.long(guarded_by="tests/unit/uuv/test_saved_run.py::test_the_example_goes_on_to_the_bits_of_the_whole_run")
+@pytest.mark.long(guarded_by="tests/unit/uuv/test_saved_run.py::test_what_has_begun_goes_on")
 @pytest.mark.parametrize(
     ("scenario", "phase"),
     [
@@ -202,7 +202,7 @@ def test_every_job_goes_on_to_the_bits_of_the_whole_run(scenario: Scenario, phas
         assert again.assessment.accepted == whole.assessment.accepted
 
 
-@pytest.mark.long(guarded_by="tests/unit/uuv/test_saved_run.py::test_the_example_goes_on_to_the_bits_of_the_whole_run")
+@pytest.mark.long(guarded_by="tests/unit/uuv/test_saved_run.py::test_what_has_begun_goes_on")
 def test_a_thruster_lost_at_work_is_that_of_the_whole_run():
     lost = ThrusterFailure(thruster="heave_front", state="work", after=1.0)
     scenario = barrel(quick=True, sensor="survey")

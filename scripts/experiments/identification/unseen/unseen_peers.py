@@ -1,7 +1,7 @@
 """Benchmark: identification of unseen objects against the registrations of other libraries, on the same pixels.
 
     ./uvw run scripts/experiments/identification/unseen/unseen_peers.py  # ours alone.
-    PEERS=scripts/experiments/peers_requirements.txt
+    PEERS=scripts/experiments/identification/peers_requirements.txt
     ./uvw run --extra open3d --with-requirements $PEERS scripts/experiments/identification/unseen/unseen_peers.py  #
     with the peers.
 

@@ -100,7 +100,7 @@ def modules() -> list[ModuleType]:
     """All modules of the project whose source has a kernel."""
     files = [file for room in (*ROOMS, "uuv") for file in sorted((ROOT / room).rglob("*.py"))]
     names = [
-        ".".join(file.relative_to(ROOT).with_suffix("").parts).removeprefix("scripts.")
+        "uuv." + ".".join(file.relative_to(ROOT).with_suffix("").parts).removeprefix("uuv.")
         for file in files
         if re.search(r"^@kernel|= kernel\(", file.read_text(), flags=re.MULTILINE)
     ]
@@ -122,7 +122,7 @@ def test_every_kernel_of_the_project_can_be_kept():
 
 
 def test_numbas_own_cache_is_used_nowhere():
-    files = [file for room in (*ROOMS, "scripts") for file in sorted((ROOT / room).rglob("*.py"))]
+    files = [file for room in (*ROOMS, "uuv", "scripts") for file in sorted((ROOT / room).rglob("*.py"))]
     using = [str(file) for file in files if NUMBAS_CACHE.search(file.read_text()) and file.parent.name != "kernels"]
     assert using == []
 

@@ -441,7 +441,7 @@ def barrel_like_bar() -> TargetModel:
 
 def test_importing_the_room_is_light():
     code = (
-        "import sys, perception; assert 'embreex' not in sys.modules and 'scipy' not in sys.modules; "
+        "import sys; from uuv import perception; assert 'embreex' not in sys.modules and 'scipy' not in sys.modules; "
         "assert callable(perception.identify)"
     )
     subprocess.run([sys.executable, "-c", code], check=True)

@@ -14,6 +14,6 @@ import os
 # All matrices are small: a second thread of BLAS saves no time and burns a core. Read when numpy is first imported.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-from uuv.lazy_names import names_of_stub
+from uuv.sim.interfaces.lazy_names import names_of_stub
 
 __getattr__, __dir__, __all__ = names_of_stub(__name__, __file__)

@@ -16,8 +16,8 @@ import sys
 from ctypes.util import find_library
 from importlib import import_module
 
-from uuv.lazy_names import names_of_stub
 from uuv.sim.interfaces.extras import check_dm_control_physics, without_dm_control
+from uuv.sim.interfaces.lazy_names import names_of_stub
 
 _BACKENDS = {"EGL": "egl", "OSMesa": "osmesa"}  # by library, that draw without a screen
 

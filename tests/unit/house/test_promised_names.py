@@ -123,7 +123,7 @@ def test_names_that_a_piece_of_code_uses():
 
 
 def test_names_of_a_stub(tmp_path):
-    from uuv.lazy_names import names_of_stub
+    from uuv.sim.interfaces.lazy_names import names_of_stub
 
     stub = "from math import pi as pi\nfrom json import dumps as dumps\nfrom json import loads\n\nread = loads\n"
     (tmp_path / "__init__.pyi").write_text(stub)

@@ -128,7 +128,7 @@ def test_a_loaded_file_is_refused_where_the_callback_is_not_installed(tmp_path: 
     model = mujoco.MjModel.from_binary_path(str(tmp_path / "wet.mjb"))
     hydrodynamics.uninstall()
     for refuse in (hydrodynamics.check, hydrodynamics.set_constants):
-        with pytest.raises(HydrodynamicsError, match=r"moves dry: call sim\.hydrodynamics\.install\(\)"):
+        with pytest.raises(HydrodynamicsError, match=r"moves dry: call uuv\.sim\.hydrodynamics\.install\(\)"):
             refuse(model)
     with pytest.raises(HydrodynamicsError, match="moves dry"):
         hydrodynamics.check_wet(model, after(model, 1))
@@ -179,7 +179,7 @@ def test_sensors_that_do_not_see_the_water_are_named():
     sensors = '<force name="{0}f" site="{0}"/> <torque name="{0}t" site="{0}"/>'
     fine = '<accelerometer site="tip"/> <touch site="tip"/> <jointactuatorfrc joint="j"/>' + sensors.format("lid")
     arm(sensors=fine)  # the crate is dry
-    with pytest.warns(PhysicsWarning, match=r"do not see the water: wristf, wristt; .* sim\.plant\.reaction"):
+    with pytest.warns(PhysicsWarning, match=r"do not see the water: wristf, wristt; .* uuv\.sim\.plant\.reaction"):
         arm(sensors=fine + sensors.format("wrist"))
 
 

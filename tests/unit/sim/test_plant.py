@@ -10,7 +10,7 @@ import pytest
 from untyped import untyped
 from uuv import models
 from uuv.sim import hydrodynamics
-from uuv.sim.interfaces.errors import ConfigurationError, HydrodynamicsError
+from uuv.sim.interfaces.errors import ConfigurationError, HydrodynamicsError, PhysicsWarning
 from uuv.sim.interfaces.messages import Command
 from uuv.sim.interfaces.spatial import exp_so3, pose
 from uuv.sim.plant.arm_hold import HOLD_ANGLE, ArmHold
@@ -118,6 +118,15 @@ def test_a_command_that_cannot_be_changes_nothing(change: dict[str, Any], says):
         plant.step(replace(REST, **change))
     assert not np.any(plant.truth.propeller_speed)
     assert not np.any(plant.data.ctrl)
+
+
+def test_a_vehicle_without_any_water_is_told_of():
+    """Such as an MJCF that MuJoCo has read, whose water is in a file beside it."""
+    spec = mujoco.MjSpec.from_string(
+        "<mujoco><worldbody><body name='hull'><freejoint/><geom size='.2' mass='9'/></body></worldbody></mujoco>"
+    )
+    with pytest.warns(PhysicsWarning, match="no hydrodynamic coefficients: it falls as in a vacuum"):
+        Plant(hydrodynamics.compile(spec), current=STILL)
 
 
 def test_reset_leaves_nothing_behind():

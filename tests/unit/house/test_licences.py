@@ -41,11 +41,12 @@ def required() -> dict[str, str]:
 
 def licence_of(package: Distribution) -> str:
     """SPDX expression of a package: its own, or that of its licence's text."""
-    if expression := package.metadata.get("License-Expression"):
-        return expression
+    stated = package.metadata
+    if "License-Expression" in stated:
+        return stated["License-Expression"]
     own = [file for file in package.files or [] if re.match(r"(licen[cs]e|copying)(\.|$)", file.name, flags=re.I)]
     texts = [file.read_text() for file in own if ".dist-info" in str(file)][:1]
-    text = " ".join((*texts, package.metadata.get("License") or "")).lower()
+    text = " ".join((*texts, *(stated.get_all("License") or ()))).lower()
     return next(licence for phrase, licence in PHRASES.items() if phrase in " ".join(text.split()))
 
 

@@ -18,6 +18,9 @@ if TYPE_CHECKING:
     import mujoco
 
 
+__all__ = ["Description", "available", "describe", "load"]
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Entry:
     build: str  # MODULE:FUNCTION that returns an MjSpec

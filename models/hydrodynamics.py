@@ -25,6 +25,7 @@ ORIGIN: Final = readonly([0.0, 0.0, 0.0])
 MAX_STRIPS: Final = 2  # segments with strip drag per body
 MAX_STATIONS: Final = 8  # Gauss-Legendre stations per segment
 UNEVEN: Final = 1e-3  # share of the largest number by which an added mass may be asymmetric, as rounding
+ELEMENTS: Final = "water/", "thruster/"  # begin the names of custom elements with the water of bodies, and thrusters
 CEILING: Final = 10.0  # [m] above the sea surface z = 0; a wet body above it causes a warning
 
 _STRIP_SIZE: Final = 9  # numbers per strip: start (3), end (3), normal, tangential, number of stations

@@ -47,6 +47,7 @@ from numba.core import event
 
 from uuv.models.files.exact_mjcf import library
 from uuv.models.hydrodynamics import (
+    ELEMENTS,
     INDEFINITE,
     LAYOUT,
     TOO_FAST,
@@ -61,7 +62,7 @@ from uuv.models.hydrodynamics import (
 )
 from uuv.models.water.bounds import LARGEST
 from uuv.sim.interfaces.errors import ConfigurationError, HydrodynamicsError, PhysicsWarning
-from uuv.sim.interfaces.spatial import Array, skew
+from uuv.sim.interfaces.spatial import Array, shown, skew
 from uuv.sim.water import energy, mujoco_layout, passive_callback
 from uuv.sim.water.wet_inertia import BlockSums, WetInertia
 
@@ -307,7 +308,8 @@ def compile(spec: mujoco.MjSpec) -> mujoco.MjModel:  # noqa: A001 (always called
     PhysicsWarning for each of its `doubts`. The cost is linear in the number of kinematic trees.
 
     Raises:
-        ConfigurationError: `spec` is no MjSpec, or its bodies carry waters of different density.
+        ConfigurationError: `spec` is no MjSpec, its bodies carry waters of different density, or it has custom elements
+            with water that was not attached.
         HydrodynamicsError: As `install` and `check` do.
     """
     if not isinstance(spec, mujoco.MjSpec):
@@ -316,6 +318,7 @@ def compile(spec: mujoco.MjSpec) -> mujoco.MjModel:  # noqa: A001 (always called
         install()
         attach(spec, {})
     model = spec.compile()
+    _refuse_unread_elements(model)
     if not carries_hydrodynamics(model):
         return model
     bodies = _bodies(model)
@@ -346,8 +349,10 @@ def check(model: mujoco.MjModel) -> None:
 
     Raises:
         HydrodynamicsError: A setting is refused, or the callback is not installed.
-        ConfigurationError: A body's row is one that `BodyHydrodynamics` would refuse.
+        ConfigurationError: A body's row is one that `BodyHydrodynamics` would refuse, or the model has custom elements
+            with water that was not attached.
     """
+    _refuse_unread_elements(model)
     if carries_hydrodynamics(model):
         _checked(model, _bodies(model))
 
@@ -533,6 +538,21 @@ class _AtRest:
 
     inertia: WetInertia
     drag_rate: float  # [1/s] at DRAG_SPEED
+
+
+def _refuse_unread_elements(model: mujoco.MjModel) -> None:
+    """Refuse a model that MuJoCo read from a file whose custom elements hold water: it would move dry.
+
+    Raises:
+        ConfigurationError: There is such an element.
+    """
+    for i in range(model.nnumeric):
+        name = model.numeric(i).name
+        if name.startswith(ELEMENTS):
+            raise ConfigurationError(
+                f"the custom element {shown(name)} holds water or thrusters that MuJoCo alone does not read; read the "
+                "file by uuv.own_vehicle.vehicle_spec"
+            )
 
 
 def _checked(model: mujoco.MjModel, bodies: dict[int, BodyHydrodynamics]) -> _AtRest | None:

@@ -14,6 +14,7 @@ from importlib.metadata import entry_points
 from pathlib import Path
 
 HOME = Path(__file__).resolve().parent  # the package `uuv`, with the rooms in it
+CHECKOUT = HOME.parent  # the folder around it: the checkout, where there is one
 JOBS = {  # `uuv run`: name and class of its options in `uuv.jobs`
     "clean-barrel": "BarrelOptions",
     "clean-pile": "PileOptions",

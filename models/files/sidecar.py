@@ -42,7 +42,7 @@ from uuv.sim.interfaces.files import text_of
 from uuv.sim.interfaces.spatial import Array, shown
 
 ENDING: Final = ".water.yaml"  # takes the place of the MJCF's own ending
-_WATER, _THRUSTER = "water/", "thruster/"  # begin the names of custom elements
+_WATER, _THRUSTER = hydrodynamics.ELEMENTS
 _DENSITY: Final = "water_density"
 _SECTIONS: Final = (_DENSITY, "bodies", "thrusters")
 _MOST = 500  # numbers in a row, and entries in a list
@@ -105,7 +105,7 @@ def attach_beside(spec: mujoco.MjSpec, mjcf: str | Path, sidecar: str | Path | N
         attach_tree(spec, _with_density_of(in_file, said), where)
     else:
         attach_tree(spec, in_file, "MJCF")
-    for element in [each for each in spec.numerics if each.name.startswith((_WATER, _THRUSTER))]:
+    for element in [each for each in spec.numerics if each.name.startswith(hydrodynamics.ELEMENTS)]:
         spec.delete(element)
 
 

@@ -1,6 +1,7 @@
 """The plant: one vehicle in one MjModel, advanced at the loop's rate, and its ground truth."""
 
 import copy
+import warnings
 from dataclasses import dataclass
 from typing import Any, Self
 
@@ -12,7 +13,7 @@ from uuv.models.naming import HOME_KEY, USUAL_NAMES, PartNames
 from uuv.models.site.sliding_contact import TARGET_BODY
 from uuv.models.vehicle import Vehicle
 from uuv.sim import hydrodynamics
-from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.errors import ConfigurationError, PhysicsWarning
 from uuv.sim.interfaces.messages import Command
 from uuv.sim.interfaces.spatial import Array, checked_pose, cross, fitting, quat_wxyz_from_rotation
 from uuv.sim.plant.compiled_step import Drive, Flow, PlantRecord, Watch, drive, end_step, verdict
@@ -186,6 +187,9 @@ class Plant:
             HydrodynamicsError: `uuv.sim.hydrodynamics.check` refuses the model, its contact weights are those of the
             dry
                 mass, or the wrench cannot be measured.
+
+        Warns:
+            PhysicsWarning: The vehicle has no coefficients, and the model no fluid of MuJoCo's.
         """
         _check(model, substeps)
         hydrodynamics.install()
@@ -200,6 +204,8 @@ class Plant:
         # Written each step; a model without coefficients has no slot for it and needs none.
         slot = LAYOUT.current_acceleration
         wet = hydrodynamics.carries_hydrodynamics(model)
+        if not wet and vehicle.hull_dof >= 0 and not model.opt.density and np.any(model.opt.gravity):
+            warnings.warn("the vehicle has no hydrodynamic coefficients: it falls as in a vacuum", PhysicsWarning, 2)
         water = world_row(model) if wet else np.zeros(LAYOUT.size)
         self._current_slot = water[slot : slot + 3]
         self._watch = Watch(

@@ -33,7 +33,7 @@ _USES = {  # module of an extra: what it is for
     "plotly": "time series of the reports",
     "pyarrow": "series as Parquet, studies",
     "PIL": "uuv picture",
-    "dm_control": "uuv.sim.environment, reinforcement learning",
+    "dm_control": "uuv.environments, reinforcement learning",
     "ray": "campaigns on a cluster",
     "open3d": "peers to compare registration with",
 }

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from uuv.catalogue import ROOT
+from uuv.catalogue import CHECKOUT
 from uuv.sim.interfaces.errors import ConfigurationError, did_you_mean
 
 
@@ -77,7 +77,7 @@ def NAME():
     return spec
 ''',
     test="""import numpy as np
-from uuv.models.naming import lacks
+from uuv.check.check import check_vehicle
 from uuv.models.vehicle import Vehicle
 from uuv.sim import hydrodynamics
 
@@ -86,7 +86,7 @@ from NAME import NAME
 
 def test_it_has_what_jobs_of_the_arm_need():
     model = hydrodynamics.compile(NAME())
-    assert not lacks(model)
+    assert {part.state for part in check_vehicle(NAME(), jobs=()).parts} == {"there"}
     assert len(Vehicle.of(model).joint_names) == 6
 
 
@@ -102,8 +102,8 @@ OBJECT = Skeleton(
     part='''"""Object NAME: a pipe on two feet, and a tool path along its top."""
 
 import numpy as np
-from uuv.models.meshes.closed_shells import box, joined, revolve
-from uuv.models.objects.targets import TargetModel
+import trimesh
+from uuv.models.objects.target_model import TargetModel
 from uuv.perception.toolpath.path_shapes import laid_on, line
 
 RADIUS, LENGTH = 0.16, 0.9  # [m] of the pipe
@@ -114,18 +114,21 @@ def NAME():
 
     From a file: TargetModel.from_file("part.stl", scale=0.001).
     """
-    half = 0.5 * LENGTH
-    profile = [(-half, 0.0), (-half, RADIUS), (half, RADIUS), (half, 0.0)]
-    feet = [box((0.08, 0.3, 0.3), (x, 0.0, -0.25)) for x in (-0.35, 0.3)]
-    vertices, triangles = joined([revolve(np.array(profile), 96), *feet])
-    made = TargetModel(name="NAME", vertices=vertices, triangles=triangles)
+    ends = [[-0.5 * LENGTH, 0.0, 0.0], [0.5 * LENGTH, 0.0, 0.0]]
+    parts = [trimesh.creation.cylinder(RADIUS, segment=ends, sections=96)]
+    for x in (-0.35, 0.3):
+        foot = trimesh.creation.box((0.08, 0.3, 0.3))
+        parts.append(foot.apply_translation((x, 0.0, -0.25)))
+    mesh = trimesh.util.concatenate(parts)
+    made = TargetModel(name="NAME", vertices=np.array(mesh.vertices), triangles=np.array(mesh.faces))
     over = line([-0.2, 0.0, RADIUS], [0.2, 0.0, RADIUS])
     return made.with_path("top", laid_on(made, over, [0.0, 0.0, -1.0]))  # projected from above
 ''',
-    test="""import numpy as np
-from uuv.clouds.object_scenes import object_scene
-from uuv.perception.registration.identification import identify
-from uuv.perception.registration.model_surface import ModelSurface
+    test="""import mujoco
+import numpy as np
+from uuv.perception import Scan, SensorModel, identify
+from uuv.sim.interfaces.spatial import exp_so3, pose
+from uuv.sim.sensors.depth_camera import DepthCamera, Optics
 
 from NAME import NAME
 
@@ -137,12 +140,20 @@ def test_its_path_lies_on_it():
 
 
 def test_it_is_found_in_a_depth_frame():
-    target = NAME()
-    scene = object_scene(target, 1)
-    surface = ModelSurface.of(target, 0)
-    found = identify(scene.scan, surface, scene.approach, scene.orientation, sensor=scene.sensor.model, seed=0)
+    target, spec = NAME(), mujoco.MjSpec()
+    X_ST = pose(exp_so3([2.2, 0.4, 0.3]), [0.05, -0.02, 1.4])  # the camera is at the origin, z ahead
+    target.add_to(spec, X_ST)
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    camera = DepthCamera(model, "world", np.eye(4), optics=Optics())
+    _, image = camera.step(camera.init(np.random.default_rng(0)), data)
+
+    found = identify(Scan.from_depth(image), target, approach=[0.0, 0.0, 1.4], sensor=SensorModel())
     assert found.accepted, found.reason
-    assert scene.is_found(found.X_sensor_target)
+    off, turned = target.symmetry.error(found.X_sensor_target, X_ST)  # [m], [rad]
+    assert off < 0.005
+    assert turned < 0.02
 """,
     use="uuv run clean-object --object NAME:NAME",
 )
@@ -150,8 +161,9 @@ SENSOR = Skeleton(
     part='''"""Sensor NAME: the depth camera with twice the noise, and the model of it that perception uses."""
 
 from uuv.models.naming import HULL_BODY
-from uuv.perception.clouds.scan import SensorModel
-from uuv.sim.sensors.depth_camera import DepthCamera, Optics, StereoNoise
+from uuv.perception import SensorModel
+from uuv.sim.sensors.depth_camera import DepthCamera, Optics
+from uuv.sim.sensors.stereo_noise import StereoNoise
 
 DISPARITY = 0.5  # [px] standard deviation
 
@@ -168,14 +180,13 @@ def NAME(model, X_BS):
 ''',
     test="""from dataclasses import replace
 
-from uuv import assemble, barrel
-from uuv.runner import run_through
+from uuv import assemble, barrel, run
 
 
 def test_the_barrel_is_found_with_it():
     scenario = barrel(seed=0, quick=True)
     built = assemble(replace(scenario, sensing=replace(scenario.sensing, sensor="NAME:NAME")))
-    targets = run_through(built, longest=8.0).recording.targets
+    targets = run(built, longest=8.0).recording.targets
     assert targets
     assert targets[0].accepted, targets[0].reason
 """,
@@ -308,10 +319,10 @@ def main(verb: str, args: Sequence[str]) -> int:
 
 def _wrapper() -> str:
     """What stands before a command here: the wrapper of a clone, nothing where the wheel is installed."""
-    uvw = ROOT / "uvw"
+    uvw = CHECKOUT / "uvw"
     if not uvw.is_file():
         return ""
-    return "./uvw run " if Path.cwd() == ROOT else f"{shlex.quote(str(uvw))} run "
+    return "./uvw run " if Path.cwd() == CHECKOUT else f"{shlex.quote(str(uvw))} run "
 
 
 def write(kind: str, name: str, folder: Path) -> tuple[Path, Path]:

@@ -11,11 +11,14 @@ from uuv.environments.entities import Sea, VehicleEntity
 from uuv.environments.judges import KeptFor
 from uuv.environments.sensing import FARTHEST
 from uuv.environments.vehicle_task import SITE_DEPTH, Random, VehicleTask, near
-from uuv.sim.environment import ALIGNED, CLOSE, START_OFFSET, START_TURN
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import Array, exp_so3, inverse, log_so3, pose, readonly
 from uuv.sim.plant.plant import Truth
 
+START_OFFSET = 0.5  # [m] largest per axis, from the pose to hold
+START_TURN = 0.3  # [rad] largest, about the vertical
+CLOSE = 0.05, 0.5  # [m] position error up to which the reward is full, and further error at which it is a tenth
+ALIGNED = 0.05, 0.5  # [rad] the same for the attitude error
 STATION_TIME, ARRIVED_TIME, REACHED_TIME = 5.0, 2.0, 1.0  # [s] for which the goal must be kept
 FARTHEST_WAYPOINT = 2.0  # [m] per horizontal axis from the start; half as much up and down
 WAYPOINT_TURN = 0.8  # [rad] largest, about the vertical

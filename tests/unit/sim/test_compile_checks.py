@@ -9,10 +9,15 @@ import numpy as np
 import pytest
 
 from untyped import untyped
+from uuv import models
 from uuv.models import hydrodynamics as water
+from uuv.models.files.sidecar import xml_with_elements
+from uuv.own_vehicle import vehicle_spec
 from uuv.sim import hydrodynamics
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import checked, checked_pose, exp_so3, fitting, pose
+from uuv.sim.plant.plant import Plant
+from uuv.sim.water.current import Current
 
 SPOILT: list[Any] = [
     [1.0, 2.0],
@@ -33,6 +38,21 @@ SPOILT: list[Any] = [
 def test_what_is_no_vector_of_real_numbers(check, values):
     with pytest.raises(ConfigurationError, match=r"^wind: "):
         check(values, (3,), "wind")
+
+
+def test_water_in_elements_that_mujoco_alone_has_read_is_refused(tmp_path):
+    """The file of a wet vehicle, read without the project's reader, would sink as in a vacuum."""
+    file = tmp_path / "wet.xml"
+    file.write_text(xml_with_elements(models.load("bluerov2_heavy")))
+    message = r"custom element 'water/\S+' holds water .* uuv\.own_vehicle\.vehicle_spec"
+    spec = mujoco.MjSpec.from_file(str(file))
+    with pytest.raises(ConfigurationError, match=message):
+        hydrodynamics.compile(spec)
+    with pytest.raises(ConfigurationError, match=message):
+        Plant(mujoco.MjModel.from_xml_path(str(file)), current=Current(np.zeros(3)))
+
+    read = hydrodynamics.compile(vehicle_spec(str(file)))
+    assert np.array_equal(read.body_user, hydrodynamics.compile(models.load("bluerov2_heavy")).body_user)
 
 
 def test_only_what_fits_goes_through_as_it_is():

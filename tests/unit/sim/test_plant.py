@@ -10,9 +10,10 @@ import pytest
 from untyped import untyped
 from uuv import models
 from uuv.sim import hydrodynamics
-from uuv.sim.interfaces.errors import ConfigurationError, HydrodynamicsError
+from uuv.sim.interfaces.errors import ConfigurationError, HydrodynamicsError, PhysicsWarning
 from uuv.sim.interfaces.messages import Command
-from uuv.sim.interfaces.spatial import pose
+from uuv.sim.interfaces.spatial import exp_so3, pose
+from uuv.sim.plant.arm_hold import HOLD_ANGLE, ArmHold
 from uuv.sim.plant.plant import Plant
 from uuv.sim.water.current import Current
 
@@ -117,6 +118,54 @@ def test_a_command_that_cannot_be_changes_nothing(change: dict[str, Any], says):
         plant.step(replace(REST, **change))
     assert not np.any(plant.truth.propeller_speed)
     assert not np.any(plant.data.ctrl)
+
+
+def test_a_vehicle_without_any_water_is_told_of():
+    """Such as an MJCF that MuJoCo has read, whose water is in a file beside it."""
+    spec = mujoco.MjSpec.from_string(
+        "<mujoco><worldbody><body name='hull'><freejoint/><geom size='.2' mass='9'/></body></worldbody></mujoco>"
+    )
+    with pytest.warns(PhysicsWarning, match="no hydrodynamic coefficients: it falls as in a vacuum"):
+        Plant(hydrodynamics.compile(spec), current=STILL)
+
+
+def test_reset_leaves_nothing_behind():
+    """After a run in gusts, a plant that is reset moves as a new one does, to the bit."""
+    used = Plant(hydrodynamics.compile(models.load("uuv_puma")), current=STILL)
+    used.reset(current=Current([0.3, 0.0, 0.0], gust=0.1, timestep=0.002, rng=np.random.default_rng(0)))
+    commands = [replace(REST, thrusters=u) for u in np.random.default_rng(7).uniform(-0.8, 0.8, (100, 6))]
+    for command in commands:
+        used.observe()
+        used.step(command)
+
+    current, X_WB = Current([0.0, 0.2, 0.0]), pose(exp_so3([0.1, -0.2, 0.3]), [1.0, 2.0, -3.0])
+    used.reset(current=current, X_WB=X_WB)
+    fresh = Plant(hydrodynamics.compile(models.load("uuv_puma")), current=current, X_WB=X_WB)
+    for command in commands:
+        assert used.observe().time == fresh.observe().time
+        for name in ("R_WB", "acceleration", "current_W", "propeller_speed", "q", "tau_drive", "thrust", "v_WB_W"):
+            np.testing.assert_array_equal(getattr(used.truth, name), getattr(fresh.truth, name), err_msg=name)
+        used.step(command)
+        fresh.step(command)
+    np.testing.assert_array_equal(used.data.qpos, fresh.data.qpos)
+    assert np.linalg.norm(used.truth.v_WB_W) > 0.01
+
+
+def test_the_arm_is_held_while_the_hull_is_shaken():
+    """By `ArmHold`, within the torques of its drives."""
+    plant = Plant(hydrodynamics.compile(models.load("uuv_puma")), current=STILL)
+    vehicle, truth = plant.vehicle, plant.observe()
+    hold = ArmHold(vehicle, vehicle.q_home)
+    fastest = 0.0
+
+    for thrusters in np.random.default_rng(0).choice([-1.0, 1.0], (50, 6)):
+        for _ in range(50):
+            plant.step(replace(REST, joint_torque=hold.torque(truth), thrusters=thrusters))
+            plant.observe()
+        assert np.max(np.abs(truth.q - vehicle.q_home)) < HOLD_ANGLE
+        assert np.all(np.abs(truth.tau_drive) <= vehicle.torque_limits)
+        fastest = max(fastest, float(np.linalg.norm(truth.w_WB_B)))
+    assert fastest > 0.1
 
 
 def test_commands_that_are_no_plain_arrays_act_as_those():

@@ -21,13 +21,13 @@ from dm_env.test_utils import EnvironmentTestMixin
 from untyped import untyped
 from uuv.environments.actions import ThrusterSpeeds, ToolTwist
 from uuv.environments.episodes import run_episode
-from uuv.environments.free_tasks import HoldStation
+from uuv.environments.free_tasks import ALIGNED, CLOSE, HoldStation
 from uuv.environments.judges import InsertedTo, KeptFor, PressedAt, SetForce, TappedAt, WipedAlong
 from uuv.sim.evaluation.force_levels import SETTLING
 from uuv.sim.evaluation.insertion_metrics import TrueHole
 from uuv.sim.interfaces.errors import ConfigurationError, ReachError
 from uuv.sim.interfaces.messages import ToolPath
-from uuv.sim.interfaces.spatial import Array
+from uuv.sim.interfaces.spatial import Array, exp_so3, pose
 from uuv.sim.sensors.proprioception import Dvl
 
 DT = 0.002
@@ -100,6 +100,27 @@ def test_a_sparse_reward_is_success():
     assert rewards[-1] == 1.0
     assert set(rewards) == {0.0, 1.0}
     assert np.all(np.diff(rewards) >= 0.0)
+
+
+@pytest.mark.parametrize(
+    ("offset", "angle", "reward"),
+    [
+        (0.5 * CLOSE[0], 0.5 * ALIGNED[0], 1.0),
+        (sum(CLOSE), 0.0, 0.1),
+        (0.0, sum(ALIGNED), 0.1),
+        (sum(CLOSE), sum(ALIGNED), 0.01),
+    ],
+)
+def test_the_reward_of_holding_station(offset: float, angle: float, reward: float):
+    """Full within CLOSE and ALIGNED; each further margin costs a factor of ten."""
+    environment = uuv.load("water", "hover", seed=0)
+    environment.reset()
+    task = environment.task
+    X_HB = pose(exp_so3([0.0, 0.0, angle]), [0.0, offset, 0.0])
+    task.X_WH = pose(exp_so3([0.2, -0.1, 0.7]), [0.5, -0.3, -5.0])
+    X_WB = task.X_WH @ X_HB
+    truth = untyped(SimpleNamespace(R_WB=X_WB[:3, :3], p_WB=X_WB[:3, 3]))
+    assert task.shaped(truth) == pytest.approx(reward, abs=1e-12)
 
 
 @pytest.mark.parametrize("vehicle", ["bluerov2_heavy", "uuv_puma_side"])

@@ -1,0 +1,10 @@
+from uuv.perception.clouds.cloud_files import load_cloud as load_cloud
+from uuv.perception.clouds.scan import Scan as Scan
+from uuv.perception.clouds.scan import SensorModel as SensorModel
+from uuv.perception.finding.target_finder import KnownObjectFinder as KnownObjectFinder
+from uuv.perception.registration.identification import Identification as Identification
+from uuv.perception.registration.identification import identify as identify
+from uuv.perception.registration.recognition import Recognition as Recognition
+from uuv.perception.registration.recognition import identify_together as identify_together
+from uuv.perception.registration.recognition import recognise as recognise
+from uuv.perception.toolpath.path_planner import plan_path as plan_path

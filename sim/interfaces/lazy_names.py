@@ -1,0 +1,57 @@
+"""Names that a package hands out on first use, from one list: the imports of its stub `__init__.pyi`.
+
+    __getattr__, __dir__, __all__ = names_of_stub(__name__, __file__)
+
+Type checkers read the stub itself. In it `from uuv.runner import run as run` hands out `run`, and an assignment
+`Arm = SerialArm` hands out an imported name under another one.
+"""
+
+import ast
+from collections.abc import Callable
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+
+def names_of_stub(package: str, file: str) -> tuple[Callable[[str], Any], Callable[[], list[str]], list[str]]:
+    """What makes a package hand out the names of its stub.
+
+    Args:
+        package: `__name__` of the package.
+        file: `__file__` of the package; the stub is beside it.
+
+    Returns:
+        Its `__getattr__`, `__dir__` and `__all__`.
+    """
+    homes = _homes(Path(file).with_suffix(".pyi"))
+    names = sorted(homes)
+
+    def get(name: str) -> Any:
+        if name not in homes:
+            raise AttributeError(f"module {package!r} has no attribute {name!r}; it has {names}")
+        module, name_there = homes[name]
+        return getattr(import_module(module), name_there)
+
+    def listed() -> list[str]:
+        return sorted({*vars(import_module(package)), *names})
+
+    return get, listed, names
+
+
+def _homes(stub: Path) -> dict[str, tuple[str, str]]:
+    """Of each name of a stub: the module, and the name there."""
+    imported: dict[str, tuple[str, str]] = {}
+    handed_out: dict[str, tuple[str, str]] = {}
+
+    for node in ast.parse(stub.read_text(encoding="utf-8")).body:
+        if isinstance(node, ast.ImportFrom) and node.module is not None:
+            for alias in node.names:
+                imported[alias.asname or alias.name] = node.module, alias.name
+                if alias.asname == alias.name:
+                    handed_out[alias.name] = node.module, alias.name
+
+        if isinstance(node, ast.Assign) and isinstance(node.value, ast.Name):
+            for target in node.targets:
+                if isinstance(target, ast.Name):
+                    handed_out[target.id] = imported[node.value.id]
+    return handed_out

@@ -1,0 +1,14 @@
+from uuv.assembly import Assembly as Assembly
+from uuv.assembly import assemble as assemble
+from uuv.command import show as show
+from uuv.jobs import barrel as barrel
+from uuv.perturbations.perturbation import Loop as Loop
+from uuv.perturbations.perturbation import Perturbation as Perturbation
+from uuv.runner import Run as Run
+from uuv.runner import run as run
+from uuv.runner import saved as saved
+from uuv.saved_run import SavedRun as SavedRun
+from uuv.scenario import Scenario as Scenario
+from uuv.scenario_file import read_scenario as read_scenario
+from uuv.scenario_file import write_scenario as write_scenario
+from uuv.sim.reporting.series_tables import PastRun as PastRun

@@ -1,0 +1,17 @@
+from uuv.environments.entities import ArmEntity as ArmEntity
+from uuv.environments.entities import Sea as Sea
+from uuv.environments.entities import ToolEntity as ToolEntity
+from uuv.environments.entities import VehicleEntity as VehicleEntity
+from uuv.environments.entities import WorkObjectEntity as WorkObjectEntity
+from uuv.environments.episodes import record_episodes as record_episodes
+from uuv.environments.episodes import score as score
+from uuv.environments.experts import at_random as at_random
+from uuv.environments.experts import expert as expert
+from uuv.environments.experts import zero as zero
+from uuv.environments.pictures import picture as picture
+from uuv.environments.pictures import view as view
+from uuv.environments.suite import ALL_TASKS as ALL_TASKS
+from uuv.environments.suite import BY_TAG as BY_TAG
+from uuv.environments.suite import environment as environment
+from uuv.environments.suite import load as load
+from uuv.environments.vehicle_task import VehicleTask as VehicleTask

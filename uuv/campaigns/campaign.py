@@ -140,7 +140,7 @@ def read_campaign(file: str | Path, changed: Sequence[str] = (), *, trust: bool 
             given["distributions"] = {k: v for k, v in _table(given, "distributions").items() if k not in entries}
         return _campaign({**given, "set": {**_table(given, "set"), **entries}}, path, trust=trust)
     except ConfigurationError as error:
-        raise ConfigurationError(f"{what}: {str(error).removeprefix('--')}") from error
+        raise ConfigurationError(f"{what}: {error}") from error
 
 
 def one_run(task: CampaignRun) -> dict[str, Any]:

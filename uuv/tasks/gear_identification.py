@@ -90,7 +90,7 @@ class GearIdentificationTask(Task):
     seconds: float = 30.0  # [s] of the swings
 
     def __post_init__(self) -> None:
-        finite_number(self.seconds, "--seconds [s]", least=SHORTEST, most=LONGEST)
+        finite_number(self.seconds, "task.seconds [s]", least=SHORTEST, most=LONGEST)
 
     def check_inputs(self, scenario: Scenario) -> None:
         """Refuses a site with an object."""

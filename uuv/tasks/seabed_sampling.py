@@ -103,7 +103,7 @@ class SeabedSamplingTask(Task):
         B, up = read_targets(self.targets)
         if self.drag and len(B) < 2:
             raise ConfigurationError(
-                f"--targets {self.targets}: to drag between needs two points or more, got {len(B)}"
+                f"task.targets {self.targets}: to drag between needs two points or more, got {len(B)}"
             )
         return (B, up) if self.drag else (B[:1], up)
 
@@ -219,7 +219,8 @@ def tool_of(own: mujoco.MjModel) -> SoilTool:
     if kind in (kinds.mjGEOM_CYLINDER, kinds.mjGEOM_CAPSULE):
         return core_tube(float(size[0]), sampler.CORER.wall)
     raise ConfigurationError(
-        f"--vehicle: its geom {TOOL_GEOM!r} must be a cylinder or a capsule, the core tube, or a box that is dragged"
+        f"vehicle.vehicle: its geom {TOOL_GEOM!r} must be a cylinder or a capsule, the core tube, "
+        "or a box that is dragged"
     )
 
 

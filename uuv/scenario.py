@@ -126,6 +126,7 @@ class Task(ABC):
     """What is to be done; the base of all tasks. Its fields are keys of a scenario's file."""
 
     spares: ClassVar[Collection[str]] = ()  # named parts of the vehicle that it does without
+    schema: ClassVar[str] = "metrics"  # of metrics.json, in sim/schemas
     looks: ClassVar[bool] = False  # a camera or a sonar looks at the site, which takes a ray caster
 
     @property

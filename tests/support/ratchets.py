@@ -1,4 +1,4 @@
-"""Limits that only go down: how far the pages of each folder are still from the rules, tests/unit/house/ratchets.toml.
+"""Limits that only go down, tests/unit/house/ratchets.toml: how far folders and files are still from the rules.
 
     ./uvw run tests/support/ratchets.py              what is worse than its limit, with the places
     ./uvw run tests/support/ratchets.py --tighten    writes limits that have become smaller; never larger ones
@@ -14,14 +14,16 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 from page_counts import RULES, Offence, offences
+from second_tables import second_tables
 from source_tree import ROOT, name_of, sources
 
 FILE = ROOT / "tests" / "unit" / "house" / "ratchets.toml"
 HEAD = """\
-# How far the pages of a folder are from the rules of CONTRIBUTING.md, section "Pages". No number may grow.
-# Written by ./uvw run tests/support/ratchets.py --tighten, which only makes them smaller.
+# How far folders are from the rules of CONTRIBUTING.md, section "Pages", and files from those of "Lists": no number
+# may grow. Written by ./uvw run tests/support/ratchets.py --tighten, which only makes them smaller.
 """
-Limits = Mapping[str, Mapping[str, int]]  # by folder and rule
+TABLES = "tables"  # rule of a file: names of a list that is written elsewhere
+Limits = Mapping[str, Mapping[str, int]]  # by folder or file, and rule
 
 
 def counts(files: Iterable[Path]) -> dict[str, Counter[str]]:
@@ -32,6 +34,12 @@ def counts(files: Iterable[Path]) -> dict[str, Counter[str]]:
         for rule, several in offences(path).items():
             folder[rule] += sum(offence.amount for offence in several)
     return sums
+
+
+def table_counts() -> dict[str, Counter[str]]:
+    """Second tables, summed by file."""
+    by_file = Counter(name_of(table.path) for table in second_tables())
+    return {name: Counter({TABLES: number}) for name, number in by_file.items()}
 
 
 def limits() -> Limits:
@@ -64,7 +72,7 @@ def as_text(written: Limits) -> str:
     """The file of the limits, a line a folder."""
     lines = []
     for folder, numbers in sorted(written.items()):
-        pairs = ", ".join(f"{rule} = {numbers[rule]}" for rule in RULES if rule in numbers)
+        pairs = ", ".join(f"{rule} = {numbers[rule]}" for rule in (*RULES, TABLES) if rule in numbers)
         lines.append(f'"{folder}" = {{ {pairs} }}')
     return "\n".join([HEAD, *lines]) + "\n"
 
@@ -78,6 +86,11 @@ def complaint(excess: Iterable[tuple[str, str, int, int]]) -> str:
     """What is worse than its limit, and where: all offences of that kind in the folder."""
     text = []
     for folder, rule, number, limit in excess:
+        if rule == TABLES:
+            twice = [table for table in second_tables() if name_of(table.path) == folder]
+            text += [f"{table} (a list that there is already)" for table in twice]
+            continue
+
         here = [path for path in sources() if name_of(path.parent) == folder]
         text += [f"{folder}: {rule} is {number}, the limit {limit}", *listing(here, [rule])]
     return "\n".join(text)
@@ -94,7 +107,7 @@ def main() -> int:
         print("\n".join(listing(inside, RULES)))
         return 0
 
-    counted = counts(sources())
+    counted = {**counts(sources()), **table_counts()}
     if options.tighten:
         FILE.write_text(as_text(tightened(counted, limits())), encoding="utf-8")
     excess = worse(counted, limits())

@@ -86,6 +86,7 @@ class FrictionSamples:
 class GearIdentificationTask(Task):
     """Swing the joints of the hovering vehicle, free of contact, to identify the friction of its gears."""
 
+    schema: ClassVar[str] = "friction"
     spares: ClassVar[Collection[str]] = (CAMERA_SITE, TOOL_GEOM)
     seconds: float = 30.0  # [s] of the swings
 

@@ -33,6 +33,7 @@ if TYPE_CHECKING:
 class InsertionTask(Task):
     """Insert a sampler into a hole of a manifold."""
 
+    schema: ClassVar[str] = "insertion"
     looks: ClassVar[bool] = True
     hole: str = "a"
     depth: float = 0.06  # [m] to reach below the mouth

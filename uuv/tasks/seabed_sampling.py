@@ -50,6 +50,7 @@ LOOKS = 10  # pings for the surface; from a single ping it is 3 to 8 mm off, mos
 class SeabedSamplingTask(Task):
     """Take a core of the seabed, or drag a box through it."""
 
+    schema: ClassVar[str] = "seabed_work"
     looks: ClassVar[bool] = True
     spares: ClassVar[Collection[str]] = (CAMERA_SITE,)
     drag: bool = False  # False: push a core tube in and withdraw it

@@ -1,1 +1,1 @@
-"""Water on a body: forms and bounds of its coefficients; thrusters: static curves, and their table in an MjSpec."""
+"""Water on a body: forms and bounds of its coefficients; curves and table of its thrusters."""

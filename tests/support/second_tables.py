@@ -14,6 +14,7 @@ from typing import get_args
 from source_tree import name_of, parsed, sources
 
 LEAST = 3  # names of a list that make a table of it
+_TABLES = (ast.Dict, ast.Tuple, ast.List, ast.Set, ast.Match)
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,6 +72,8 @@ def tables_in(path: Path, known: Mapping[str, frozenset[str]]) -> Iterator[Table
         if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "__all__"
     }
     for node in ast.walk(tree):
+        if not isinstance(node, _TABLES):
+            continue
         words = frozenset(map(_spelling, _words(node)))
         if len(words) < LEAST or id(node) in exported:
             continue

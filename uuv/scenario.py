@@ -35,6 +35,7 @@ if TYPE_CHECKING:  # a task is described, and refused, without the kernels of wh
     from uuv.sim.plant.soil_contact import SoilForce
 
 P = TypeVar("P", bound=Perturbation)
+T = TypeVar("T", bound="Task")
 LONGEST = 400.0  # [s] simulated, default limit of a run
 _MOST_LOOKS = 40  # frames that arrive before the wait for a scan times out
 _NOT_FOLLOWED = "sensing.follow: this task has no object that it could follow"
@@ -277,6 +278,17 @@ class Scenario:
         folder_name(self.name, "name")
         whole_number(self.seed, "seed")
         whole_number(self.perturbation_seed, "perturbation_seed")
+
+    def task_of(self, kind: type[T]) -> T:
+        """The task, which has to be of that kind.
+
+        Raises:
+            ConfigurationError: It is of another kind.
+        """
+        if isinstance(self.task, kind):
+            return self.task
+        wrong = type(self.task).__name__
+        raise ConfigurationError(f"scenario {self.name!r}: needs a {kind.__name__}, its task is a {wrong}")
 
     def perturbation(self, kind: type[P]) -> P:
         """The first perturbation of that kind.

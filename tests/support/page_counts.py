@@ -85,15 +85,16 @@ def two_thoughts(page: Page) -> Iterator[Offence]:
 def empty_names(page: Page) -> Iterator[Offence]:
     """Names that say nothing of what they hold."""
     for node in page.nodes:
-        name = None
         if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
-            name = node.id
+            name, line = node.id, node.lineno
         elif isinstance(node, ast.arg):
-            name = node.arg
+            name, line = node.arg, node.lineno
         elif isinstance(node, (*Definition, ast.ClassDef)):
-            name = node.name
-        if name is not None and name.strip("_") in EMPTY_NAMES:
-            yield Offence(node.lineno, 1, name)
+            name, line = node.name, node.lineno
+        else:
+            continue
+        if name.strip("_") in EMPTY_NAMES:
+            yield Offence(line, 1, name)
 
 
 def many_parameters(page: Page) -> Iterator[Offence]:

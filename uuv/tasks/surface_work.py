@@ -26,7 +26,8 @@ from uuv.tasks.approach import object_of, scan_pose
 from uuv.tasks.work_time import WorkTime
 
 if TYPE_CHECKING:
-    from uuv.controllers.tasks.surface_work import SurfaceTaskConfig
+    from uuv.controllers.planning.hull_placement import PathStanding
+    from uuv.controllers.tasks.surface_work import SurfaceTaskConfig, SurfaceWork
     from uuv.controllers.tasks.task import TaskPlanner
     from uuv.perception.clouds.scan import SensorModel
     from uuv.perception.finding.object_tracker import FoundObjectFollower
@@ -254,8 +255,16 @@ class PlacedSurfaceWork(PlacedTask):
             promise=task.promise,
         )
 
+    @property
+    def standing(self) -> "PathStanding":
+        """Chooses the hull's place from which the path is within reach."""
+        return self._work().stand
+
     def planner(self) -> "TaskPlanner":
         """Planner of the work."""
+        return self._work()
+
+    def _work(self) -> "SurfaceWork":
         from uuv.controllers.hull.thrust_margin import ThrustMargin
         from uuv.controllers.tasks.surface_work import SurfaceWork
 
@@ -303,5 +312,4 @@ def check_follows(scenario: Scenario) -> None:
 
 def first_force(scenario: Scenario) -> float:
     """First set force [N] of a scenario of surface work."""
-    assert isinstance(scenario.task, SurfaceWorkTask)
-    return scenario.task.forces[0]
+    return scenario.task_of(SurfaceWorkTask).forces[0]

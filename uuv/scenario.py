@@ -287,8 +287,9 @@ class Scenario:
         """
         if isinstance(self.task, kind):
             return self.task
+
         wrong = type(self.task).__name__
-        raise ConfigurationError(f"scenario {self.name!r}: needs a {kind.__name__}, its task is a {wrong}")
+        raise ConfigurationError(f"scenario {self.name!r}: needs {kind.__name__}, has {wrong}")
 
     def perturbation(self, kind: type[P]) -> P:
         """The first perturbation of that kind.

@@ -34,11 +34,7 @@ def parts() -> ModuleType:
         ("clean_barrel", ("--speed", "0.001", "--longest", "500"), "--longest 500 s: the work alone takes 602 s"),
         ("clean_barrel", ("--looks", "0"), "--looks (sensing.looks): must be a whole number in 1..40, got 0"),
         ("clean_barrel", ("--vehicle", "n" * 300 + ".xml"), "file name too long"),
-        (
-            "calibrate_arm",
-            ("--arm-errors", "-1"),
-            "--arm-errors (vehicle.arm_errors): must be a whole number >= 0, got -1",
-        ),
+        ("calibrate_arm", ("--arm-errors", "-1"), "--arm-errors: must be a whole number >= 0, got -1"),
         ("plan_seabed", ("--cloud", "a", "--targets", "b", "--width", "1e-9"), "--width [m]: must be finite, >= 0.001"),
     ],
 )

@@ -21,7 +21,7 @@ from uuv.calib.paper import WARNING, paper_run
 from uuv.calib.parameters import DEFAULT_FREE, DEFAULT_PRIOR, Parameters, prior_deviations, select, widest_prior
 from uuv.calib.rank import RankReport, rank_report
 from uuv.calib.touches import checked_series, first_tcp, moved, without_repeats
-from uuv.calib.verdicts.verification import PointTouches, kabsch, places, scores
+from uuv.calib.verification import PointTouches, kabsch, places, scores
 from uuv.models.arms.kinematics import ROW
 from uuv.models.arms.serial_arm import SerialArm
 from uuv.sim.interfaces.errors import ConfigurationError
@@ -235,7 +235,7 @@ class Calibration:
         """Half-widths of the predictive intervals of touches of one new point about their mean, along the base's axes.
 
         Errors that the parameters cannot express (gears, sag, seating) widen them: see
-        `uuv.calib.verdicts.verification`.
+        `uuv.calib.verification`.
 
         Args:
             q: (M, n) joint values of all touches of that point.
@@ -523,7 +523,7 @@ def _at_the_bound(arm: SerialArm, parameters: Parameters, fit: Fit) -> list[str]
 
 
 def _scores(arm: SerialArm, data: Data, parameters: Parameters, fit: Fit, points: Array) -> Array:
-    """Scores (3 K,) of the touches in use (`uuv.calib.verdicts.verification`); `points` (S, 3) [m] of the series."""
+    """Scores (3 K,) of the touches in use (`uuv.calib.verification`); `points` (S, 3) [m] of the series."""
     J = tips_of(arm, fit.full, data)[1][:, parameters.index]
     series, used = [], []
     for s in range(len(data.starts)):

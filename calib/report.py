@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 
 from uuv.calib.identification import Calibration
 from uuv.calib.report_figures import figures
-from uuv.calib.verdicts.verification import Cloud
+from uuv.calib.verification import Cloud
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import Array
 
@@ -62,7 +62,7 @@ def write_report(
         said: title, verdict, figures and settings.
         series: touches (m_i, n) used for the identification.
         point_names: names of the touched points.
-        clouds: point clouds of `uuv.calib.verdicts.verification.compare`, by name.
+        clouds: point clouds of `uuv.calib.verification.compare`, by name.
         rigid: the same touches identified without compliances, for comparison.
 
     Raises:

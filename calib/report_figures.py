@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 
 from uuv.calib.identification import Calibration
 from uuv.calib.touches import first_tcp
-from uuv.calib.verdicts.verification import Cloud, pair_distances
+from uuv.calib.verification import Cloud, pair_distances
 from uuv.sim.interfaces.spatial import Array
 
 # Palette of [Okabe 2008], assigned as in the paper: nominal grey, controller orange, identified blue, tracker red.
@@ -27,7 +27,7 @@ def figures(
         calibration: result to show.
         series: touches (m_i, n) used for the identification.
         point_names: names of the touched points.
-        clouds: point clouds of `uuv.calib.verdicts.verification.compare`; their figures are left out where it is empty.
+        clouds: point clouds of `uuv.calib.verification.compare`; their figures are left out where it is empty.
 
     Returns:
         Iterator over (title, caption, figure).

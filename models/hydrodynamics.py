@@ -128,14 +128,12 @@ class BodyHydrodynamics:
     @property
     def segments(self) -> tuple[StripDrag, ...]:
         """The strips as the tuple that they are stored as."""
-        assert isinstance(self.strips, tuple)
-        return self.strips
+        return _strips(self.strips)
 
     @property
     def terms(self) -> tuple[Form, ...]:
         """The forms as the tuple that they are stored as."""
-        assert isinstance(self.forms, tuple)
-        return self.forms
+        return _forms(self.forms)
 
 
 def attach(spec: mujoco.MjSpec, bodies: Mapping[str, BodyHydrodynamics], water_density: float | None = None) -> None:

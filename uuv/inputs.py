@@ -86,10 +86,10 @@ def check_vehicle(
 
 
 def _check_limit(scenario: Scenario, longest: float) -> None:
-    finite_number(longest, "--longest [s]", above=0.0, most=_MOST_SECONDS)
+    finite_number(longest, "longest [s]", above=0.0, most=_MOST_SECONDS)
     least = scenario.task.least_seconds(scenario)
     if longest < least:
-        raise ConfigurationError(f"--longest {longest:g} s: the work alone takes {least:.0f} s")
+        raise ConfigurationError(f"longest {longest:g} s: the work alone takes {least:.0f} s")
 
 
 def _check_names(setup: VehicleSetup) -> None:

@@ -70,6 +70,11 @@ class ContactOptions(VehicleOptions):
         "sensing": "sensor target_pose looks follow arm_camera",
         "control": "controller without published ik calibrated arm",
     }
+    keys: ClassVar[Mapping[str, str]] = {
+        "turn": "task.turn.angle",
+        "stop_every": "task.promise.stops",
+        "least_chance": "task.promise.least",
+    }
 
     forces: tuple[float, ...] = ()
     """Set forces [N] on equal parts of the path; default: 60 90 60 along an object, 60 90 around it."""

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from uuv.perception.clouds.scan import SensorModel
 
 TRUST = "--trust"  # option of every command that reads a scenario: run the code that it names
-CONTROLLER = "--controller"  # begins the messages about one
+CONTROLLER = "control.controller"  # begins the messages about one
 _FOREIGN = 100  # characters kept of the message of a foreign error
 SURVEY = "survey"  # sensor: the object's pose is known, and nothing looks for it
 SENSORS: "Registry[tuple[Sensor, SensorModel | None]]" = Registry(

@@ -1,19 +1,11 @@
 """Methods of control and perception by name: those that a run can leave out, those that it can take as published."""
 
-from typing import Literal
+from typing import Literal, get_args
 
 Method = Literal[
     "compensation", "hydrodynamic-term", "dynamic-term", "contact-term", "drift-correction", "force-control"
 ]  # that a controller can do without
-AblatedMethod = Literal[
-    "compensation",
-    "hydrodynamic-term",
-    "dynamic-term",
-    "contact-term",
-    "drift-correction",
-    "force-control",
-    "fusion",
-    "gyro-check",
-]
-NAVIGATION: frozenset[AblatedMethod] = frozenset({"fusion", "gyro-check"})  # those that are not of the controller
+NavigationMethod = Literal["fusion", "gyro-check"]  # that navigation can do without
+AblatedMethod = Literal[Method, NavigationMethod]
+NAVIGATION: frozenset[NavigationMethod] = frozenset(get_args(NavigationMethod))
 PublishedMethod = Literal["force-law", "normal-force-law", "tip-force", "identification"]

@@ -35,9 +35,10 @@ if TYPE_CHECKING:  # a task is described, and refused, without the kernels of wh
     from uuv.sim.plant.soil_contact import SoilForce
 
 P = TypeVar("P", bound=Perturbation)
+T = TypeVar("T", bound="Task")
 LONGEST = 400.0  # [s] simulated, default limit of a run
 _MOST_LOOKS = 40  # frames that arrive before the wait for a scan times out
-_NOT_FOLLOWED = "--follow: this task has no object that it could follow"
+_NOT_FOLLOWED = "sensing.follow: this task has no object that it could follow"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -53,7 +54,7 @@ class VehicleSetup:
 
     def __post_init__(self) -> None:
         if self.arm_errors is not None:
-            whole_number(self.arm_errors, "--arm-errors")
+            whole_number(self.arm_errors, "vehicle.arm_errors")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -65,9 +66,9 @@ class Belief:
     arm: str | None = None  # file of its arm model; excludes `calibrated`
 
     def __post_init__(self) -> None:
-        finite_number(self.water_error, "water_error")
+        finite_number(self.water_error, "belief.water_error")
         if self.calibrated and self.arm is not None:
-            raise ConfigurationError("--calibrated and --arm: one of the two")
+            raise ConfigurationError("belief.calibrated and belief.arm: one of the two")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -86,9 +87,9 @@ class Sensing:
     arm_camera: ArmCameraSetup | None = None  # camera beside the tool; None: there is none
 
     def __post_init__(self) -> None:
-        whole_number(self.looks, "--looks", least=1, most=_MOST_LOOKS)
+        whole_number(self.looks, "sensing.looks", least=1, most=_MOST_LOOKS)
         for name in ("vision_period", "vision_delay", "vision_noise", "torque_noise", "torque_bias"):
-            finite_number(getattr(self, name), name, least=0.0)
+            finite_number(getattr(self, name), f"sensing.{name}", least=0.0)
 
     def proprioception(self) -> list[Sensor]:
         """Encoders, torque sensors, IMU, DVL and vision of a drifting hull."""
@@ -116,7 +117,9 @@ class Control:
     def __post_init__(self) -> None:
         laws = {"force-law", "normal-force-law"} & {*self.published}
         if len(laws) + ("force-control" in self.without) > 1:
-            raise ConfigurationError("--without force-control, --published force-law and normal-force-law: one of them")
+            raise ConfigurationError(
+                "control.without force-control, control.published force-law and normal-force-law: one of them"
+            )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -124,6 +127,7 @@ class Task(ABC):
     """What is to be done; the base of all tasks. Its fields are keys of a scenario's file."""
 
     spares: ClassVar[Collection[str]] = ()  # named parts of the vehicle that it does without
+    schema: ClassVar[str] = "metrics"  # of metrics.json, in sim/schemas
     looks: ClassVar[bool] = False  # a camera or a sonar looks at the site, which takes a ray caster
 
     @property
@@ -272,8 +276,20 @@ class Scenario:
 
     def __post_init__(self) -> None:
         folder_name(self.name, "name")
-        whole_number(self.seed, "--seed")
+        whole_number(self.seed, "seed")
         whole_number(self.perturbation_seed, "perturbation_seed")
+
+    def task_of(self, kind: type[T]) -> T:
+        """The task, which has to be of that kind.
+
+        Raises:
+            ConfigurationError: It is of another kind.
+        """
+        if isinstance(self.task, kind):
+            return self.task
+
+        wrong = type(self.task).__name__
+        raise ConfigurationError(f"scenario {self.name!r}: needs {kind.__name__}, has {wrong}")
 
     def perturbation(self, kind: type[P]) -> P:
         """The first perturbation of that kind.

@@ -71,7 +71,7 @@ def read_scenario(file: str | Path, *, trust: bool = False) -> Scenario:
     try:
         return from_dict(found)
     except ConfigurationError as error:
-        raise ConfigurationError(f"{what}: {str(error).removeprefix('--')}") from error
+        raise ConfigurationError(f"{what}: {error}") from error
 
 
 def refuse_code(document: Any, what: str, *, trust: bool) -> None:
@@ -132,7 +132,7 @@ def with_values(scenario: Scenario, assignments: Iterable[str], option: str = "-
             put(nested, key, value)
         return from_dict(nested)
     except ConfigurationError as error:
-        raise ConfigurationError(f"{option}: {str(error).removeprefix('--')}") from error
+        raise ConfigurationError(f"{option}: {error}") from error
 
 
 def assigned(assignments: Iterable[str]) -> dict[str, Any]:

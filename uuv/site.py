@@ -130,7 +130,7 @@ class Pile(Workpiece):
             "helix": lambda: helix(self.arc, self.rise, self.azimuth, self.height),
         }
         if name not in shapes:
-            raise ConfigurationError(f"--path: allowed {', '.join(shapes)}, got {name!r}")
+            raise ConfigurationError(f"task.path: allowed {', '.join(shapes)}, got {name!r}")
         return pile({name: shapes[name]()}), name
 
     def draw_pose(self, rng: np.random.Generator) -> Array:
@@ -152,9 +152,11 @@ class KnownObject(Workpiece):
         if self.line is None:
             return
         for value in self.line:
-            finite_number(value, "--line [m]")
+            finite_number(value, "site.object.line [m]")
         if math.dist(self.line[:2], self.line[2:]) < SHORTEST_LINE:
-            raise ConfigurationError(f"--line: must be at least {SHORTEST_LINE:g} m long, got {shown(self.line)}")
+            raise ConfigurationError(
+                f"site.object.line: must be at least {SHORTEST_LINE:g} m long, got {shown(self.line)}"
+            )
 
     def model(self) -> TargetModel:
         """Clean model as the library or the file has it."""
@@ -190,7 +192,7 @@ def _first_laid(made: TargetModel, lines: Iterable[tuple[float, float, float, fl
         except ConfigurationError as error:
             refused = refused or error
     assert refused is not None
-    raise ConfigurationError(f"{refused}; --line x0 y0 x1 y1 [m] lays the path elsewhere") from refused
+    raise ConfigurationError(f"{refused}; site.object.line, x0 y0 x1 y1 [m], lays the path elsewhere") from refused
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -202,8 +204,7 @@ class HoleManifold(SiteObject):
     chamfer: float = 2e-3  # [m] of their mouths
 
     def __post_init__(self) -> None:
-        if not self.clearance > 0.0:
-            raise ConfigurationError(f"--clearance: must be > 0 mm, got {1e3 * self.clearance:g}")
+        finite_number(self.clearance, "site.object.clearance [m]", above=0.0)
 
     def block(self, tool_radius: float) -> ManifoldBlock:
         """The manifold for a tool of that radius [m]."""
@@ -286,7 +287,7 @@ def with_growth_and_dents(
     """
     shown = target
     for name, height in (("fouled", fouled), ("dented", dented)):
-        finite_number(height, f"--{name} [m]", least=0.0, most=_HIGHEST)
+        finite_number(height, f"site.object.{name} [m]", least=0.0, most=_HIGHEST)
         if height > 0.0:
             from uuv.models.objects import deformed  # brings compiled kernels
 

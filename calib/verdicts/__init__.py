@@ -1,1 +1,1 @@
-"""Whether a calibration may be believed: held-out touches, the truth where it is known, and what else explains them."""
+"""Whether a calibration may be believed: what else would explain its touches, and by how much worse."""

@@ -238,8 +238,7 @@ class FlyOrbit(Phase):
     def enter(self, held: Held, now: Context) -> OrbitState:
         """Begin at rest."""
         del now
-        assert isinstance(held.plan, list)
-        found: Orbit = held.plan.pop(0)
+        found: Orbit = held.plan_of(list).pop(0)
         return OrbitState(found, found.pace(self._job))
 
     def step(self, state: OrbitState, held: Held, now: Context) -> Outcome:
@@ -254,7 +253,7 @@ class FlyOrbit(Phase):
             return None
         if not held.plan:
             return PhaseEvent.DONE
-        held.way = [held.plan[0].at(0.0)[0]]  # pyright: ignore[reportIndexIssue]
+        held.way = [held.plan_of(list)[0].at(0.0)[0]]
         return PhaseEvent.MORE
 
     def setpoint(self, state: OrbitState, held: Held, now: Context) -> Setpoint:

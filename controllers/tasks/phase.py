@@ -8,7 +8,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from enum import StrEnum
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from uuv.sim.interfaces.errors import ConfigurationError, ReachError, StrongCurr
 from uuv.sim.interfaces.messages import AbortCode, Command, Promise, StateEstimate, Target, ToolAtRest, ToolPath
 from uuv.sim.interfaces.spatial import Array, readonly
 
+Plan = TypeVar("Plan")
 ZERO = readonly(np.zeros(3))
 NO_ESTIMATE = "the controller gives no contact estimate: Command.contact.normal [N] is not a number"
 
@@ -108,6 +109,17 @@ class Held:
     def off(self, estimate: StateEstimate) -> float:
         """Distance [m] of the hull from its reference."""
         return math.dist(estimate.X_WB[:3, 3].tolist(), self.X_WB[:3, 3].tolist())
+
+    def plan_of(self, kind: type[Plan]) -> Plan:
+        """The plan of the task, which is of its own kind.
+
+        Raises:
+            TypeError: It is of another kind, or there is none yet.
+        """
+        if isinstance(self.plan, kind):
+            return self.plan
+
+        raise TypeError(f"plan: expected {kind.__name__}, got {type(self.plan).__name__}")
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -178,8 +178,8 @@ class MoveOver(Phase):
         """Plan the way and begin."""
         if held.plan is None:
             held.plan = TouchProgress()
-        assert isinstance(held.plan, TouchProgress)
-        return self._depart(self._job.way(held.plan, np.array(now.estimate.q)), held, now)
+        plan = held.plan_of(TouchProgress)
+        return self._depart(self._job.way(plan, np.array(now.estimate.q)), held, now)
 
     def _depart(self, way: list[Array], held: Held, now: Context) -> WayState:
         """Begin the motion to the first joint angles of the way."""
@@ -190,8 +190,8 @@ class MoveOver(Phase):
 
     def step(self, state: WayState, held: Held, now: Context) -> Outcome:
         """A quintic in time; the pin comes to rest for 0.3 s over a nest."""
-        assert isinstance(held.plan, TouchProgress)
-        t, last = now.time - state.since, held.plan.at >= len(self._job.touches)
+        t = now.time - state.since
+        last = held.plan_of(TouchProgress).at >= len(self._job.touches)
         if last and t >= state.duration:
             held.q, state.qd = state.way[-1], np.zeros(len(held.q))
             return PhaseEvent.DONE
@@ -248,13 +248,13 @@ class OverNest(Phase):
 
     def setpoint(self, state: NestState, held: Held, now: Context) -> Setpoint:
         """The end of the spring."""
-        assert isinstance(held.plan, TouchProgress)
+        plan = held.plan_of(TouchProgress)
         t, tuning = now.time - state.since, self._job.tuning
-        touch, nest, aim = self._job.aim(held.plan)
+        touch, nest, aim = self._job.aim(plan)
         X_WG = pose(touch.R_WG, aim + (self._start + self._speed * t) * nest.z_WN)
         if not self._reads:
             return Setpoint(X_WG=X_WG)
-        return Setpoint(X_WG=X_WG, force=tuning.push, touch=held.plan.at if t >= tuning.settle else None)
+        return Setpoint(X_WG=X_WG, force=tuning.push, touch=plan.at if t >= tuning.settle else None)
 
 
 class LeaveNest(OverNest):
@@ -262,15 +262,14 @@ class LeaveNest(OverNest):
 
     def enter(self, held: Held, now: Context) -> NestState:
         """Compute where the pin is."""
-        assert isinstance(held.plan, TouchProgress)
+        plan = held.plan_of(TouchProgress)
         job, estimate = self._job, now.estimate
         X_WG = estimate.X_WB @ job.vehicle.X_BA @ job.chain.forward(estimate.q)
-        return NestState(now.time, X_WG[:3, 3] - job.nests[job.touches[held.plan.at].nest].p_WN)
+        return NestState(now.time, X_WG[:3, 3] - job.nests[job.touches[plan.at].nest].p_WN)
 
     def step(self, state: NestState, held: Held, now: Context) -> Outcome:
         """Take the offset over; done above the nest."""
-        plan, job = held.plan, self._job
-        assert isinstance(plan, TouchProgress)
+        plan, job = held.plan_of(TouchProgress), self._job
         if state.offset is not None and float(np.linalg.norm(state.offset)) < job.tuning.believable:
             plan.offsets.setdefault(job.touches[plan.at].nest, []).append(state.offset)
         state.offset = None

@@ -1,1 +1,1 @@
-"""Thruster models: static curves, and their table on the actuators of an MjSpec."""
+"""Water on a body: forms and bounds of its coefficients; curves and table of its thrusters."""

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.perception.navigation.first_measurements import first_of
 from uuv.sim.interfaces.messages import (
     DvlMeasurement,
     EncoderMeasurement,
@@ -44,15 +44,10 @@ class RawNavigation:
         Raises:
             ConfigurationError: Without an IMU, vision, encoder or torque measurement among `first`.
         """
-        by_type = {type(m): m for m in first}
-        wanted = (ImuMeasurement, VisionMeasurement, EncoderMeasurement, TorqueMeasurement)
-        if missing := [kind.__name__ for kind in wanted if kind not in by_type]:
-            raise ConfigurationError(f"navigation needs a first {missing[0]}")
-        imu, vision, encoders, torque = (by_type[kind] for kind in wanted)
-        assert isinstance(imu, ImuMeasurement)
-        assert isinstance(vision, VisionMeasurement)
-        assert isinstance(encoders, EncoderMeasurement)
-        assert isinstance(torque, TorqueMeasurement)
+        imu = first_of(ImuMeasurement, first)
+        vision = first_of(VisionMeasurement, first)
+        encoders = first_of(EncoderMeasurement, first)
+        torque = first_of(TorqueMeasurement, first)
         return RawState(imu, vision, encoders, torque, np.zeros(3))
 
     def step(self, state: RawState, measurements: Sequence[Measurement]) -> tuple[RawState, StateEstimate]:

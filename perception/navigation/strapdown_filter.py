@@ -57,6 +57,7 @@ from uuv.perception.navigation.filter_kernel import (
     take_imu,
     take_sample,
 )
+from uuv.perception.navigation.first_measurements import first_of
 from uuv.perception.navigation.fixes import Fixes, FixMonitor
 from uuv.perception.navigation.object_watch import ObjectWatch
 from uuv.perception.navigation.surface_track import SurfaceTrack, TrackMount
@@ -154,18 +155,12 @@ class Navigation:
             ConfigurationError: If an IMU, vision, encoder or torque measurement is missing, or one of them is not
                 finite.
         """
-        by_type = {type(m): m for m in first}
-        try:
-            imu, vision = by_type[ImuMeasurement], by_type[VisionMeasurement]
-            encoders, torque = by_type[EncoderMeasurement], by_type[TorqueMeasurement]
-        except KeyError as missing:
-            raise ConfigurationError(f"navigation needs a first {missing.args[0].__name__}") from None
-        assert isinstance(imu, ImuMeasurement)
-        assert isinstance(vision, VisionMeasurement)
-        assert isinstance(encoders, EncoderMeasurement)
-        assert isinstance(torque, TorqueMeasurement)
-        dvl = by_type.get(DvlMeasurement)
-        speed = dvl if isinstance(dvl, DvlMeasurement) and _sound(dvl.v_WB_B) else None
+        imu = first_of(ImuMeasurement, first)
+        vision = first_of(VisionMeasurement, first)
+        encoders = first_of(EncoderMeasurement, first)
+        torque = first_of(TorqueMeasurement, first)
+        speeds = [m for m in first if isinstance(m, DvlMeasurement)][-1:]
+        speed = speeds[0] if speeds and _sound(speeds[0].v_WB_B) else None
         for m, values in (
             (imu, (imu.specific_force_B, imu.w_WB_B, imu.R_WB)),
             (vision, (vision.p_WB,)),

@@ -29,6 +29,8 @@ INTERNAL = 70  # exit code of an error of the program: EX_SOFTWARE of BSD's syse
 TRACEBACK = "--traceback"  # option of every script: print the traceback of such an error; or UUV_TRACEBACK=1
 OF_UUV_RUN = QUIET, JSON, SET, TASK = "--quiet", "--json", "--set", "--task"  # what it takes beside a job's options
 _HOME = Path(__file__).resolve().parents[2]
+# A dotted key of a scenario file in a message; part of a path, of a quoted value or of MODULE:NAME it is none.
+_KEY = re.compile(r"(?<![\w./\\'\"-])[a-z]\w*(?:\.[a-z]\w*)+(?!\w|[/\\(-]|[.:]\w)")
 
 Options = TypeVar("Options")
 
@@ -38,6 +40,7 @@ class RunOptions:
     """Options of every run that change no figure."""
 
     groups: ClassVar[Mapping[str, str]] = {"output": "out view record longest"}  # title: names of the options
+    keys: ClassVar[Mapping[str, str]] = {}  # of a scenario file, by the option; others end with the option's name
 
     out: Path | None = None
     """New folder for metrics.json, run.rrd and report.html; runs/<scenario>/<time>-<seed> by default."""
@@ -81,6 +84,9 @@ class ScenarioOptions(RunOptions):
             ConfigurationError: It is in use, or cannot be created.
         """
         return new_folder(scenario, self.out, self.seed)
+
+
+_typed: type[Any] = RunOptions  # class of the options that this process read last: the words of its command line
 
 
 class Interrupted(KeyboardInterrupt):
@@ -138,6 +144,8 @@ def parse(kind: type[Options], args: Sequence[str] | None = None) -> Options:
         known = [f"--{each.name.replace('_', '-')}" for each in fields(cast(Any, kind))]
         meant = _meant(unknown[1], known) if unknown else ""
         raise _refusal(f"{mistake.strip().rstrip('.')} (--help lists the options){meant}") from None
+    global _typed
+    _typed = kind
     for name, value in vars(options).items():
         if name.endswith("seed") and value is not None and value < 0:
             raise _refusal(f"--{name.replace('_', '-')}: must not be negative, got {value}")
@@ -152,6 +160,39 @@ def _meant(unknown: str, known: Sequence[str]) -> str:
     if unknown in OF_UUV_RUN and unknown not in known:
         return f"; {unknown} is an option of `uuv run JOB` alone"
     return did_you_mean(unknown, known)
+
+
+def with_options(message: str, kind: type[Any]) -> str:
+    """A message about keys of a scenario file, with the option of a command line that sets each.
+
+    Args:
+        message: Such as "task.range [m]: must be positive". One that begins with an option is left as it is.
+        kind: Class of the options.
+
+    Returns:
+        The message, here "--range (task.range) [m]: must be positive".
+    """
+    if message.startswith("--"):
+        return message
+    names = {field.name for field in fields(kind)}
+    keys = {key: name for base in kind.__mro__ for name, key in vars(base).get("keys", {}).items()}
+    known: set[str] = set()
+
+    def named(match: re.Match[str]) -> str:
+        key = match[0]
+        name = keys.get(key, key.rpartition(".")[2])
+        if name not in names or (name in keys.values() and key not in keys):
+            return key
+        option = f"--{name.replace('_', '-')}"
+        if key in known:
+            return option
+        known.add(key)
+        return f"{option} ({key})"
+
+    # An option that changes no figure is in no scenario: its bare name begins the message.
+    head = re.match(r"[a-z]\w*(?= \[|:| \d)", message)
+    of_run = {field.name for field in fields(RunOptions)}
+    return ("--" if head and head[0] in names & of_run else "") + _KEY.sub(named, message)
 
 
 def run_scenario(main: Callable[[], int | None]) -> NoReturn:
@@ -178,7 +219,7 @@ def _exit(main: Callable[[], int | None]) -> NoReturn:
         raise
     except UuvError as error:
         give_back()
-        raise _refusal(str(error)) from None
+        raise _refusal(with_options(str(error), _typed)) from None
     except ImportError as error:
         give_back()
         told = missing(error)

@@ -21,7 +21,7 @@ from uuv.arm_identification.calibration_input import nominal, simulated
 from uuv.assembly import assemble
 from uuv.calib import identify as calibrate
 from uuv.calib.simulation import HAND_NOISE
-from uuv.calib.verdicts.verification import kabsch
+from uuv.calib.verification import kabsch
 from uuv.clouds.object_scenes import object_scene
 from uuv.controllers.mkps import Chain, solve
 from uuv.experiment.local_processes import run_all

@@ -87,7 +87,7 @@ NAMELESS = """
     ("options", "vehicle", "said"),
     [
         pytest.param(["--path", "spiral"], None, "'spiral'", id="unknown path"),
-        pytest.param(["--forces", "-60"], None, "--forces [N]: must be positive", id="negative force"),
+        pytest.param(["--forces", "-60"], None, "--forces (task.forces) [N]: must be positive", id="negative force"),
         pytest.param(
             [*KNOWN, "--least-chance", "1"],
             None,

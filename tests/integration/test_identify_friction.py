@@ -35,7 +35,9 @@ def test_gears_that_differ_from_belief_are_found(script, tmp_path):
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        pytest.param(["--seconds", "3"], "--seconds [s]: must be finite, >= 10, <= 300, got 3", id="too short"),
+        pytest.param(
+            ["--seconds", "3"], "--seconds (task.seconds) [s]: must be finite, >= 10, <= 300, got 3", id="too short"
+        ),
         pytest.param(["--vehicle", "bluerov2_heavy"], "body 'arm_base' (carries the arm)", id="no arm"),
     ],
 )

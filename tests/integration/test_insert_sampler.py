@@ -45,7 +45,11 @@ def test_figures_of_a_trial_that_broke_down_fit_the_schema():
     ("options", "said"),
     [
         pytest.param(["--hole", "c"], "'c'", id="unknown hole"),
-        pytest.param(["--clearance", "0"], "--clearance: must be > 0 mm, got 0", id="no clearance"),
+        pytest.param(
+            ["--clearance", "0"],
+            "--clearance (site.object.clearance) [m]: must be positive and finite, got 0",
+            id="no clearance",
+        ),
         pytest.param(["--error", "nan", "0"], "--error", id="error is no number"),
         pytest.param(["--clearance", "40"], "radius", id="hole too wide"),
         pytest.param(["--depth", "-5", "--no-quick"], "depth", id="negative depth"),

@@ -96,9 +96,9 @@ def test_work_on_what_the_sea_has_left(fouled: float, dented: float):
 def test_clean_job_has_nothing_else_there():
     work = placed(barrel_scenario(seed=1))
     assert work.truth.model is work.target
-    with pytest.raises(ConfigurationError, match="--fouled"):
+    with pytest.raises(ConfigurationError, match=r"site\.object\.fouled"):
         placed(barrel_scenario(fouled=-0.01))
-    with pytest.raises(ConfigurationError, match="--looks"):
+    with pytest.raises(ConfigurationError, match=r"sensing\.looks"):
         barrel_scenario(looks=0)
 
 

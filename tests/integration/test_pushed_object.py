@@ -73,5 +73,5 @@ def test_bad_input():
         PushedObject(at=1.0, by=(np.nan, 0.0, 0.0))
     with pytest.raises(ConfigurationError, match="stays where it was pushed"):
         PushedObject(at=1.0, duration=2.0)
-    with pytest.raises(ConfigurationError, match="--follow: takes depth frames; the sensor is 'sonar'"):
+    with pytest.raises(ConfigurationError, match=r"sensing\.follow: takes depth frames; the sensor is 'sonar'"):
         assemble(barrel(sensor="sonar", follow=True))

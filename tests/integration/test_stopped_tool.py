@@ -100,11 +100,11 @@ def test_a_fault_while_the_tool_stands_ends_the_work_without_harm():
 @pytest.mark.parametrize(
     ("options", "why"),
     [
-        ({"arm_camera": True}, "--arm-camera"),
-        ({"contactless": 0.03}, "--contactless"),
-        ({"without": ("fusion",)}, "--without fusion"),
+        ({"arm_camera": True}, "sensing.arm_camera"),
+        ({"contactless": 0.03}, "task.contactless"),
+        ({"without": ("fusion",)}, "control.without fusion"),
     ],
 )
 def test_stops_that_would_tell_nothing_are_refused(options, why):
-    with pytest.raises(ConfigurationError, match=f"--stop-every .*{why}"):
+    with pytest.raises(ConfigurationError, match=f"task.promise.stops .*{why}"):
         assemble(barrel(stop_every=2.0, **options))

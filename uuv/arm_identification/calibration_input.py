@@ -14,13 +14,13 @@ from scipy.stats import f
 from uuv import models
 from uuv.arm_identification.calibration_options import check_arm
 from uuv.arm_identification.touching import Session, touch
+from uuv.calib import verification
 from uuv.calib.arm_files import ArmSource, read_arm
 from uuv.calib.identification import Calibration, identify
 from uuv.calib.loads import Loads
 from uuv.calib.moving_base import BASE_JOINTS, in_own_names, on_moving_base, own_arm, own_parameters, with_base
 from uuv.calib.simulation import EccentricGears, Sag, Seating, reach, read_by_encoders, true_joints, wrong_arm
 from uuv.calib.touch_files import Touches, beyond_limits, read_touches
-from uuv.calib.verdicts import verification
 from uuv.calib.verdicts.doubts import Examination, coincide, examine
 from uuv.calib.verdicts.evidence import Told
 from uuv.components.deck_calibration import DOWN, LENGTH_ERROR, farthest, touched

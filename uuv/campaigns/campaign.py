@@ -32,7 +32,7 @@ from uuv.campaigns.distributions import DESIGNS, Design, Distribution, drawn
 from uuv.experiment.worker import Limits
 from uuv.jobs import BarrelOptions, InsertionOptions, InspectionOptions, ObjectOptions, PileOptions, SeabedOptions
 from uuv.scenario import Scenario
-from uuv.scenario_file import KIND, as_dict, assigned, from_dict, put, read_scenario, refuse_code
+from uuv.scenario_file import as_dict, assigned, from_dict, put, read_scenario, refuse_code
 from uuv.sim.evaluation import schema_files
 from uuv.sim.interfaces.errors import ConfigurationError, UuvError
 from uuv.sim.interfaces.files import folder_name
@@ -47,7 +47,6 @@ BASES: Mapping[str, Any] = {
     "seabed": SeabedOptions,
     "inspection": InspectionOptions,
 }
-_SCHEMAS = {"Insertion": "insertion", "Inspection": "inspection", "SeabedSampling": "seabed_work"}  # others: metrics
 _MOST_CASES = 10_000_000  # runs of a campaign: 10 GB of rows
 _TRACE = 2000  # characters of a traceback that a row keeps
 FAILED, CRASHED = "not set up", "crashed"  # states of a run that ended with an error
@@ -140,7 +139,7 @@ def read_campaign(file: str | Path, changed: Sequence[str] = (), *, trust: bool 
             given["distributions"] = {k: v for k, v in _table(given, "distributions").items() if k not in entries}
         return _campaign({**given, "set": {**_table(given, "set"), **entries}}, path, trust=trust)
     except ConfigurationError as error:
-        raise ConfigurationError(f"{what}: {str(error).removeprefix('--')}") from error
+        raise ConfigurationError(f"{what}: {error}") from error
 
 
 def one_run(task: CampaignRun) -> dict[str, Any]:
@@ -217,13 +216,13 @@ def failed_row(task: CampaignRun, reason: str) -> dict[str, Any]:
 
 
 @cache
-def _schema(task: str) -> Mapping[str, Any]:
-    return schema_files.GENERATED[_SCHEMAS.get(task, "metrics")]()
+def _schema(schema: str) -> Mapping[str, Any]:
+    return schema_files.GENERATED[schema]()
 
 
 def metric_names(scenario: Scenario) -> frozenset[str]:
     """Dotted names of the numbers and verdicts that metrics.json of a run of `scenario` holds."""
-    return frozenset(_numbers(_schema(as_dict(scenario)["task"][KIND])["properties"], ""))
+    return frozenset(_numbers(_schema(scenario.task.schema)["properties"], ""))
 
 
 def _numbers(properties: Mapping[str, Any], before: str) -> list[str]:

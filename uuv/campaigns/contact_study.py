@@ -154,10 +154,9 @@ def draw(task: RunTask) -> Scenario:
         surface,
         *((WanderingVision(sigma=ranges.vision_wander),) if ranges.vision_wander > 0.0 else ()),
     )
-    assert isinstance(scenario.task, SurfaceWorkTask)
     return replace(
         scenario,
-        task=_with(scenario.task, stops=task.stops),
+        task=_with(scenario.task_of(SurfaceWorkTask), stops=task.stops),
         belief=Belief(water_error=0.0),
         sensing=sensing,
         perturbations=perturbations,
@@ -230,8 +229,7 @@ def _tried(scenario: Scenario, bounds: StudyBounds, drawn: dict[str, float | Non
 
 def held_anyway(scenario: Scenario) -> Scenario:
     """`scenario` without the refusal of a current that the thrusters cannot hold."""
-    assert isinstance(scenario.task, SurfaceWorkTask)
-    return replace(scenario, task=_with(scenario.task, most_thrust=np.inf))
+    return replace(scenario, task=_with(scenario.task_of(SurfaceWorkTask), most_thrust=np.inf))
 
 
 def crashed(task: RunTask, reason: str) -> dict[str, Any]:

@@ -239,8 +239,7 @@ class _Check:
         if wet:
             ready = np.array(vehicle.q_ready)
             force = tip_force(model, vehicle, ready)
-            task = BarrelOptions().scenario().task
-            assert isinstance(task, SurfaceWorkTask)
+            task = BarrelOptions().scenario().task_of(SurfaceWorkTask)
             self._figure(
                 "tip force",
                 f"in ready {force.along:.0f} N along the tool ({force.by}), {force.weakest:.0f} N in the weakest "

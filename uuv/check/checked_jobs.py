@@ -31,8 +31,7 @@ def _tap(**given: Any) -> "Scenario":
 
     options: dict[str, Any] = {"length": TAPPED[-1], "forces": (TAP_FORCE,)} | given
     scenario = BarrelOptions(**options).scenario()
-    task = scenario.task
-    assert isinstance(task, SurfaceWorkTask)
+    task = scenario.task_of(SurfaceWorkTask)
     return replace(scenario, task=TappingTask(path=task.path, forces=task.forces, range=task.range))
 
 

@@ -21,9 +21,7 @@ from uuv.controllers.planning.arm_size import FULL
 from uuv.controllers.planning.placement import Placement
 from uuv.controllers.tasks.arrival import around, lifted
 from uuv.controllers.tasks.hull_phases import RestLimits
-from uuv.controllers.tasks.insertion import HoleInsertion, axis_path
-from uuv.controllers.tasks.seabed_work import SeabedWork
-from uuv.controllers.tasks.surface_work import SurfaceWork
+from uuv.controllers.tasks.insertion import axis_path
 from uuv.models.completing.postures import PostureSearch
 from uuv.models.naming import lacks
 from uuv.models.vehicle import Vehicle
@@ -40,7 +38,6 @@ from uuv.tasks.insertion import PlacedInsertion
 from uuv.tasks.seabed_sampling import PlacedSampling, sonar_on_hull
 from uuv.tasks.start_place import check_start, folded_at
 from uuv.tasks.surface_work import PlacedSurfaceWork
-from uuv.tasks.tapping import PlacedTapping
 
 DRIFT = 0.1  # [m] at most, of a vehicle that keeps station
 TILT = float(np.radians(10.0))  # [rad] at most
@@ -252,30 +249,23 @@ def _stand(placed: PlacedTask, current: Array) -> tuple[Placement, float, float]
 
     The gap is that of hull and folded arm to the convex hull of the object.
     """
-    planner, gap = placed.planner(), np.inf
+    gap = np.inf
     if isinstance(placed, PlacedSurfaceWork):
         X_WT = placed.truth.X_WT
         path = path_on_model(X_WT, placed.target.path(placed.truth.path), spacing=PATH_SPACING)
-        if isinstance(placed, PlacedTapping):
-            stand = placed.standing
-        else:
-            assert isinstance(planner, SurfaceWork)
-            stand = planner.stand
         target = _target(X_WT, path)
-        found, own = stand(target, path, current), placed.own.at_work()
+        found, own = placed.standing(target, path, current), placed.own.at_work()
         before = lifted(own, found[0].X_WB, placed.X_WB, placed.job().arrival.lift)
         path_in = around(own, placed.target)(target)
         gap = path_in.least_gap([placed.X_WB, *path_in.way(placed.X_WB, before)])
     elif isinstance(placed, PlacedInsertion):
-        assert isinstance(planner, HoleInsertion)
         path = axis_path(placed.X_WT, placed.bore, placed.task.depth)
-        found = planner.stand(_target(placed.X_WT, path), path, current)
+        found = placed.planner().stand(_target(placed.X_WT, path), path, current)
     elif isinstance(placed, PlacedSampling):
-        assert isinstance(planner, SeabedWork)
         B = np.array(placed.B_W[0])
         B[2] = float(placed.ground.height(B[None])[0])
         path = core_path(B, np.array([0.0, 0.0, -1.0]), placed.start[:3, 0], placed.job.depth)
-        found = planner.stand(replace(_target(np.eye(4), path), ground=_points(placed, B)), path, current)
+        found = placed.planner().stand(replace(_target(np.eye(4), path), ground=_points(placed, B)), path, current)
     else:
         raise ConfigurationError(f"no rule for {type(placed).__name__}")
     return found[0], float(found[2]), gap

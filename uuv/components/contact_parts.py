@@ -4,7 +4,7 @@ from collections.abc import Callable, Set
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import mujoco
 import numpy as np
@@ -34,8 +34,8 @@ from uuv.sim.sensors.depth_camera import DepthCamera
 from uuv.sim.sensors.sonar import BEAMS, Sonar
 from uuv.sim.sensors.survey import Survey
 
-_TERMS: dict[str, Term] = {"hydrodynamic-term": "hydrodynamic", "dynamic-term": "dynamic", "contact-term": "contact"}
-_ESTIMATOR = "--estimator"  # begins the messages about it
+_TERMS: dict[str, Term] = {f"{term}-term": term for term in get_args(Term)}  # by the method that leaves it out
+_ESTIMATOR = "estimator"  # begins the messages about it
 
 
 def believed_and_built(vehicle: VehicleSetup, belief: Belief, task: Task) -> tuple[mujoco.MjSpec, mujoco.MjSpec, str]:

@@ -129,12 +129,12 @@ def from_file(file: Path, believed: SerialArm) -> tuple[SerialArm, str]:
     names = source.arm.joint_names
     if names != believed.joint_names:
         raise ConfigurationError(
-            f"--arm {file}: joints {', '.join(names)}; the vehicle has {', '.join(believed.joint_names)}"
+            f"belief.arm {file}: joints {', '.join(names)}; the vehicle has {', '.join(believed.joint_names)}"
         )
     aside = float(np.linalg.norm(source.tcp))
     if aside > OWN_TOOL:
         raise ConfigurationError(
-            f"--arm {file}: touched with a tool whose tip is {1e3 * aside:.0f} mm from the vehicle's own; at most "
+            f"belief.arm {file}: touched with a tool whose tip is {1e3 * aside:.0f} mm from the vehicle's own; at most "
             f"{1e3 * OWN_TOOL:.0f} mm is taken for the same tool"
         )
     return source.arm.with_tip(source.tcp), f"arm of {file}"

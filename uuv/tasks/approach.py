@@ -38,6 +38,6 @@ def scan_pose(X_BC: Array, approach_W: Array, scan_range: float) -> Array:
     Raises:
         ConfigurationError: The scan range is out of range.
     """
-    finite_number(scan_range, "--range [m]", above=0.0, most=_FARTHEST)
+    finite_number(scan_range, "task.range [m]", above=0.0, most=_FARTHEST)
     R_WB = exp_so3([0.0, 0.0, -np.arctan2(X_BC[1, 2], X_BC[0, 2])])
     return pose(R_WB, approach_W - R_WB @ (X_BC[:3, 3] + scan_range * X_BC[:3, 2]))

@@ -86,11 +86,12 @@ class FrictionSamples:
 class GearIdentificationTask(Task):
     """Swing the joints of the hovering vehicle, free of contact, to identify the friction of its gears."""
 
+    schema: ClassVar[str] = "friction"
     spares: ClassVar[Collection[str]] = (CAMERA_SITE, TOOL_GEOM)
     seconds: float = 30.0  # [s] of the swings
 
     def __post_init__(self) -> None:
-        finite_number(self.seconds, "--seconds [s]", least=SHORTEST, most=LONGEST)
+        finite_number(self.seconds, "task.seconds [s]", least=SHORTEST, most=LONGEST)
 
     def check_inputs(self, scenario: Scenario) -> None:
         """Refuses a site with an object."""

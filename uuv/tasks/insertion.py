@@ -33,6 +33,7 @@ if TYPE_CHECKING:
 class InsertionTask(Task):
     """Insert a sampler into a hole of a manifold."""
 
+    schema: ClassVar[str] = "insertion"
     looks: ClassVar[bool] = True
     hole: str = "a"
     depth: float = 0.06  # [m] to reach below the mouth
@@ -42,7 +43,7 @@ class InsertionTask(Task):
 
     def __post_init__(self) -> None:
         if not np.all(np.isfinite(self.error)):
-            raise ConfigurationError(f"--error: must be finite, got {self.error} m")
+            raise ConfigurationError(f"task.error [m]: must be finite, got {self.error}")
 
     @property
     def tool(self) -> str:
@@ -60,7 +61,7 @@ class InsertionTask(Task):
         tool = find(own.model, mujoco.mjtObj.mjOBJ_GEOM, TOOL_GEOM)
         if own.model.geom_type[tool] != mujoco.mjtGeom.mjGEOM_CAPSULE:
             name = scenario.vehicle.vehicle
-            raise ConfigurationError(f"--vehicle {name!r}: its geom {TOOL_GEOM!r} must be a capsule, the sampler")
+            raise ConfigurationError(f"vehicle.vehicle {name!r}: its geom {TOOL_GEOM!r} must be a capsule, the sampler")
         radius = float(own.model.geom_size[tool, 0])
         site: HoleManifold = object_of(scenario, HoleManifold)
         block = site.block(radius)

@@ -42,6 +42,7 @@ _COVERED_WITHIN = 2000.0  # [s] limit of a flight over several levels
 class InspectionTask(Task):
     """Fly one orbit, or as many as cover it, around an object."""
 
+    schema: ClassVar[str] = "inspection"
     looks: ClassVar[bool] = True
     spares: ClassVar[Collection[str]] = (TOOL_GEOM,)
     distance: float = 1.4  # [m] from the camera to the object's outline

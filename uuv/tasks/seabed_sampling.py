@@ -50,6 +50,7 @@ LOOKS = 10  # pings for the surface; from a single ping it is 3 to 8 mm off, mos
 class SeabedSamplingTask(Task):
     """Take a core of the seabed, or drag a box through it."""
 
+    schema: ClassVar[str] = "seabed_work"
     looks: ClassVar[bool] = True
     spares: ClassVar[Collection[str]] = (CAMERA_SITE,)
     drag: bool = False  # False: push a core tube in and withdraw it
@@ -103,7 +104,7 @@ class SeabedSamplingTask(Task):
         B, up = read_targets(self.targets)
         if self.drag and len(B) < 2:
             raise ConfigurationError(
-                f"--targets {self.targets}: to drag between needs two points or more, got {len(B)}"
+                f"task.targets {self.targets}: to drag between needs two points or more, got {len(B)}"
             )
         return (B, up) if self.drag else (B[:1], up)
 
@@ -219,7 +220,8 @@ def tool_of(own: mujoco.MjModel) -> SoilTool:
     if kind in (kinds.mjGEOM_CYLINDER, kinds.mjGEOM_CAPSULE):
         return core_tube(float(size[0]), sampler.CORER.wall)
     raise ConfigurationError(
-        f"--vehicle: its geom {TOOL_GEOM!r} must be a cylinder or a capsule, the core tube, or a box that is dragged"
+        f"vehicle.vehicle: its geom {TOOL_GEOM!r} must be a cylinder or a capsule, the core tube, "
+        "or a box that is dragged"
     )
 
 

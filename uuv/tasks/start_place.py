@@ -46,5 +46,5 @@ def check_start(model: mujoco.MjModel, vehicle: Vehicle, X_WB: Array) -> None:
     own, other = sorted(deepest.geom.tolist(), key=lambda geom: not ours[geom])
     raise ConfigurationError(
         f"the vehicle would begin {-deepest.dist:.2f} m deep in {of_geom(model, other)} with {of_geom(model, own)}; "
-        "its camera's place and tilt, and --range, decide where it looks from"
+        "its camera's place and tilt, and task.range, decide where it looks from"
     )

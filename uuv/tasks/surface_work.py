@@ -26,7 +26,8 @@ from uuv.tasks.approach import object_of, scan_pose
 from uuv.tasks.work_time import WorkTime
 
 if TYPE_CHECKING:
-    from uuv.controllers.tasks.surface_work import SurfaceTaskConfig
+    from uuv.controllers.planning.hull_placement import PathStanding
+    from uuv.controllers.tasks.surface_work import SurfaceTaskConfig, SurfaceWork
     from uuv.controllers.tasks.task import TaskPlanner
     from uuv.perception.clouds.scan import SensorModel
     from uuv.perception.finding.object_tracker import FoundObjectFollower
@@ -48,10 +49,11 @@ class ToolTurn:
     dwell: bool = False  # it stops at a corner and turns there
 
     def __post_init__(self) -> None:
-        finite_number(self.angle, "--turn [rad]", least=-np.pi, most=np.pi)
-        finite_number(self.blend, "--blend [m]", least=0.0, most=1.0)
+        finite_number(self.angle, "task.turn.angle [rad]", least=-np.pi, most=np.pi)
+        finite_number(self.blend, "task.turn.blend [m]", least=0.0, most=1.0)
         if self.dwell and self.blend:
-            raise ConfigurationError(f"--dwell and --blend {self.blend:g}: in a corner the tool does one of the two")
+            both = f"task.turn.dwell and task.turn.blend {self.blend:g}"
+            raise ConfigurationError(f"{both}: in a corner the tool does one of the two")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -71,12 +73,12 @@ class SurfaceWorkTask(Task):
     promise: PromiseLimits = field(default_factory=PromiseLimits)
 
     def __post_init__(self) -> None:
-        finite_number(self.speed, "--speed [m/s]", least=SLOWEST, most=FASTEST)
-        finite_number(self.least, "--least, a share of the path", above=0.0, most=1.0)
+        finite_number(self.speed, "task.speed [m/s]", least=SLOWEST, most=FASTEST)
+        finite_number(self.least, "task.least, a share of the path", above=0.0, most=1.0)
         if not self.forces:
-            raise ConfigurationError("--forces [N]: needs at least one set force, got none")
+            raise ConfigurationError("task.forces [N]: needs at least one set force, got none")
         for force in self.forces:
-            finite_number(force, "--forces [N]", above=0.0, most=_MOST_FORCE)
+            finite_number(force, "task.forces [N]", above=0.0, most=_MOST_FORCE)
 
     def check_inputs(self, scenario: Scenario) -> None:
         """Refuses an object without surface, a path that it has not, and options that exclude each other."""
@@ -106,12 +108,12 @@ class SurfaceWorkTask(Task):
         if self.promise.stops is None:
             return
         for given, why in (
-            (scenario.sensing.arm_camera is not None, "--arm-camera: it sees more than stops tell"),
-            (self.contactless is not None, "--contactless: nothing holds the tool"),
-            ("fusion" in scenario.control.without, "--without fusion: nothing takes what they tell"),
+            (scenario.sensing.arm_camera is not None, "sensing.arm_camera: it sees more than stops tell"),
+            (self.contactless is not None, "task.contactless: nothing holds the tool"),
+            ("fusion" in scenario.control.without, "control.without fusion: nothing takes what they tell"),
         ):
             if given:
-                raise ConfigurationError(f"--stop-every (task.promise.stops) and {why}; one of the two")
+                raise ConfigurationError(f"task.promise.stops and {why}; one of the two")
 
     def place(self, scenario: Scenario, own: OwnVehicle, rng: np.random.Generator) -> "PlacedSurfaceWork":
         """The work on the site's object; draws its pose, its coarse detection, growth and dents."""
@@ -253,8 +255,16 @@ class PlacedSurfaceWork(PlacedTask):
             promise=task.promise,
         )
 
+    @property
+    def standing(self) -> "PathStanding":
+        """Chooses the hull's place from which the path is within reach."""
+        return self._work().stand
+
     def planner(self) -> "TaskPlanner":
         """Planner of the work."""
+        return self._work()
+
+    def _work(self) -> "SurfaceWork":
         from uuv.controllers.hull.thrust_margin import ThrustMargin
         from uuv.controllers.tasks.surface_work import SurfaceWork
 
@@ -296,11 +306,10 @@ def check_follows(scenario: Scenario) -> None:
     """Refuses to follow an object without depth frames."""
     if scenario.sensing.sensor != "camera":
         raise ConfigurationError(
-            f"--follow: takes depth frames; the sensor is {shown(scenario.sensing.sensor)}, not camera"
+            f"sensing.follow: takes depth frames; the sensor is {shown(scenario.sensing.sensor)}, not camera"
         )
 
 
 def first_force(scenario: Scenario) -> float:
     """First set force [N] of a scenario of surface work."""
-    assert isinstance(scenario.task, SurfaceWorkTask)
-    return scenario.task.forces[0]
+    return scenario.task_of(SurfaceWorkTask).forces[0]

@@ -53,12 +53,12 @@ class WorkTime:
             return
         speed, length = self._slower(), self._longer()
         ways = [
-            *([f"--speed {speed:g}"] if speed else []),
+            *([f"task.speed {speed:g}"] if speed else []),
             *([f"a path of {length:g} m"] if length else []),
-            *(["fewer --forces"] if len(self.forces) > 1 else []),
+            *(["fewer task.forces"] if len(self.forces) > 1 else []),
         ]
         raise ConfigurationError(
-            f"--speed {self.speed:g} over {self.length:.3g} m: {self._what_lacks()}; {', or '.join(ways)} would do"
+            f"task.speed {self.speed:g} over {self.length:.3g} m: {self._what_lacks()}; {', or '.join(ways)} would do"
         )
 
     def _what_lacks(self) -> str:

@@ -21,7 +21,7 @@ from uuv.arm_identification.calibration_input import (
 from uuv.calib import Calibration, Loads, identify
 from uuv.calib.simulation import HAND_NOISE, Sag, read_by_encoders, true_joints
 from uuv.calib.touch_files import read_touches
-from uuv.calib.verdicts.verification import compare, flange_poses
+from uuv.calib.verification import compare, flange_poses
 from uuv.components.deck_calibration import touched
 from uuv.experiment import Row, Summary, Table
 from uuv.models.arms import published_arms

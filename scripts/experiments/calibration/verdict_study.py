@@ -12,7 +12,7 @@ from experiments.calibration.wrong_inputs import WRONG, Distance, Input
 from uuv.arm_identification.calibration_input import CalibrationOutcome, failed, from_files, nominal, simulated, solve
 from uuv.calib.simulation import HAND_NOISE
 from uuv.calib.touch_files import read_touches, write_touches
-from uuv.calib.verdicts.verification import kabsch
+from uuv.calib.verification import kabsch
 from uuv.experiment import Row, Summary, Table
 from uuv.models.arms.serial_arm import SerialArm
 from uuv.sim.interfaces.errors import ConfigurationError, UuvError

@@ -52,8 +52,7 @@ def scenario_of(task: StepTask) -> Scenario:
         length=LENGTH,
         forces=(task.low, task.high) * task.steps,
     )
-    assert isinstance(scenario.task, SurfaceWorkTask)
-    work = replace(scenario.task, force_rate=task.rate)
+    work = replace(scenario.task_of(SurfaceWorkTask), force_rate=task.rate)
     return replace(scenario, task=work, perturbations=(Pad(stiffness=task.stiffness),))
 
 

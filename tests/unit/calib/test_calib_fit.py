@@ -22,7 +22,7 @@ from uuv.calib.simulation import (
     wrong_arm,
 )
 from uuv.calib.touches import first_tcp
-from uuv.calib.verdicts.verification import compare, flange_poses, icp, kabsch, track
+from uuv.calib.verification import compare, flange_poses, icp, kabsch, track
 from uuv.models.arms.kinematics import BETA, ROW
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import Array, exp_so3, inverse, pose, transform_points

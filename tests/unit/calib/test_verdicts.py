@@ -8,7 +8,7 @@ from scipy.special import betaln
 
 from untyped import untyped
 from uuv.calib.verdicts import doubts
-from uuv.calib.verdicts.verification import PointTouches, compare, kabsch, pair_distances, places, scores
+from uuv.calib.verification import PointTouches, compare, kabsch, pair_distances, places, scores
 from uuv.models.arms import published_arms
 from uuv.sim.interfaces.spatial import Array, exp_so3, pose, transform_points
 

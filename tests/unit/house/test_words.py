@@ -2,35 +2,16 @@
 
 import ast
 import re
-import subprocess
 from collections import Counter, defaultdict
-from functools import cache
 from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).resolve().parents[3]
+from source_tree import ROOT, parsed, sources, tracked
+
 FILES_A_FOLDER, SWITCHES, WORDS_A_SENTENCE = 18, 20, 40
-ROOMS = ("uuv", "models", "sim", "perception", "controllers", "calib", "scripts")
+SOURCES = sources()
 KEY = re.compile(r"\[([A-Z][A-Za-z]+ (?:1[89]|20)\d\d[a-z]?)(?:[,\]])")
-
-
-def tracked(*patterns: str) -> list[Path]:
-    """Files under version control; in a copy without one, all that there are."""
-    try:
-        listed = subprocess.run(["git", "ls-files", *patterns], cwd=ROOT, capture_output=True, text=True, check=True)
-        return [ROOT / name for name in listed.stdout.splitlines() if (ROOT / name).is_file()]
-    except (OSError, subprocess.CalledProcessError):
-        return [path for pattern in patterns for path in ROOT.rglob(pattern) if ".venv" not in path.parts]
-
-
-SOURCES = [path for path in tracked("*.py") if path.relative_to(ROOT).parts[0] in ROOMS]
-
-
-@cache
-def parsed(path: Path) -> ast.Module:
-    """A source's syntax tree; not at import, which every process does that collects the tests."""
-    return ast.parse(path.read_text())
 
 
 def public(tree: ast.Module) -> list[tuple[str, ast.AST]]:

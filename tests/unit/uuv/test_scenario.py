@@ -31,6 +31,7 @@ from uuv.sim.interfaces.messages import WorkState
 from uuv.sim.plant.faults import FaultyPlant
 from uuv.site import KnownObject, Site
 from uuv.tasks import registry as tasks
+from uuv.tasks.insertion import InsertionTask
 from uuv.tasks.surface_work import PlacedSurfaceWork, SurfaceWorkTask
 
 ALL = (
@@ -319,3 +320,10 @@ def test_a_thruster_cannot_fail_inside_a_plant_of_ones_own():
     scenario = replace(barrel(quick=True), perturbations=(Wrapped(), ThrusterFailure(thruster="sway", at=0.0)))
     with pytest.raises(ConfigurationError, match="comes before perturbations that wrap the plant"):
         assemble(scenario)
+
+
+def test_a_task_of_another_kind_is_refused():
+    scenario = barrel()
+    assert scenario.task_of(SurfaceWorkTask) is scenario.task
+    with pytest.raises(ConfigurationError, match="'clean_barrel': needs InsertionTask, has SurfaceWorkTask"):
+        scenario.task_of(InsertionTask)

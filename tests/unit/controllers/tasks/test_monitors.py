@@ -209,3 +209,10 @@ def test_an_object_that_moves_across_the_tool_ends_the_work_and_along_it_does_no
     reaction, cause = watch(monitors, [0.0] * len(monitors), WorkState.WORK, state, now)
     assert reaction is (Reaction.RETREAT if broken else Reaction.GO_ON)
     assert (cause is not None and cause.code is AbortCode.OBJECT_MOVES) is broken
+
+
+def test_a_plan_of_another_kind_is_told():
+    shared = replace(held(), plan=[1.5])
+    assert shared.plan_of(list) == [1.5]
+    with pytest.raises(TypeError, match="expected dict, got list"):
+        shared.plan_of(dict)

@@ -309,3 +309,12 @@ def test_two_commands_do_not_share_a_folder(script, tmp_path):
         said = refused(script("run_campaign", file, "--out", out, "--workers", 1))
     assert f"{out}: process" in said
     assert "is at work in it" in said
+
+
+def test_each_task_names_the_figures_of_its_runs():
+    from uuv.campaigns.campaign import metric_names
+    from uuv.jobs import GearOptions, InspectionOptions
+
+    friction, inspection = (metric_names(kind().scenario()) for kind in (GearOptions, InspectionOptions))
+    assert any(name.startswith("friction.") for name in friction - inspection), sorted(friction)
+    assert any(name.startswith("inspection.") for name in inspection - friction), sorted(inspection)

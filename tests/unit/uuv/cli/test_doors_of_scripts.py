@@ -24,15 +24,15 @@ def parts() -> ModuleType:
     ("script_name", "options", "said"),
     [
         ("clean_object", ("--least", "nan"), "--least: must be finite, got nan"),
-        ("clean_object", ("--least", "2"), "--least, a share of the path: must be positive and finite, <= 1, got 2"),
+        ("clean_object", ("--least", "2"), "--least (task.least), a share of the path: must be positive"),
         ("clean_barrel", ("--speed", "inf"), "--speed: must be finite, got inf"),
-        ("clean_barrel", ("--speed", "1e9"), "--speed [m/s]: must be finite, >= 0.0001, <= 1, got 1e+09"),
-        ("clean_barrel", ("--arm-errors", "-1"), "--arm-errors: must be a whole number >= 0, got -1"),
+        ("clean_barrel", ("--speed", "1e9"), "--speed (task.speed) [m/s]: must be finite, >= 0.0001, <= 1, got 1e+09"),
+        ("clean_barrel", ("--arm-errors", "-1"), "--arm-errors (vehicle.arm_errors): must be a whole number >= 0"),
         ("clean_barrel", ("--forces", "60", "nan"), "--forces: must be finite, got nan"),
         ("clean_barrel", ("--set", "task.speed=0.03"), "--set is an option of `uuv run JOB` alone"),
         ("clean_barrel", ("--quick", "--speed", "0.08"), "--speed 0.044, or a path of 0.36 m"),
         ("clean_barrel", ("--speed", "0.001", "--longest", "500"), "--longest 500 s: the work alone takes 602 s"),
-        ("clean_barrel", ("--looks", "0"), "--looks: must be a whole number in 1..40, got 0"),
+        ("clean_barrel", ("--looks", "0"), "--looks (sensing.looks): must be a whole number in 1..40, got 0"),
         ("clean_barrel", ("--vehicle", "n" * 300 + ".xml"), "file name too long"),
         ("calibrate_arm", ("--arm-errors", "-1"), "--arm-errors: must be a whole number >= 0, got -1"),
         ("plan_seabed", ("--cloud", "a", "--targets", "b", "--width", "1e-9"), "--width [m]: must be finite, >= 0.001"),
@@ -70,7 +70,7 @@ def test_a_plug_in_that_raises_is_named_with_its_line(
     (tmp_path / "plug.py").write_text(text)
     monkeypatch.syspath_prepend(str(tmp_path))
     monkeypatch.delitem(import_module("sys").modules, "plug", raising=False)
-    with pytest.raises(ConfigurationError, match=f"--controller 'plug:C': .*{said}") as refused:
+    with pytest.raises(ConfigurationError, match=f"control.controller 'plug:C': .*{said}") as refused:
         parts.controller(parts.Control(controller="plug:C"), models.load("uuv_puma").compile(), water_error=0.0)
     assert len(str(refused.value)) <= LONGEST
 

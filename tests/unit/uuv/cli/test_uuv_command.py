@@ -84,10 +84,16 @@ def test_list_names_everything_that_the_registries_do_without_importing_them(uuv
         (["run", "clean-object", "--object", "baril"], "(did you mean barrel?)"),
         (["run", "nothing.toml"], "nothing.toml"),
         (["run", "clean-barrel", "--blend", "0.1"], "--blend 0.1: a round tool does not turn"),
-        (["run", "clean-barrel", "--turn", "0", "--dwell", "--blend", "0.1"], "--dwell and --blend 0.1"),
+        (
+            ["run", "clean-barrel", "--turn", "0", "--dwell", "--blend", "0.1"],
+            "--dwell (task.turn.dwell) and --blend (task.turn.blend) 0.1",
+        ),
         (["run", "clean-barrel", "--target-pose", "known", "--sensor", "sonar"], "nothing looks for the object"),
         (["run", "clean-barrel", "--speeed", "0.03"], "--speeed, 0.03 .* (did you mean --speed?)"),
-        (["run", "clean-object", "--line", "0.1", "0.1", "0.1", "0.1"], "--line: must be at least 0.05 m long"),
+        (
+            ["run", "clean-object", "--line", "0.1", "0.1", "0.1", "0.1"],
+            "--line (site.object.line): must be at least 0.05 m long",
+        ),
         (["run", "clean-object", "--line", "5", "5", "6", "6"], "rays miss it"),
         (["run", "clean-object", "--line", "0", "0", "1", "1", "--path", "top"], "--path and --line: one of the two"),
         (["replay", "elsewhere"], "elsewhere: no run, a folder with metrics.json"),

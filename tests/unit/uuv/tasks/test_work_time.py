@@ -54,7 +54,7 @@ def test_what_a_refusal_proposes_would_do(work: WorkTime):
     with pytest.raises(ConfigurationError, match="would do") as refused:
         work.check()
     line = str(refused.value)
-    for pattern, name in ((r"--speed ([0-9.e-]+)[, ](?!over)", "speed"), (r"a path of ([0-9.]+) m", "length")):
+    for pattern, name in ((r"task.speed ([0-9.e-]+)[, ](?!over)", "speed"), (r"a path of ([0-9.]+) m", "length")):
         (proposed,) = re.findall(pattern, line.partition(";")[2])
         better = replace(work, **{name: float(proposed)})
         better.check()
@@ -70,11 +70,11 @@ def test_usual_speeds_are_not_refused(speed: float):
 def test_it_is_refused_at_the_door():
     from uuv.inputs import check_inputs
 
-    with pytest.raises(ConfigurationError, match=r"--speed 0\.08 over 0\.2 m: the set force of 90 N, 2 of 3"):
+    with pytest.raises(ConfigurationError, match=r"task\.speed 0\.08 over 0\.2 m: the set force of 90 N, 2 of 3"):
         check_inputs(barrel(quick=True, speed=0.08))
-    with pytest.raises(ConfigurationError, match=r"--longest 100 s: the work alone takes 2002 s"):
+    with pytest.raises(ConfigurationError, match=r"longest 100 s: the work alone takes 2002 s"):
         check_inputs(barrel(speed=0.0003), longest=100.0)
-    with pytest.raises(ConfigurationError, match=r"--longest \[s\]"):
+    with pytest.raises(ConfigurationError, match=r"longest \[s\]"):
         check_inputs(barrel(), longest=-1.0)
 
 

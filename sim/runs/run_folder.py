@@ -97,6 +97,11 @@ def claimed_folder() -> Path:
     return _claimed[-1].folder
 
 
+def works_in(folder: Path) -> None:
+    """Note that the results of this process go to `folder`, which holds those of earlier ones too: a study resumed."""
+    _claimed.append(_Claimed(folder, made=False))
+
+
 def give_back() -> None:
     """Remove the folders of runs that this process began but wrote no results to.
 

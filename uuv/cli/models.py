@@ -1,40 +1,63 @@
-"""Table of the named models: degrees of freedom, mass, volume, actuation, and the source of the figures.
+"""`uuv models`: degrees of freedom, mass, volume, actuation of the named models, and the source of the figures."""
 
-`./uvw run scripts/show_models.py` prints it.
-"""
-
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Annotated
 
-from rich.console import Console
-from rich.table import Table
+from tyro.conf import Positional, arg
 
-from uuv import models
-from uuv.start import parse, run_scenario
-
-
-@dataclass
-class Options:
-    """Named models and their sources."""
-
-    names: tuple[str, ...] = ()  # names of uuv.models.available(); default: all
+from uuv.cli.json_output import print_json
+from uuv.start import parse
 
 
-def main() -> int:
-    """Prints the table and returns the exit code."""
-    options = parse(Options)
+@dataclass(kw_only=True)
+class ModelsOptions:
+    """Named models, their size, actuation and sources."""
+
+    names: Annotated[
+        Positional[tuple[str, ...]], arg(metavar="[NAME ...]", help="Names of uuv.models.available(); default: all.")
+    ] = ()
+    json: bool = False
+    """Print the table as JSON."""
+
+
+def main(verb: str, args: Sequence[str]) -> int:
+    """Prints the table; returns the exit code."""
+    del verb
+    options = parse(ModelsOptions, args)
+    from uuv import models
+
     names = options.names or tuple(name for name in models.available() if models.describe(name).name == name)
-    table = Table(title="Named models")
+    described = [models.describe(name) for name in names]
+    if options.json:
+        print_json(
+            {
+                model.name: {
+                    "dof": model.dof,
+                    "mass_kg": model.mass,
+                    "volume_m3": model.volume,
+                    "thrusters": model.thrusters,
+                    "drive": model.drive,
+                    "joints": list(model.joints),
+                    "source": model.source,
+                }
+                for model in described
+            }
+        )
+        return 0
+
+    from rich.table import Table
+
+    from uuv.sim.runs.terminal import console
+
+    table = Table(title="Named models", title_justify="left")
     table.add_column("name", no_wrap=True, overflow="fold")
     for column in ("DOF", "dry kg, L", "moved by", "source"):
         table.add_column(column, overflow="fold")
-    for told in map(models.describe, names):
-        joints = f", {len(told.joints)} joints" if told.joints else ""
-        moved = f"{told.thrusters} thrusters" if told.thrusters else told.drive
-        size = f"{told.mass:.4g}, {1e3 * told.volume:.4g}"
-        table.add_row(told.name, f"{told.dof}", size, moved + joints, told.source)
-    Console().print(table)
+    for model in described:
+        joints = f", {len(model.joints)} joints" if model.joints else ""
+        moved = f"{model.thrusters} thrusters" if model.thrusters else model.drive
+        size = f"{model.mass:.4g}, {1e3 * model.volume:.4g}"
+        table.add_row(model.name, f"{model.dof}", size, moved + joints, model.source)
+    console().print(table)
     return 0
-
-
-if __name__ == "__main__":
-    run_scenario(main)

@@ -13,6 +13,7 @@ from uuv.cli.past.past_runs import Run, Trust, run_folder, scenario_of
 from uuv.sim.interfaces.errors import ConfigurationError, one_line
 from uuv.sim.interfaces.extras import LOG, absent, to_install
 from uuv.sim.runs.command_line import parse
+from uuv.sim.runs.run_folder import FORMAT_KEY
 from uuv.sim.runs.saving import write_whole
 
 if TYPE_CHECKING:
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
 
     from uuv.sim.reporting.series_tables import PastRun
 
-_LEFT_OUT = ("provenance", "timings", "start", "schema")
+_LEFT_OUT = (FORMAT_KEY, "provenance", "timings", "start", "schema")
 _ASKED = ("scenario", "options.", "model_sha256")  # what was asked for, and the model that follows from it
 _SAME = 0.02  # share by which figures may differ and still count as alike
 Rows = list[tuple[str, list[Any]]]
@@ -127,9 +128,10 @@ def _short(folders: Sequence[Path]) -> list[str]:
 def numbers(nested: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, Any]]:
     """Dotted name and value of each number, verdict and word of a run's metrics."""
     for key, value in nested.items():
+        if key in _LEFT_OUT:
+            continue
         if isinstance(value, Mapping):
-            if key not in _LEFT_OUT:
-                yield from numbers(value, f"{before}{key}.")
+            yield from numbers(value, f"{before}{key}.")
         elif value is None or isinstance(value, bool | int | float) or key in ("state", "abort"):
             yield before + key, value
 

@@ -186,7 +186,10 @@ def ended(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]):
     monkeypatch.chdir(ROOT)
     monkeypatch.setenv("COLUMNS", "200")
     monkeypatch.setenv("PYTHONSAFEPATH", "")  # has it restored: a command sets it
-    monkeypatch.setenv("MUJOCO_GL", os.environ.get("MUJOCO_GL", ""))  # likewise: `uuv picture` sets it
+    renderer = os.environ.get("MUJOCO_GL")
+    monkeypatch.setenv("MUJOCO_GL", renderer or "")  # likewise: `uuv picture` sets it
+    if renderer is None:
+        monkeypatch.delenv("MUJOCO_GL")
     monkeypatch.setattr(sys, "path", list(sys.path))
 
     def run(command: Callable[[], Any], *words: object) -> Run:

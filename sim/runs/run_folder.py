@@ -84,7 +84,9 @@ def checked_format(document: Any, what: str) -> None:
     if not isinstance(number, int) or isinstance(number, bool) or number < 1:
         raise ConfigurationError(f"{what}: {FORMAT_KEY}: must be a whole number >= 1, got {shown(number)}")
     if number > FORMAT:
-        raise ConfigurationError(f"{what}: {FORMAT_KEY} {number}, of a later version of uuv; this one reads 1 to {FORMAT}")
+        raise ConfigurationError(
+            f"{what}: {FORMAT_KEY} {number}, of a later version of uuv; this one reads 1 to {FORMAT}"
+        )
 
 
 def _next_to_others(home: Path, name: str) -> Path:

@@ -8,6 +8,7 @@ from tyro.conf import UseAppendAction
 
 from uuv.cli.json_output import file_alone, folder_of
 from uuv.jobs import TrialOptions
+from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.runs.command_line import RunOptions
 
 if TYPE_CHECKING:  # a help text does without
@@ -28,7 +29,13 @@ class Output:
 
 
 def values_of(assignments: tuple[tuple[str, ...], ...]) -> tuple[str, ...]:
-    """All assignments of --set, in order."""
+    """All assignments of --set, in order.
+
+    Raises:
+        ConfigurationError: A --set has none.
+    """
+    if not all(assignments):
+        raise ConfigurationError("--set: KEY=VALUE is missing")
     return tuple(itertools.chain(*assignments))
 
 

@@ -66,8 +66,10 @@ def main(verb: str, args: Sequence[str]) -> int:
     elif name.endswith(".toml"):
         options, of_run = parsed(FileOptions, rest)
         scenario = _of_file(name, options)
-    elif not name or name.startswith("-"):
-        parse(RunVerb, args)  # --help, or the refusal of what is no name
+    elif name in ("", "-h", "--help"):
+        parse(RunVerb, args)  # ends the command, by the help or the refusal
+        return 0
+    elif name.startswith("-"):
         raise ConfigurationError(f"{name}: the name of a job comes first: uuv run NAME [OPTIONS]")
     else:
         raise ConfigurationError(_no_job(name))

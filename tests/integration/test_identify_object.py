@@ -35,7 +35,9 @@ def test_a_cloud_with_blemishes_is_searched(verb, scene, tmp_path):
 
 def test_object_and_cloud_in_different_units(verb, scene, tmp_path):
     np.savetxt(tmp_path / "cloud.xyz", 0.001 * scene.scan.points.reshape(-1, 3)[::50])
-    done = verb("identify", "object", "--object", "barrel", "--cloud", tmp_path / "cloud.xyz", "--out", tmp_path / "out")
+    done = verb(
+        "identify", "object", "--object", "barrel", "--cloud", tmp_path / "cloud.xyz", "--out", tmp_path / "out"
+    )
     assert done.returncode == 2
     assert done.stderr.count("\n") == 1
     assert "--mesh-scale" in done.stderr

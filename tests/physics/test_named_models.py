@@ -3,6 +3,7 @@
 The figures below are typed from the sources, in their axes (forward, starboard, down), apart from those in `models`.
 """
 
+import json
 import re
 from functools import cache
 from typing import Any

@@ -46,9 +46,8 @@ class Entry:
             raise ConfigurationError(f"--entry: allowed {known}, a registered name or MODULE:CLASS, got {shown(name)}")
         if not colon and module not in CONTROLLERS:
             known = tuple(dict.fromkeys((*ENTRIES, *CONTROLLERS.names())))
-            raise ConfigurationError(
-                f"--entry: unknown {shown(name)}; there are {', '.join(known)}, or MODULE:CLASS{did_you_mean(name, known)}"
-            )
+            allowed, meant = f"{', '.join(known)}, or MODULE:CLASS", did_you_mean(name, known)
+            raise ConfigurationError(f"--entry: unknown {shown(name)}; there are {allowed}{meant}")
         if estimator:
             home, _, brought = estimator.partition(":")
             if not (home and brought):

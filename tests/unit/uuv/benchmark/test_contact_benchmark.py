@@ -271,16 +271,7 @@ def test_an_entry_finds_its_case_nowhere(root: Path, tmp_path: Path):
     """By the command, with a fresh case: arguments, environment, files and parents tell the seed to nobody."""
     seed, out, log = 8_414_709_848_078_965_066, tmp_path / "out", tmp_path / "log"
     (tmp_path / "snooping_entry.py").write_text(SNOOPING.format(out=str(out), log=str(log)))
-    command = [
-        "-m",
-        "uuv",
-        "benchmark",
-        "--fresh",
-        "--entry",
-        "snooping_entry:Snoops",
-        "--cases",
-        "1",
-    ]
+    command = ["-m", "uuv", "benchmark", "--fresh", "--entry", "snooping_entry:Snoops", "--cases", "1"]
     paths = os.pathsep.join([str(tmp_path), str(root), str(root / "scripts")])
     done = subprocess.run(
         [sys.executable, *command, "--workers", "1", "--out", str(out)],
@@ -331,8 +322,7 @@ def test_a_damaged_result_is_one_line(change: str, said: str, tmp_path: Path):
 def test_one_case_again_gives_the_same_figures(verb, tmp_path):
     """With log and report; its figures are those of the row."""
     row = score(ScoredCase(case=BenchmarkCase(index=0), entry=Entry.of("joint PD")))
-    done = verb("benchmark", "--entry", "joint PD", "--only", 0, "--out", tmp_path / "one"
-    )
+    done = verb("benchmark", "--entry", "joint PD", "--only", 0, "--out", tmp_path / "one")
     assert done.returncode == (0 if row["class"] == KEPT else 1)
     assert {"metrics.json", "report.html", "run.rrd"} <= {path.name for path in (tmp_path / "one").iterdir()}
     contact = json.loads((tmp_path / "one" / "metrics.json").read_text())["contact"]

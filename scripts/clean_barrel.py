@@ -2,21 +2,20 @@
 
 The vehicle knows the barrel's shape and roughly where it is. It keeps station, takes a depth frame, identifies the
 barrel, carries the tool path onto it and closes in. The contact force is estimated from joint torques alone.
+
+The same as `uuv run clean-barrel`.
 """
 
-from uuv.start import parse, run_scenario  # isort: skip
+from uuv.start import run_scenario  # isort: skip
 
-import time
+import sys
 
-from uuv.cli.carry_out import run_job
-from uuv.jobs import BarrelOptions as Options
+from uuv.cli import run_job
 
 
 def main() -> int:
-    """Runs the scenario and returns the exit code."""
-    started = time.perf_counter()
-    options = parse(Options)
-    return run_job(options.scenario(), options, started)
+    """Runs the job and returns the exit code."""
+    return run_job.main("run", ["clean-barrel", *sys.argv[1:]])
 
 
 if __name__ == "__main__":

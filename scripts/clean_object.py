@@ -2,21 +2,20 @@
 
 The task is that of clean_barrel.py with another object. A named object is worked along one of its own paths. On a mesh
 file [m] the path is a line over its top, along x, projected onto the mesh from above.
+
+The same as `uuv run clean-object`.
 """
 
-from uuv.start import parse, run_scenario  # isort: skip
+from uuv.start import run_scenario  # isort: skip
 
-import time
+import sys
 
-from uuv.cli.carry_out import run_job
-from uuv.jobs import ObjectOptions as Options
+from uuv.cli import run_job
 
 
 def main() -> int:
-    """Runs the scenario and returns the exit code."""
-    started = time.perf_counter()
-    options = parse(Options)
-    return run_job(options.scenario(), options, started)
+    """Runs the job and returns the exit code."""
+    return run_job.main("run", ["clean-object", *sys.argv[1:]])
 
 
 if __name__ == "__main__":

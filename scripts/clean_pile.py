@@ -2,21 +2,20 @@
 
 The task is that of clean_barrel.py with a pile 3 m long, of which the camera sees a part. The flange determines the
 height of the visible part.
+
+The same as `uuv run clean-pile`.
 """
 
-from uuv.start import parse, run_scenario  # isort: skip
+from uuv.start import run_scenario  # isort: skip
 
-import time
+import sys
 
-from uuv.cli.carry_out import run_job
-from uuv.jobs import PileOptions as Options
+from uuv.cli import run_job
 
 
 def main() -> int:
-    """Runs the scenario and returns the exit code."""
-    started = time.perf_counter()
-    options = parse(Options)
-    return run_job(options.scenario(), options, started)
+    """Runs the job and returns the exit code."""
+    return run_job.main("run", ["clean-pile", *sys.argv[1:]])
 
 
 if __name__ == "__main__":

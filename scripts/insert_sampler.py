@@ -3,21 +3,20 @@
 The vehicle knows the manifold's shape and roughly where it is. It keeps station, takes a depth frame, identifies the
 manifold and moves the sampler before the hole. The insertion is force-controlled along the axis and compliant across
 it. With --trials N, the N seeds from --seed on run on all cores, and a table gives the success rate.
+
+The same as `uuv run insert-sampler`.
 """
 
-from uuv.start import parse, run_scenario  # isort: skip
+from uuv.start import run_scenario  # isort: skip
 
-import time
+import sys
 
-from uuv.cli.carry_out import run_job
-from uuv.jobs import InsertionOptions as Options
+from uuv.cli import run_job
 
 
 def main() -> int:
-    """Runs the scenario and returns the exit code."""
-    started = time.perf_counter()
-    options = parse(Options)
-    return run_job(options.scenario(), options, started)
+    """Runs the job and returns the exit code."""
+    return run_job.main("run", ["insert-sampler", *sys.argv[1:]])
 
 
 if __name__ == "__main__":

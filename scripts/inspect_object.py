@@ -2,21 +2,20 @@
 
 The object lies on the seabed; the vehicle knows its model and its coarse pose. Where the orbit would bring hull or arm
 too near, the vehicle stays where it is: one line with the reason, exit code 2.
+
+The same as `uuv run inspect-object`.
 """
 
-from uuv.start import parse, run_scenario  # isort: skip
+from uuv.start import run_scenario  # isort: skip
 
-import time
+import sys
 
-from uuv.cli.carry_out import run_job
-from uuv.jobs import InspectionOptions as Options
+from uuv.cli import run_job
 
 
 def main() -> int:
-    """Runs the scenario and returns the exit code."""
-    started = time.perf_counter()
-    options = parse(Options)
-    return run_job(options.scenario(), options, started)
+    """Runs the job and returns the exit code."""
+    return run_job.main("run", ["inspect-object", *sys.argv[1:]])
 
 
 if __name__ == "__main__":

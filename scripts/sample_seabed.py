@@ -5,21 +5,20 @@ sonar scans. It projects the targets onto the ground, judges the relief and choo
 pushes a core tube into the soil with a set force, or drags a box along the profile between two targets at a set depth.
 Then it withdraws the tool. If the cloud is no ground, or the ground is unsuitable, the vehicle stays where it is: one
 line with the reason, exit code 2.
+
+The same as `uuv run sample-seabed`.
 """
 
-from uuv.start import parse, run_scenario  # isort: skip
+from uuv.start import run_scenario  # isort: skip
 
-import time
+import sys
 
-from uuv.cli.carry_out import run_job
-from uuv.jobs import SeabedOptions as Options
+from uuv.cli import run_job
 
 
 def main() -> int:
-    """Runs the scenario and returns the exit code."""
-    started = time.perf_counter()
-    options = parse(Options)
-    return run_job(options.scenario(), options, started)
+    """Runs the job and returns the exit code."""
+    return run_job.main("run", ["sample-seabed", *sys.argv[1:]])
 
 
 if __name__ == "__main__":

@@ -2,12 +2,15 @@
 
 The checks are the tests in tests/physics that carry `@pytest.mark.check(name, reference)`. One row sums up all tests of
 one name: the error that comes nearest to its tolerance, over all seeds and cases. Writes table.md and table.json.
+
+The same as `uuv validate`.
 """
 
-from uuv.start import new_folder, parse, run_scenario  # isort: skip
+from uuv.start import new_folder, run_scenario  # isort: skip
 
 import json
 import re
+import sys
 import time
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -18,21 +21,13 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from uuv.cli import validate
+from uuv.cli.validate import ValidateOptions
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.runs.saving import write_whole
 
 ROOT = Path(__file__).resolve().parents[1]
 MARK = "check"
-
-
-@dataclass(kw_only=True)
-class Options:
-    """Check the physics against closed forms, conservation laws and independent formulations."""
-
-    out: Path | None = None
-    """Folder for table.md and table.json."""
-    docs: bool = False
-    """Put the table into docs/results.md as well."""
 
 
 @dataclass
@@ -121,9 +116,13 @@ def put_into_docs(lines: list[str]) -> None:
 
 
 def main() -> int:
+    """Does what the verb does; returns the exit code."""
+    return validate.main("validate", sys.argv[1:])
+
+
+def run(options: ValidateOptions) -> int:
     """Runs the checks, prints and writes the table; exit code 0 if all hold."""
-    options = parse(Options)
-    out = new_folder("validate_physics", options.out).resolve()
+    out = new_folder("validate", options.out).resolve()
     page, begin, worked = Page(), time.perf_counter(), time.process_time()
     stopped = pytest.main(
         [
@@ -164,7 +163,7 @@ def main() -> int:
         for r in rows
     ]
     run = {"mujoco": mujoco.__version__, "seconds": round(seconds, 1), "processor_seconds": round(worked, 1)}
-    write_whole(out / "table.json", json.dumps({**run, "checks": figures}, indent=1) + "\n")
+    write_whole(out / validate.TABLE, json.dumps({**run, "checks": figures}, indent=1) + "\n")
     return 0 if stopped == pytest.ExitCode.OK and all(row.ok for row in rows) else 1
 
 

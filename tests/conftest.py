@@ -4,6 +4,8 @@ import gc
 import os
 import re
 import sys
+from collections.abc import Callable
+from functools import partial
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
@@ -179,20 +181,43 @@ class Run(NamedTuple):
 
 
 @pytest.fixture
-def script(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]):
-    """`script("experiments.contact.contact", *arguments)`: what scripts/experiments/contact/contact.py does, in this
-    process."""
+def ended(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]):
+    """`ended(command, *words)`: how a command ends in this process, with these words as its command line."""
     monkeypatch.chdir(ROOT)
     monkeypatch.setenv("COLUMNS", "200")
     monkeypatch.setenv("PYTHONSAFEPATH", "")  # has it restored: a command sets it
+    renderer = os.environ.get("MUJOCO_GL")
+    monkeypatch.setenv("MUJOCO_GL", renderer or "")  # likewise: `uuv picture` sets it
+    if renderer is None:
+        monkeypatch.delenv("MUJOCO_GL")
+    monkeypatch.setattr(sys, "path", list(sys.path))
 
-    def run(name: str, *arguments: object) -> Run:
-        monkeypatch.setattr(sys, "argv", [f"{name}.py", *map(str, arguments)])
-        module = import_module(name)
+    def run(command: Callable[[], Any], *words: object) -> Run:
+        monkeypatch.setattr(sys, "argv", [*map(str, words)])
         capfd.readouterr()
         with pytest.raises(SystemExit) as stop:
-            run_scenario(module.main)
+            command()
         said = capfd.readouterr()
         return Run(int(stop.value.code or 0), said.out, said.err)
 
     return run
+
+
+@pytest.fixture
+def script(ended):
+    """`script("experiments.contact.contact", *arguments)`: what scripts/experiments/contact/contact.py does, in this
+    process."""
+
+    def run(name: str, *arguments: object) -> Run:
+        module = import_module(name)
+        return ended(lambda: run_scenario(module.main), f"{name}.py", *arguments)
+
+    return run
+
+
+@pytest.fixture
+def verb(ended):
+    """`verb("identify", "water", *arguments)`: what `uuv identify water ARGUMENTS` does, in this process."""
+    from uuv.cli.main import main
+
+    return partial(ended, main, "uuv")

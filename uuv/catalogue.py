@@ -1,13 +1,10 @@
-"""What there is, one line each: `uuv list [KIND]`.
+"""What there is: names of things, and one line about each.
 
 Nothing of it is imported, which takes seconds: names and first lines of docstrings are read from the sources.
 """
 
 import ast
-import shutil
-import sys
-import textwrap
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache
 from importlib.metadata import entry_points
@@ -23,9 +20,8 @@ JOBS = {  # `uuv run`: name and class of its options in `uuv.jobs`
     "sample-seabed": "SeabedOptions",
     "inspect-object": "InspectionOptions",
 }
+_COMMAND = "run_scenario(main)"  # ends the file of an experiment that is a command
 _GROUP = "uuv_arm"  # of entry points, as in `uuv.models.registry`
-_WIDTH = 120  # characters of a line where the output is no terminal
-_LEAST = 40  # characters of what is said about a thing, in a narrow terminal
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,7 +34,7 @@ class Shelf:
 
 SHELVES = (
     Shelf("job", "uuv run NAME"),
-    Shelf("study", "./uvw run scripts/experiments/NAME.py, in a clone"),
+    Shelf("experiment", "./uvw run scripts/experiments/NAME.py, in a clone"),
     Shelf("vehicle", "--vehicle NAME"),
     Shelf("arm", "uuv.models.arms.published_arms.load(NAME)"),
     Shelf("object", "uuv run clean-object --object NAME"),
@@ -51,43 +47,18 @@ SHELVES = (
 )
 
 
-def main(verb: str, args: Sequence[str]) -> int:
-    """Prints all kinds, or those named; returns the exit code."""
-    del verb
-    kinds = [shelf.kind for shelf in SHELVES]
-    wanted = [arg.removesuffix("s") if arg.removesuffix("s") in kinds else arg for arg in args]
-    wanted = ["study" if one == "studies" else one for one in wanted]
-    if "--help" in args or "-h" in args:
-        print(f"usage: uuv list [KIND ...]\n\nWhat there is. Kinds: {', '.join(kinds)}.")
-        return 0
-    for one in wanted:
-        if one not in kinds:
-            from uuv.sim.interfaces.errors import did_you_mean
-
-            print(f"error: no kind {one!r}; there are {', '.join(kinds)}{did_you_mean(one, kinds)}", file=sys.stderr)
-            return 2
-    columns = shutil.get_terminal_size((_WIDTH, 0)).columns
-    blocks = []
-    for shelf in SHELVES:
-        if not wanted or shelf.kind in wanted:
-            names = list(things(shelf.kind))
-            wide = max((len(name) for name, _ in names), default=0)
-            lines = [_entry(f"  {name:<{wide}}  ", said, columns) for name, said in names]
-            plural = {"study": "studies"}.get(shelf.kind, shelf.kind + "s")
-            blocks.append("\n".join([f"{plural}  ({shelf.use})", *lines]))
-    print("\n\n".join(blocks))
-    return 0
-
-
 def things(kind: str) -> Iterator[tuple[str, str]]:
     """Name and one line about each thing of a kind, those of other packages last."""
     match kind:
         case "job":
             classes = _definitions(HOME / "jobs.py")
             yield from ((name, classes[made]) for name, made in JOBS.items())
-        case "study":
-            for file in sorted((HOME.parent / "scripts" / "experiments").glob("[!_]*.py")):
-                yield file.stem, _first_line(_tree(file)).removeprefix("Study: ")
+        case "experiment":
+            home = CHECKOUT / "scripts" / "experiments"
+            for file in sorted(home.rglob("[!_]*.py")):
+                if _COMMAND in file.read_text(encoding="utf-8"):
+                    name = file.relative_to(home).with_suffix("").as_posix()
+                    yield name, _first_line(_tree(file)).removeprefix("Study: ")
         case "vehicle":
             yield from _vehicles()
         case "arm":
@@ -105,7 +76,7 @@ def things(kind: str) -> Iterator[tuple[str, str]]:
             for name in _keys(HOME / "kinds.py", "SENSORS"):
                 yield name, documented.get(name, "")
         case "controller":
-            classes = _definitions(HOME / "controllers" / "work_controller.py")
+            classes = _definitions(HOME / "controllers" / "whole_body" / "work_controller.py")
             for name in _keys(HOME / "kinds.py", "CONTROLLERS"):
                 yield name, classes["WorkController"]
         case "task" | "perturbation":
@@ -197,10 +168,3 @@ def _kinds(file: Path) -> list[tuple[str, str]]:
 def _word(node: ast.expr | None) -> str:
     """Value of a text in the source; empty for anything else."""
     return node.value if isinstance(node, ast.Constant) and isinstance(node.value, str) else ""
-
-
-def _entry(begin: str, said: str, columns: int) -> str:
-    """A thing and what is said about it, in as many lines as that takes."""
-    room = max(_LEAST, columns - len(begin))
-    lines = textwrap.wrap(said, room, break_long_words=False, break_on_hyphens=False) or [""]
-    return f"\n{' ' * len(begin)}".join([f"{begin}{lines[0]}".rstrip(), *lines[1:]])

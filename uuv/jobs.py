@@ -121,7 +121,7 @@ class ContactOptions(VehicleOptions):
     calibrated: bool = False
     """Calibrate the arm first: four points touched with a hand's noise of 0.1 mm, one known distance."""
     arm: Path | None = None
-    """File of the controller's arm model: arm.yaml of calibrate_arm.py."""
+    """File of the controller's arm model: arm.yaml of uuv calibrate."""
     range: float = 1.25
     """Range from camera to object at the scan [m]."""
 

@@ -1,20 +1,26 @@
 """Sensors and controllers of a scenario by name; what makes one is imported when it is made."""
 
-import importlib
+import importlib.util
 import traceback
 from collections.abc import Callable
+from importlib.machinery import ModuleSpec
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from uuv.models.registry import Registry
 from uuv.sim.interfaces.errors import ConfigurationError, one_line
 from uuv.sim.interfaces.protocols import Controller, Sensor
 from uuv.sim.interfaces.spatial import shown
+from uuv.sim.runs.command_line import ROOMS
 
 if TYPE_CHECKING:
     from uuv.perception.clouds.scan import SensorModel
 
 TRUST = "--trust"  # option of every command that reads a scenario: run the code that it names
 CONTROLLER = "control.controller"  # begins the messages about one
+_HOME = Path(__file__).resolve().parent
+_SCENARIOS = "scenarios"
+_EARLIER = (_SCENARIOS, *ROOMS)  # packages that stood beside each other, before they were parts of `uuv`
 _FOREIGN = 100  # characters kept of the message of a foreign error
 SURVEY = "survey"  # sensor: the object's pose is known, and nothing looks for it
 SENSORS: "Registry[tuple[Sensor, SensorModel | None]]" = Registry(
@@ -43,6 +49,29 @@ def class_of(name: str, option: str) -> Callable[..., Any]:
         return getattr(importlib.import_module(module), word)
     except (Exception, SystemExit) as error:
         raise ConfigurationError(f"{option} {shown(name)}: cannot be imported; {told(error)}") from error
+
+
+def where_moved(name: str) -> str:
+    """Where the module of MODULE:ATTRIBUTE is now, if it is of a version whose packages were not yet in `uuv`; or "".
+
+    A module of the user's own may have the name of one of those packages: it is the user's.
+    """
+    first, _, rest = name.partition(":")[0].partition(".")
+    if first not in _EARLIER:
+        return ""
+    spec = importlib.util.find_spec(first)
+    if spec is not None and not any(Path(place).is_relative_to(_HOME.parent) for place in _places(spec)):
+        return ""
+    module = ".".join(filter(None, ("" if first == _SCENARIOS else first, rest)))
+    file = _HOME.joinpath(*module.split("."))
+    if file.with_suffix(".py").is_file() or (file / "__init__.py").is_file():
+        return f"that module is now uuv.{module}".rstrip(".")
+    return f"{first} is now a part of uuv, which has no {module}"
+
+
+def _places(spec: ModuleSpec) -> list[str]:
+    """Files and folders of a module."""
+    return [*filter(None, (spec.origin,)), *(spec.submodule_search_locations or ())]
 
 
 def told(error: BaseException, *ours: str) -> str:

@@ -30,7 +30,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from uuv.kinds import TRUST
+from uuv.kinds import TRUST, where_moved
 from uuv.models.registry import Registry
 from uuv.perturbations import perturbation
 from uuv.perturbations.perturbation import Perturbation
@@ -38,6 +38,7 @@ from uuv.scenario import Scenario, Task
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import shown
 from uuv.sim.interfaces.tables import TableReader, toml_of
+from uuv.sim.runs.run_folder import FORMAT, FORMAT_KEY, checked_format
 from uuv.sim.runs.saving import write_whole
 from uuv.site import SITE_OBJECTS, SiteObject
 from uuv.tasks import registry as tasks
@@ -62,11 +63,13 @@ def read_scenario(file: str | Path, *, trust: bool = False) -> Scenario:
         trust: Import the classes MODULE:CLASS that it names, which runs their code.
 
     Raises:
-        ConfigurationError: The file cannot be read, names code without `trust`, or a key or value is none of those
-            allowed; the message names them.
+        ConfigurationError: The file cannot be read, is of a later format, names code without `trust` or code that has
+            moved, or a key or value is none of those allowed; the message names them.
     """
     found = toml_of(file, "scenario", _MOST)
     what = f"scenario {shown(str(file))}"
+    checked_format(found, what)
+    found.pop(FORMAT_KEY, None)
     refuse_code(found, what, trust=trust)
     try:
         return from_dict(found)
@@ -85,9 +88,13 @@ def refuse_code(document: Any, what: str, *, trust: bool) -> None:
         trust: The user has given leave; nothing is refused.
 
     Raises:
-        ConfigurationError: It names code.
+        ConfigurationError: It names code, or code of an earlier version that is now elsewhere.
     """
-    for name in () if trust else names_of_code(document):
+    for name in names_of_code(document):
+        if moved := where_moved(name):
+            raise ConfigurationError(f"{what}: names {shown(name)}: {moved}")
+        if trust:
+            continue
         raise ConfigurationError(f"{what}: names code, {shown(name)}, which is not run unless you say {TRUST}")
 
 
@@ -103,7 +110,7 @@ def names_of_code(value: Any) -> Iterator[str]:
 
 def write_scenario(scenario: Scenario, file: str | Path) -> None:
     """Writes `scenario` as TOML, with every default."""
-    write_whole(Path(file), to_toml(scenario))
+    write_whole(Path(file), f"{FORMAT_KEY} = {FORMAT}\n{to_toml(scenario)}")
 
 
 def from_dict(nested: Mapping[str, Any]) -> Scenario:

@@ -53,5 +53,5 @@ class FrictionRunMetrics:
 
 def schema() -> dict[str, Any]:
     """JSON Schema of the metrics.json of a friction identification."""
-    about = "What identify_friction.py writes to metrics.json"
+    about = "What uuv identify friction writes to metrics.json"
     return run_schema(FrictionRunMetrics, "Figures of a friction identification", about)

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from uuv.sim.evaluation.schemas import metric, schema_of
+from uuv.sim.runs.run_folder import FORMAT
 
 SHA256 = "^[0-9a-f]{64}$"
 
@@ -64,6 +65,9 @@ class Provenance:
 class EveryRun:
     """Entries of every metrics.json beside those of the kind of work."""
 
+    format: int = metric(
+        "Of the files in a run's folder; absent from those of the first.", default=FORMAT, minimum=1, maximum=FORMAT
+    )
     run: RunMetrics
     accepted: bool = metric("All of the scenario's bounds hold.")
     failed: list[str] = metric("What did not, one line each.")

@@ -20,6 +20,7 @@ from uuv.sim.interfaces.messages import AbortCode, WorkState
 from uuv.sim.interfaces.spatial import one_of, shown
 from uuv.sim.interfaces.tables import TableReader, json_of
 from uuv.sim.reporting.series_files import ENDINGS, MOST_NUMBERS, Column, arrow_table, read_table, write_table
+from uuv.sim.runs.run_folder import checked_format
 
 if TYPE_CHECKING:  # the figures of a run are read without the kernels of what recorded it
     import pyarrow as pa
@@ -103,11 +104,12 @@ class PastRun:
         """Content of metrics.json.
 
         Raises:
-            ConfigurationError: It cannot be read, or lacks what every run has
+            ConfigurationError: It cannot be read, or is of a later format, or lacks what every run has
             (`uuv.sim.evaluation.run_metrics.EveryRun`).
         """
         file = self.folder / METRICS
         content = json_of(file, "metrics")
+        checked_format(content, f"metrics {shown(str(file))}")
         try:
             ended = TableReader(METRICS, passes_unknown=True).made(EveryRun, content).run.state
             one_of(ended, STATES, "run.state")

@@ -27,7 +27,6 @@ from uuv.sim.runs.run_folder import give_back, new_folder
 ROOMS = ("models", "sim", "perception", "controllers", "calib")  # packages of `uuv`, folders of a checkout
 INTERNAL = 70  # exit code of an error of the program: EX_SOFTWARE of BSD's sysexits
 TRACEBACK = "--traceback"  # option of every script: print the traceback of such an error; or UUV_TRACEBACK=1
-OF_UUV_RUN = QUIET, JSON, SET, TASK = "--quiet", "--json", "--set", "--task"  # what it takes beside a job's options
 _HOME = Path(__file__).resolve().parents[2]
 # A dotted key of a scenario file in a message; part of a path, of a quoted value or of MODULE:NAME it is none.
 _KEY = re.compile(r"(?<![\w./\\'\"-])[a-z]\w*(?:\.[a-z]\w*)+(?!\w|[/\\(-]|[.:]\w)")
@@ -140,9 +139,12 @@ def parse(kind: type[Options], args: Sequence[str] | None = None) -> Options:
         rows = (row.strip(" │|") for row in re.sub(r"\x1b\[[0-9;]*m", "", said.getvalue()).splitlines()[1:])
         parts = re.split(r"^[─-]{8,}$", "\n".join(rows), flags=re.MULTILINE)
         mistake = next((part for part in parts if part.strip()), "bad options")
+        if mistake.strip().startswith("Missing from"):
+            lacking = (entry.split()[0] for entry in mistake.partition(":")[2].split("(required)") if entry.split())
+            mistake = f"{', '.join(lacking)}: missing"
         unknown = re.search(r"Unrecognized options?: (--[\w-]+)", mistake)
         known = [f"--{each.name.replace('_', '-')}" for each in fields(cast(Any, kind))]
-        meant = _meant(unknown[1], known) if unknown else ""
+        meant = did_you_mean(unknown[1], known) if unknown else ""
         raise _refusal(f"{mistake.strip().rstrip('.')} (--help lists the options){meant}") from None
     global _typed
     _typed = kind
@@ -155,11 +157,9 @@ def parse(kind: type[Options], args: Sequence[str] | None = None) -> Options:
     return options
 
 
-def _meant(unknown: str, known: Sequence[str]) -> str:
-    """End of the message about an option that a command has not."""
-    if unknown in OF_UUV_RUN and unknown not in known:
-        return f"; {unknown} is an option of `uuv run JOB` alone"
-    return did_you_mean(unknown, known)
+def as_base(options: Any, base: type[Options]) -> Options:
+    """The options of the class `base` alone, of `options` of a class that inherits it."""
+    return base(**{each.name: getattr(options, each.name) for each in fields(cast(Any, base))})
 
 
 def with_options(message: str, kind: type[Any]) -> str:

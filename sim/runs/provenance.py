@@ -17,7 +17,7 @@ import numpy as np
 PACKAGES = ("uuv-arm", "mujoco", "numpy", "scipy", "numba", "llvmlite", "open3d-cpu", "open3d", "embreex", "rerun-sdk")
 HOME = Path(__file__).resolve().parents[2]  # of the packages
 _CODE = ("uuv", "models", "sim", "controllers", "perception", "calib", "scripts", "pyproject.toml", "uv.lock")
-_WHERE = ("out", "view", "workers", "anew")  # options without effect on results
+_WHERE = ("out", "view", "workers", "anew", "json")  # options without effect on results
 
 
 def provenance(scenario: str, options: Any, model: mujoco.MjModel | None = None) -> dict[str, Any]:

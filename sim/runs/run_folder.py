@@ -3,20 +3,24 @@
 import json
 import os
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from itertools import count
 from pathlib import Path
+from typing import Any
 
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.files import folder_given, folder_name
+from uuv.sim.interfaces.spatial import shown
 from uuv.sim.runs.saving import write_whole
 
 RUNS = Path("runs")  # in the working directory
 BEGUN = "run.json"  # in a run's folder from the start: command and time
 LATEST = "latest"
+FORMAT = 2  # of the files in a run's folder; files of the first have no such entry
+FORMAT_KEY = "format"  # in scenario.toml and metrics.json
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,6 +74,21 @@ def new_folder(scenario: str, out: Path | None = None, seed: int | None = None) 
     return folder
 
 
+def checked_format(document: Any, what: str) -> None:
+    """Refuses a document, tables of a run's folder, of a later format.
+
+    Raises:
+        ConfigurationError: Its format is none, or one that came after FORMAT; the message begins with `what`.
+    """
+    number = document.get(FORMAT_KEY, 1) if isinstance(document, Mapping) else 1
+    if not isinstance(number, int) or isinstance(number, bool) or number < 1:
+        raise ConfigurationError(f"{what}: {FORMAT_KEY}: must be a whole number >= 1, got {shown(number)}")
+    if number > FORMAT:
+        raise ConfigurationError(
+            f"{what}: {FORMAT_KEY} {number}, of a later version of uuv; this one reads 1 to {FORMAT}"
+        )
+
+
 def _next_to_others(home: Path, name: str) -> Path:
     """Create the folder `name` in `home`, or `name`.2 and so on if another run began in the same second."""
     for again in count(1):
@@ -95,6 +114,11 @@ def claimed_folder() -> Path:
     if not _claimed:
         raise ConfigurationError("no run was begun")
     return _claimed[-1].folder
+
+
+def works_in(folder: Path) -> None:
+    """Note that the results of this process go to `folder`, which holds those of earlier ones too: a study resumed."""
+    _claimed.append(_Claimed(folder, made=False))
 
 
 def give_back() -> None:

@@ -34,6 +34,9 @@ from uuv.calib import Arm, MapFit
 from uuv.calib import identify as calibrate
 from uuv.calib.arm_files import read_arm
 from uuv.calib.touch_files import read_touches
+from uuv.cli import main as verbs
+from uuv.cli.completion import options_class, options_in
+from uuv.cli.run_job import job_options, with_those_of_run
 from uuv.controllers.mkps import Chain, IkOptions, Tracker, solve, solve_many
 from uuv.models.arms import published_arms
 from uuv.models.objects import deformed, targets
@@ -776,26 +779,15 @@ def _options_stage(script: str, options: Any) -> Any:
     return made.site.pose(np.random.default_rng(0))
 
 
+VERBS = ("calibrate", "plan-seabed", "identify object", "identify friction", "identify water", "campaign", "benchmark")
+JOBS = ("clean-barrel", "clean-object", "clean-pile", "inspect-object", "insert-sampler", "sample-seabed")
 SCRIPTS = (
-    "clean_barrel",
-    "clean_object",
-    "clean_pile",
-    "inspect_object",
-    "insert_sampler",
-    "sample_seabed",
-    "calibrate_arm",
-    "plan_seabed",
-    "identify_object",
     "experiments.contact.step_response",
     "experiments.contact.contact",
     "experiments.kinematics.ik",
     "experiments.seabed.seabed",
     "experiments.contact.tip_force",
 )
-OPTIONS = {
-    "identify_object": "IdentificationOptions",
-    "calibrate_arm": "CalibrationOptions",
-}  # class of the options, where it is not `Options`
 VALUES = (
     "nan",
     "inf",
@@ -838,12 +830,21 @@ VALUES = (
 )
 
 
-def _script_door(script: str) -> Door:
+def _options_of(name: str) -> type[Any]:
+    """Class of the options of a job, a verb or a script."""
+    if name in JOBS:
+        return with_those_of_run(job_options(name))
+    if name in VERBS:
+        return options_class(verbs.VERBS[name])
+    return importlib.import_module(name).Options
+
+
+def _options_door(name: str) -> Door:
     def throw(rng: Rng, folder: Path) -> Any:
-        kind = getattr(importlib.import_module(script), OPTIONS.get(script, "Options"))
-        flags = [f"--{field.name.replace('_', '-')}" for field in dataclasses.fields(kind)]
+        kind = _options_of(name)
+        flags = [word for word in options_in(kind) if word != "--help"]
         args: list[str] = ["--out", str(folder)] if "--out" in flags else []
-        if script == "plan_seabed":
+        if name == "plan-seabed":
             args += ["--cloud", str(folder / "none.txt"), "--targets", str(folder / "none.txt")]
         for _ in range(int(rng.integers(1, 3))):
             args.append(one_of(rng, flags))
@@ -857,15 +858,15 @@ def _script_door(script: str) -> Door:
             if stop.code != startup.BAD_INPUT or text.count("\n") != 1 or len(text) > LONGEST_MESSAGE + 10:
                 raise FindingError(f"options {args}: code {stop.code}, {text!r}") from stop
             raise RefusedError(text.strip()) from None
-        return _options_stage(script, options)
+        return _options_stage(name, options)
 
-    return Door(f"options: {script}", throw, 0.25, lambda: importlib.import_module(script))
+    return Door(f"options: {name}", throw, 0.25, lambda: _options_of(name))
 
 
 DOORS: tuple[Door, ...] = (
     *(_file_door(name) for name in VALID),
     *_python_doors(),
-    *(_script_door(script) for script in SCRIPTS),
+    *(_options_door(name) for name in (*JOBS, *VERBS, *SCRIPTS)),
 )
 
 

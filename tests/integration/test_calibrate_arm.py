@@ -20,8 +20,8 @@ JOINTS = tuple(f"joint{k}" for k in range(1, 7))
 
 
 @pytest.fixture
-def calibrate(script):
-    return partial(script, "calibrate_arm")
+def calibrate(verb):
+    return partial(verb, "calibrate")
 
 
 @pytest.fixture(scope="module")

@@ -18,8 +18,8 @@ def _compiled() -> None:
     hydrodynamics.install()
 
 
-def test_gears_that_differ_from_belief_are_found(script, tmp_path):
-    run = script("identify_friction", "--quick", "--no-record", "--seed", 1, "--out", tmp_path)
+def test_gears_that_differ_from_belief_are_found(verb, tmp_path):
+    run = verb("identify", "friction", "--quick", "--no-record", "--seed", 1, "--out", tmp_path)
     assert run.returncode == 0, run.stdout + run.stderr
     assert "Stribeck speed [rad/s]" in run.stdout
     metrics = json.loads((tmp_path / "metrics.json").read_text("utf-8"))
@@ -41,8 +41,8 @@ def test_gears_that_differ_from_belief_are_found(script, tmp_path):
         pytest.param(["--vehicle", "bluerov2_heavy"], "body 'arm_base' (carries the arm)", id="no arm"),
     ],
 )
-def test_what_cannot_be_is_one_line_and_code_2(script, tmp_path, options, said):
-    run = script("identify_friction", "--out", tmp_path / "out", *options)
+def test_what_cannot_be_is_one_line_and_code_2(verb, tmp_path, options, said):
+    run = verb("identify", "friction", "--out", tmp_path / "out", *options)
     assert run.returncode == 2, run.stdout + run.stderr
     assert run.stderr.startswith("error: ")
     assert run.stderr.count("\n") == 1

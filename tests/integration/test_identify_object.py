@@ -14,16 +14,16 @@ def scene():
     return object_scene("starfish", 1)
 
 
-def test_a_cloud_with_blemishes_is_searched(script, scene, tmp_path):
+def test_a_cloud_with_blemishes_is_searched(verb, scene, tmp_path):
     points = scene.scan.points.reshape(-1, 3)[::7]
     points = points[np.isfinite(points).all(axis=1)]
     rows = np.vstack([points, points[:100], np.zeros((20, 3)), np.full((30, 3), np.nan)])
     np.savetxt(tmp_path / "cloud.xyz", 1e3 * rows, "%.2f")
     known = ("--object", "starfish", "--cloud", tmp_path / "cloud.xyz", "--approach", *scene.approach)
-    refused = script("identify_object", *known, "--out", tmp_path / "out")
+    refused = verb("identify", "object", *known, "--out", tmp_path / "out")
     assert refused.returncode == 2
     assert "millimetres" in refused.stderr
-    done = script("identify_object", *known, "--scale", 0.001, "--out", tmp_path / "out")
+    done = verb("identify", "object", *known, "--scale", 0.001, "--out", tmp_path / "out")
     assert done.returncode in (0, 1), done.stderr
     assert "not finite" in done.stdout
     found = json.loads((tmp_path / "out" / "identification.json").read_text("utf-8"))
@@ -33,9 +33,11 @@ def test_a_cloud_with_blemishes_is_searched(script, scene, tmp_path):
         assert (tmp_path / "out" / name).stat().st_size > 5000
 
 
-def test_object_and_cloud_in_different_units(script, scene, tmp_path):
+def test_object_and_cloud_in_different_units(verb, scene, tmp_path):
     np.savetxt(tmp_path / "cloud.xyz", 0.001 * scene.scan.points.reshape(-1, 3)[::50])
-    done = script("identify_object", "--object", "barrel", "--cloud", tmp_path / "cloud.xyz", "--out", tmp_path / "out")
+    done = verb(
+        "identify", "object", "--object", "barrel", "--cloud", tmp_path / "cloud.xyz", "--out", tmp_path / "out"
+    )
     assert done.returncode == 2
     assert done.stderr.count("\n") == 1
     assert "--mesh-scale" in done.stderr
@@ -50,8 +52,8 @@ def test_objects_by_name_or_file(tmp_path):
 @pytest.mark.long(
     guarded_by="tests/unit/perception/toolpath/test_deformation.py::test_growth_and_dent_are_found_as_they_are"
 )
-def test_deformed_object_is_mapped(script, tmp_path):
-    done = script("identify_object", "--object", "rock", "--fouled", 0.04, "--dented", 0.03, "--out", tmp_path)
+def test_deformed_object_is_mapped(verb, tmp_path):
+    done = verb("identify", "object", "--object", "rock", "--fouled", 0.04, "--dented", 0.03, "--out", tmp_path)
     assert done.returncode == 0, done.stderr
     found = json.loads((tmp_path / "identification.json").read_text("utf-8"))["deformation"]
     assert {np.sign(region["largest_m"]) for region in found["regions"]} == {1.0, -1.0}
@@ -61,12 +63,12 @@ def test_deformed_object_is_mapped(script, tmp_path):
         assert (tmp_path / name).stat().st_size > 5000
 
 
-def test_which_of_several_objects_it_is(script, tmp_path):
-    done = script("identify_object", "--object", "starfish", "--among", "starfish", "valve", "--out", tmp_path)
+def test_which_of_several_objects_it_is(verb, tmp_path):
+    done = verb("identify", "object", "--object", "starfish", "--among", "starfish", "valve", "--out", tmp_path)
     assert done.returncode == 0, done.stdout + done.stderr
     said = json.loads((tmp_path / "identification.json").read_text())
     assert said["object"] == "starfish"
     assert [each["object"] for each in said["candidates"]] == ["starfish", "valve"]
-    refused = script("identify_object", "--among", "valve", "valve", "--out", tmp_path / "twice")
+    refused = verb("identify", "object", "--among", "valve", "valve", "--out", tmp_path / "twice")
     assert refused.returncode == 2
     assert "'valve' is there twice" in refused.stdout + refused.stderr

@@ -17,10 +17,10 @@ def files(tmp_path):
     return tmp_path, ground
 
 
-def test_a_path_from_files(script, files, within):
+def test_a_path_from_files(verb, files, within):
     folder, ground = files
     given = ("--cloud", folder / "cloud.txt", "--targets", folder / "targets.txt")
-    done = script("plan_seabed", *given, "--out", folder / "out")
+    done = verb("plan-seabed", *given, "--out", folder / "out")
     assert done.returncode == 0, done.stderr
     T = np.loadtxt(folder / "out" / "profile.csv", delimiter=",", skiprows=1)
     path = np.loadtxt(folder / "out" / "path.csv", delimiter=",", skiprows=1)
@@ -30,10 +30,10 @@ def test_a_path_from_files(script, files, within):
     assert (folder / "out" / "plan.png").stat().st_size > 20_000
 
 
-def test_bad_files_end_in_one_line(script, files):
+def test_bad_files_end_in_one_line(verb, files):
     folder, _ = files
     (folder / "empty.txt").touch()
-    done = script("plan_seabed", "--cloud", folder / "empty.txt", "--targets", folder / "targets.txt")
+    done = verb("plan-seabed", "--cloud", folder / "empty.txt", "--targets", folder / "targets.txt")
     assert done.returncode == 2
     assert done.stderr.count("\n") == 1
     assert "the file is empty" in done.stderr

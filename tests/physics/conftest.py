@@ -1,6 +1,6 @@
 """Every physics test runs with the callback installed.
 
-`@pytest.mark.check(name, reference)` puts a test on the validation page: `scripts/validate_physics.py` runs those tests
+`@pytest.mark.check(name, reference)` puts a test on the validation page: `uuv validate` runs those tests
 and shows one line for each name. What `within` was given travels there in the test's report.
 """
 

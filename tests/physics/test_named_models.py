@@ -3,10 +3,9 @@
 The figures below are typed from the sources, in their axes (forward, starboard, down), apart from those in `models`.
 """
 
+import json
 import re
-import sys
 from functools import cache
-from importlib import import_module
 from typing import Any
 
 import mujoco
@@ -578,9 +577,8 @@ def test_vehicle_of_the_concepts_page_keeps_its_place(root, within, capfd):
     within("own_vehicle.md: off the attitude [rad]", rotation_angle(np.eye(3), plant.truth.R_WB), 0.1)
 
 
-def test_script_lists_every_model(monkeypatch, capsys):
-    monkeypatch.setattr(sys, "argv", ["show_models.py"])
-    monkeypatch.setenv("COLUMNS", "200")
-    assert import_module("show_models").main() == 0
-    told = capsys.readouterr().out
+def test_the_verb_lists_every_model(verb):
+    told = verb("models").stdout
     assert not [name for name in NAMES if f" {name} " not in told]
+    (figures,) = json.loads(verb("models", NAMES[0], "--json").stdout).values()
+    assert figures["mass_kg"] > 0.0

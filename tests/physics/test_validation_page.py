@@ -23,7 +23,7 @@ def test_page_shows_every_check(root):
     text = (root / "docs" / "results.md").read_text(encoding="utf-8")
     (table,) = re.findall(r"^Physics on MuJoCo .*\n\n\|.*\n\|.*\n((?:\|.*\n)+)", text, flags=re.MULTILINE)
     rows = [[cell.strip() for cell in line.strip("|").split("|")] for line in table.splitlines()]
-    assert [tuple(row[:2]) for row in rows] == checks(), "run scripts/validate_physics.py --docs"
+    assert [tuple(row[:2]) for row in rows] == checks(), "run uuv validate --docs"
     assert {row[-1] for row in rows} == {"ok"}
 
 

@@ -8,7 +8,7 @@ from uuv.catalogue import things
 from uuv.sim.interfaces.errors import ConfigurationError, did_you_mean
 from uuv.sim.runs.command_line import ScenarioOptions
 
-COMMAND = "calibrate_arm"  # name in the results
+COMMAND = "calibrate"  # name in the results
 Touching = Literal["noise", "clamped", "hovering"]
 
 

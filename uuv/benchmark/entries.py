@@ -5,9 +5,10 @@ from dataclasses import dataclass
 from typing import get_args
 
 from uuv.experiment.loaded_code import digests, file_of
+from uuv.kinds import CONTROLLERS
 from uuv.methods import Method
 from uuv.scenario import Control
-from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.errors import ConfigurationError, did_you_mean
 from uuv.sim.interfaces.spatial import shown
 
 ENTRIES: Mapping[str, Control] = {
@@ -36,13 +37,17 @@ class Entry:
             estimator: MODULE:CLASS of the estimator that it brings; empty: none.
 
         Raises:
-            ConfigurationError: The name is empty, or there is no such module.
+            ConfigurationError: No controller has that name, or there is no such module.
         """
         control = ENTRIES.get(name) or Control(controller=name)
         module, colon, word = control.controller.partition(":")
         if not module or (colon and not word):
             known = ", ".join(ENTRIES)
             raise ConfigurationError(f"--entry: allowed {known}, a registered name or MODULE:CLASS, got {shown(name)}")
+        if not colon and module not in CONTROLLERS:
+            known = tuple(dict.fromkeys((*ENTRIES, *CONTROLLERS.names())))
+            allowed, meant = f"{', '.join(known)}, or MODULE:CLASS", did_you_mean(name, known)
+            raise ConfigurationError(f"--entry: unknown {shown(name)}; there are {allowed}{meant}")
         if estimator:
             home, _, brought = estimator.partition(":")
             if not (home and brought):

@@ -38,6 +38,7 @@ from uuv.sim.interfaces.errors import ConfigurationError, UuvError
 from uuv.sim.interfaces.files import folder_name
 from uuv.sim.interfaces.spatial import finite_number, shown, whole_number
 from uuv.sim.interfaces.tables import TableReader, toml_of
+from uuv.sim.runs.run_folder import FORMAT_KEY
 
 BASES: Mapping[str, Any] = {
     "barrel": BarrelOptions,
@@ -232,7 +233,8 @@ def _numbers(properties: Mapping[str, Any], before: str) -> list[str]:
             found += _numbers(entry["properties"], f"{before}{name}.")
         elif {"number", "integer", "boolean"} & set(np.atleast_1d(entry.get("type", ())).tolist()):
             found.append(before + name)
-    return [name for name in found if not name.startswith("timings.")]  # they differ between repetitions
+    # Timings differ between repetitions; the format is no figure.
+    return [name for name in found if name != FORMAT_KEY and not name.startswith("timings.")]
 
 
 def _at(nested: Any, name: str) -> Any:

@@ -74,7 +74,7 @@ def summarise(rows: list[Row], campaign: Campaign, file: str) -> Summary:
     """
     for row in rows:  # --page sums up what is there, whoever has made it
         checked_row(row)
-    replay = f"scripts/run_campaign.py {file} --replay"
+    replay = f"uuv campaign {file} --replay"
     outcomes = [outcome(row, campaign.bounds) for row in rows]
     counts = Counter(outcomes).most_common()
     kept = outcomes.count(KEPT)

@@ -1,12 +1,42 @@
-"""Carries out what a command describes: one run, or trials over many seeds."""
+"""Carries out what a command describes: one run, or trials over many seeds, and prints what was asked for."""
 
-from typing import TYPE_CHECKING
+import itertools
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated
 
+from tyro.conf import UseAppendAction
+
+from uuv.cli.json_output import file_alone, folder_of
 from uuv.jobs import TrialOptions
+from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.runs.command_line import RunOptions
 
 if TYPE_CHECKING:  # a help text does without
     from uuv.scenario import Scenario
+
+METRICS = "metrics.json"  # as `uuv.sim.reporting.series_tables` has it, which a help text does without
+Assignments = Annotated[tuple[tuple[str, ...], ...], UseAppendAction]  # of --set: KEY=VALUE ..., repeatable
+
+
+@dataclass(kw_only=True)
+class Output:
+    """What a run prints."""
+
+    quiet: bool = False
+    """Print the verdict and the folder alone."""
+    json: bool = False
+    """Print metrics.json alone."""
+
+
+def values_of(assignments: tuple[tuple[str, ...], ...]) -> tuple[str, ...]:
+    """All assignments of --set, in order.
+
+    Raises:
+        ConfigurationError: A --set has none.
+    """
+    if not all(assignments):
+        raise ConfigurationError("--set: KEY=VALUE is missing")
+    return tuple(itertools.chain(*assignments))
 
 
 def run_job(scenario: "Scenario", options: RunOptions, started: float, after: str = "") -> int:
@@ -36,3 +66,22 @@ def run_job(scenario: "Scenario", options: RunOptions, started: float, after: st
     from uuv.command import command
 
     return command(scenario, options, started, after)
+
+
+def run_printed(scenario: "Scenario", options: RunOptions, output: Output, started: float, after: str = "") -> int:
+    """As `run_job`, with the output that was asked for: all, the verdict and the folder, or metrics.json."""
+
+    def work() -> int:
+        return run_job(scenario, options, started, after)
+
+    if output.json:
+        return file_alone(work, METRICS)
+    if not output.quiet:
+        return work()
+    code, folder = folder_of(work)
+    from uuv.sim.interfaces.tables import json_of
+
+    metrics = json_of(folder / METRICS, "metrics")
+    failed = "; ".join(metrics.get("failed", ()))  # trials may have no bounds
+    print(f"{f'not accepted: {failed}' if failed else 'accepted'}\n{folder}")
+    return code

@@ -1,30 +1,33 @@
 """Completion in the shell: `source <(uuv completion bash)`, or zsh."""
 
-from collections.abc import Sequence
-from dataclasses import fields
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, fields
+from importlib import import_module
+from typing import Annotated, Any, get_type_hints
 
-from uuv import jobs as options
+from tyro.conf import Positional, arg
+
 from uuv.catalogue import JOBS, SHELVES
-from uuv.cli.main import VERBS
+from uuv.cli.main import VERBS, Verb, objects_of
+from uuv.cli.past.past_runs import Run
+from uuv.cli.run_job import FileOptions, job_options, with_those_of_run
 from uuv.cli.skeletons import SKELETONS
-from uuv.sim.interfaces.errors import ConfigurationError
-from uuv.sim.runs.command_line import OF_UUV_RUN
+from uuv.sim.interfaces.errors import ConfigurationError, did_you_mean
+from uuv.sim.runs.command_line import parse
 
+_SHELLS = ("bash", "zsh")
 _ZSH = "autoload -U +X compinit && compinit\nautoload -U +X bashcompinit && bashcompinit\n"
-_OF_PAST_RUNS = ("compare", "replay", "report", "view", "picture")
-_OF_RUN = (*OF_UUV_RUN, "--trust", "--help")
+_MARK = getattr(Positional[str], "__metadata__")[0]  # noqa: B009  of what has no -- before it
 _SCRIPT = """_uuv() {{
     local word=${{COMP_WORDS[COMP_CWORD]}} words=""
-    case "$COMP_CWORD ${{COMP_WORDS[1]}}" in
+    case "$COMP_CWORD ${{COMP_WORDS[1]}} ${{COMP_WORDS[2]}}" in
     1*) words="{verbs}" ;;
-    "2 run") words="{jobs}" ;;
-    *" list") words="{kinds}" ;;
-    "2 new") words="{skeletons}" ;;
-{past}
-    *" run")
-        case "${{COMP_WORDS[2]}}" in
+{groups}
+    "2 run "*) words="{jobs}" ;;
+    "2 new "*) words="{skeletons}" ;;
+    "2 completion "*) words="{shells}" ;;
 {by_job}
-        esac ;;
+{by_verb}
     esac
     case "$word" in
     -*) COMPREPLY=($(compgen -W "$words" -- "$word")) ;;
@@ -35,36 +38,73 @@ complete -o filenames -F _uuv uuv
 """
 
 
+@dataclass(kw_only=True)
+class CompletionOptions:
+    """Print the script that completes verbs, names and options: source <(uuv completion bash)."""
+
+    shell: Annotated[Positional[str], arg(metavar="SHELL", help=f"Of {', '.join(_SHELLS)}.")]
+
+
 def main(verb: str, args: Sequence[str]) -> int:
     """Prints the script; returns the exit code."""
     del verb
-    if len(args) != 1 or args[0] in ("-h", "--help"):
-        print("usage: uuv completion bash|zsh\n\nCompletion of verbs, names and options: source <(uuv completion bash)")
-        return 0 if args and args[0] in ("-h", "--help") else 2
-    if args[0] not in ("bash", "zsh"):
-        raise ConfigurationError(f"completion: allowed bash, zsh, got {args[0]!r}")
-    print((_ZSH if args[0] == "zsh" else "") + script(), end="")
+    shell = parse(CompletionOptions, args).shell
+    if shell not in _SHELLS:
+        allowed = ", ".join(_SHELLS)
+        raise ConfigurationError(f"completion: allowed {allowed}, got {shell!r}{did_you_mean(shell, _SHELLS)}")
+    print((_ZSH if shell == "zsh" else "") + script(), end="")
     return 0
 
 
 def script() -> str:
     """Completion for bash."""
-    by_job = "\n".join(f'        {job}) words="{" ".join(options_of(job))}" ;;' for job in JOBS)
-    past = "\n".join(f'    *" {verb}") words="{" ".join(JOBS)}" ;;' for verb in _OF_PAST_RUNS)
+    firsts = dict.fromkeys(name.partition(" ")[0] for name in VERBS)
+    groups = {first: objects_of(first) for first in firsts if objects_of(first)}
+    jobs = {job: options_in(with_those_of_run(job_options(job))) for job in JOBS}
+    jobs["*.toml"] = options_in(with_those_of_run(FileOptions))
     return _SCRIPT.format(
-        verbs=" ".join(VERBS),
+        verbs=" ".join(firsts),
+        groups=_cases((f'"2 {first} "*', objects) for first, objects in groups.items()),
         jobs=" ".join(JOBS),
-        kinds=" ".join(shelf.kind for shelf in SHELVES),
         skeletons=" ".join(SKELETONS),
-        past=past,
-        by_job=by_job,
+        shells=" ".join(_SHELLS),
+        by_job=_cases((f'*" run "{job}', words) for job, words in jobs.items()),
+        by_verb=_cases((_pattern(name), words_of(name, verb)) for name, verb in VERBS.items()),
     )
 
 
-def options_of(job: str) -> list[str]:
-    """Options of a job as they are typed."""
+def words_of(name: str, verb: Verb) -> list[str]:
+    """Words that may follow a verb: its options, and names where it takes some."""
+    kind = options_class(verb)
+    hints = get_type_hints(kind, include_extras=True)
+    takes_runs = Run in hints.values()
+    names = list(JOBS) if takes_runs else []  # the latest run of a job
+    if name == "list":
+        names = [shelf.kind for shelf in SHELVES]
+    return [*names, *options_in(kind)]
+
+
+def options_class(verb: Verb) -> type[Any]:
+    """Class of the options of a verb."""
+    return getattr(import_module(f"uuv.cli.{verb.module}"), verb.options)
+
+
+def options_in(kind: type[Any]) -> list[str]:
+    """Options of a class as they are typed."""
+    hints = get_type_hints(kind, include_extras=True)
     words = []
-    for field in fields(getattr(options, JOBS[job])):
-        name = field.name.replace("_", "-")
-        words.append(f"--no-{name}" if field.default is True else f"--{name}")
-    return [*words, *_OF_RUN]
+    for field in fields(kind):
+        if _MARK not in getattr(hints[field.name], "__metadata__", ()):
+            name = field.name.replace("_", "-")
+            words.append(f"--no-{name}" if field.default is True else f"--{name}")
+    return [*words, "--help"]
+
+
+def _pattern(name: str) -> str:
+    """Pattern of number, first and second word of a command line with that verb."""
+    return f'*" {name}"' if " " in name else f'*" {name} "*'
+
+
+def _cases(entries: Iterable[tuple[str, Sequence[str]]]) -> str:
+    """Branches of the script: words by pattern."""
+    return "\n".join(f'    {pattern}) words="{" ".join(words)}" ;;' for pattern, words in entries)

@@ -3,7 +3,6 @@
 import contextlib
 import importlib
 import io
-import json
 import os
 import platform
 import subprocess
@@ -13,14 +12,10 @@ from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from importlib.metadata import PackageNotFoundError, version
 
-from rich.table import Table
-from rich.text import Text
-
+from uuv.cli.json_output import print_json
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.extras import EXTRAS, to_install
-from uuv.sim.interfaces.kernels import store
 from uuv.sim.runs.command_line import parse
-from uuv.sim.runs.terminal import console
 
 OK, ABSENT = "ok", "absent"
 _COLOURS = {OK: "green", ABSENT: "yellow"}
@@ -49,7 +44,7 @@ class DoctorOptions:
     kernels: bool = False
     """The store of compiled kernels alone: its place, size and age, and what the last start took from it."""
     json: bool = False
-    """With --kernels: as JSON."""
+    """Print the table, or with --kernels the store, as JSON."""
     empty_kernels: bool = False
     """Remove all files of the store; the next start compiles anew."""
 
@@ -62,18 +57,27 @@ def main(verb: str, args: Sequence[str]) -> int:
         return _empty_kernels()
     if options.kernels:
         return _print_kernels(options.json)
+    rows = list(_rows())
+    sound = not any(state == ABSENT and name in _NEEDED for name, state, _ in rows)
     if options.json:
-        raise ConfigurationError("--json: of --kernels alone")
+        print_json({name: {"state": state, "about": about} for name, state, about in rows})
+        return 0 if sound else 1
+
+    from rich.table import Table
+    from rich.text import Text
+
+    from uuv.sim.runs.terminal import console
+
     table = Table("", "", "for", title="this machine", title_justify="left")
-    sound = True
-    for name, state, said in _rows():
-        table.add_row(name, Text(state, style=_COLOURS[state]), said)
-        sound &= not (state == ABSENT and name in _NEEDED)
+    for name, state, about in rows:
+        table.add_row(name, Text(state, style=_COLOURS[state]), about)
     console(120).print(table)
     return 0 if sound else 1
 
 
 def _empty_kernels() -> int:
+    from uuv.sim.interfaces.kernels import store  # brings numba
+
     folder = store.folder()
     if folder is None:
         raise ConfigurationError(f"--empty-kernels: there is no store: {store.content().why}")
@@ -83,12 +87,13 @@ def _empty_kernels() -> int:
 
 def _print_kernels(as_json: bool) -> int:
     """Prints the store's content; 1 if there is no store."""
+    from uuv.sim.interfaces.kernels import store
+
     content, last = store.content(), store.last_start()
     if as_json:
         entries = asdict(content) | {"folder": None if content.folder is None else str(content.folder)}
         entries["last_start"] = None if last is None else asdict(last)
-        json.dump(entries, sys.stdout, indent=2)
-        print()
+        print_json(entries)
     elif content.folder is None:
         print(f"no store of compiled kernels: {content.why}")
     else:
@@ -162,6 +167,8 @@ def _numba_threads() -> int:
 
 
 def _compiled() -> tuple[str, str]:
+    from uuv.sim.interfaces.kernels import store
+
     content, last = store.content(), store.last_start()
     if content.folder is None:
         return ABSENT, f"each start compiles, one to two minutes: {content.why}"

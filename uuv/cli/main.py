@@ -1,40 +1,67 @@
-"""Entry of the command `uuv`: chooses the verb, and imports what it needs only then."""
+"""Entry of the command `uuv`: the table of verbs; what a verb needs is imported when it is chosen."""
 
 import importlib
 import os
 import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import NoReturn
 
-USAGE = """uuv list                      what there is: jobs, studies, vehicles, objects, ...
-uuv run clean-barrel --seed 3 a job; also a scenario file, my.toml
-uuv compare RUN RUN           figures of runs side by side
-uuv replay RUN                runs again from its record, to the bit
-uuv report RUN                the report of a run
-uuv view RUN                  its log in the Rerun viewer
-uuv picture RUN               a still and a clip of a run
-uuv check VEHICLE             what a vehicle has of the contract, and what follows
-uuv wet MODEL                 water of a URDF, MJCF or mesh from its geometry
-uuv identify-water --log FILE added mass, damping, trim and thrust from logs
-uuv doctor                    what works on this machine
-uuv new KIND NAME             a working skeleton with a test
-uuv completion bash           completion for the shell: source <(uuv completion bash)
 
-uuv VERB --help lists the options of a verb."""
-VERBS = {  # verb: module that has `main(verb, args) -> exit code`
-    "list": "uuv.catalogue",
-    "run": "uuv.cli.run_job",
-    "compare": "uuv.cli.compare_runs",
-    "replay": "uuv.cli.past_runs",
-    "report": "uuv.cli.past_runs",
-    "view": "uuv.cli.past_runs",
-    "picture": "uuv.cli.picture",
-    "check": "uuv.cli.check_vehicle",
-    "wet": "uuv.cli.wet_model",
-    "identify-water": "uuv.cli.identify_water",
-    "doctor": "uuv.cli.doctor",
-    "new": "uuv.cli.skeletons",
-    "completion": "uuv.cli.completion",
+@dataclass(frozen=True, slots=True)
+class Verb:
+    """One verb: where its work is, and its line of USAGE."""
+
+    module: str  # below `uuv.cli`; it has `main(verb, args) -> exit code`
+    options: str  # class of the verb's options, there
+    given: str  # what follows the verb in its line of USAGE
+    about: str  # the rest of that line
+    earlier: str = ""  # its name as a command of its own, where that is another spelling
+
+
+VERBS = {  # by the one or two words that are typed
+    "list": Verb("listing", "ListOptions", "", "what there is: jobs, experiments, vehicles, ..."),
+    "run": Verb("run_job", "RunVerb", "NAME", "a job, or a scenario file: my.toml", "run-scenario"),
+    "check": Verb("check_vehicle", "CheckOptions", "VEHICLE", "what a vehicle has of the contract"),
+    "wet": Verb("wet_model", "WetOptions", "MODEL", "water of a URDF, MJCF or mesh from its geometry"),
+    "new": Verb("skeletons", "NewOptions", "KIND NAME", "a working skeleton with a test"),
+    "doctor": Verb("doctor", "DoctorOptions", "", "what works on this machine"),
+    "completion": Verb("completion", "CompletionOptions", "SHELL", "completion for bash or zsh"),
+    "compare": Verb("past.compare_runs", "CompareOptions", "RUN RUN", "figures of runs side by side"),
+    "replay": Verb("past.past_runs", "ReplayOptions", "RUN", "runs again from its record, to the bit"),
+    "report": Verb("past.past_runs", "ReportOptions", "RUN", "the report of a run"),
+    "view": Verb("past.past_runs", "ViewOptions", "RUN", "its log in the Rerun viewer"),
+    "picture": Verb("past.picture", "PictureOptions", "RUN", "a still and a clip of a run"),
+    "identify object": Verb("identify.object", "ObjectVerb", "--cloud FILE", "pose of a known object in a point cloud"),
+    "identify friction": Verb("identify.friction", "FrictionVerb", "", "friction of the arm's gears"),
+    "identify water": Verb(
+        "identify.water", "WaterVerb", "--log FILE", "added mass, damping, trim and thrust from logs"
+    ),
+    "calibrate": Verb(
+        "calibrate", "CalibrateVerb", "--touches FILE", "an arm's kinematics from touches", "calibrate-arm"
+    ),
+    "plan-seabed": Verb("plan_seabed", "PlanOptions", "--cloud FILE", "a tool path on the seabed from a cloud"),
+    "campaign": Verb("campaign", "CampaignOptions", "FILE", "many runs with drawn parameters", "run-campaign"),
+    "compare-campaigns": Verb(
+        "compare_campaigns", "CompareCampaignsOptions", "FOLDER FOLDER", "two campaigns of the same draws"
+    ),
+    "models": Verb("models", "ModelsOptions", "", "named models, their size and sources", "show-models"),
+    "validate": Verb(
+        "validate", "ValidateOptions", "", "the physics against closed forms, in a checkout", "validate-physics"
+    ),
+    "benchmark": Verb(
+        "benchmark", "BenchmarkOptions", "--entry NAME", "score of a controller: UUV contact", "contact-score"
+    ),
 }
+
+
+def _usage() -> str:
+    begin = {name: f"uuv {name} {verb.given}".rstrip() for name, verb in VERBS.items()}
+    wide = max(map(len, begin.values())) + 2
+    return "\n".join(f"{begin[name]:<{wide}}{verb.about}" for name, verb in VERBS.items())
+
+
+USAGE = _usage()
 
 
 def main() -> NoReturn:
@@ -43,30 +70,61 @@ def main() -> NoReturn:
 
     refuse_foreign_system()
     args = sys.argv[1:]
-    verb = args[0] if args else "help"
-    if verb in VERBS and verb != "list":
+    name = chosen(args)
+    if name:
         from uuv.start import run_scenario
 
-        if verb == "picture":
+        if name == "picture":
             _choose_renderer()
         parts_from_the_working_folder()
-        sys.argv = [f"uuv {verb}", *args[1:]]
-        run_scenario(lambda: importlib.import_module(VERBS[verb]).main(verb, args[1:]))
-    with quiet_pipe():  # half a second is too long to say what there is: nothing heavy is imported
-        if verb == "list":
-            raise SystemExit(importlib.import_module(VERBS[verb]).main(verb, args[1:]))
-        if verb in ("-h", "--help", "help"):
-            print(USAGE)
+        verb, rest = VERBS[name], args[len(name.split()) :]
+        sys.argv = [f"uuv {name}", *rest]
+        run_scenario(lambda: importlib.import_module(f"uuv.cli.{verb.module}").main(name, rest))
+    with quiet_pipe():  # what there is to say needs nothing heavy
+        if not args or args[0] in ("-h", "--help", "help"):
+            print(f"{USAGE}\n\nuuv VERB --help lists the options of a verb.")
             raise SystemExit(0)
-        if verb == "--version":
+        if args[0] == "--version":
             from importlib.metadata import version
 
             print(f"uuv-arm {version('uuv-arm')}")
             raise SystemExit(0)
-        from uuv.sim.interfaces.errors import did_you_mean
-
-        print(f"error: no verb {verb!r}; there are {', '.join(VERBS)}{did_you_mean(verb, VERBS)}", file=sys.stderr)
+        print(f"error: {no_verb(args)}", file=sys.stderr)
         raise SystemExit(BAD_INPUT)
+
+
+def chosen(args: Sequence[str]) -> str:
+    """The verb that a command line begins with; empty: with none."""
+    both, first = " ".join(args[:2]), args[0] if args else ""
+    return both if both in VERBS else first if first in VERBS else ""
+
+
+def no_verb(args: Sequence[str]) -> str:
+    """Why a command line has no verb: an earlier spelling, a group without its object, or a word that is none."""
+    from uuv.sim.interfaces.errors import did_you_mean, one_line
+
+    word, *more = args
+    if now := present_spelling(word):
+        return f"{one_line(word)}: that is now `uuv {now}`"
+    if objects := objects_of(word):
+        got = one_line(more[0]) if more else "none"
+        return f"{word}: needs one of {', '.join(objects)}, got {got}{did_you_mean(got, objects)}"
+    first = list(dict.fromkeys(name.partition(" ")[0] for name in VERBS))
+    return f"no verb {one_line(word)!r}; there are {', '.join(first)}{did_you_mean(word, first)}"
+
+
+def present_spelling(word: str) -> str:
+    """The verb that does what a command of that name did; empty: there was none."""
+    plain = word.removesuffix(".py").replace("_", "-")
+    for name, verb in VERBS.items():
+        if plain == verb.earlier or (plain == name.replace(" ", "-") and word != name):
+            return name
+    return ""
+
+
+def objects_of(group: str) -> list[str]:
+    """Second words of the verbs whose first one is `group`."""
+    return [name.partition(" ")[2] for name in VERBS if name.startswith(f"{group} ")]
 
 
 def _choose_renderer() -> None:

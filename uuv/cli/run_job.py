@@ -1,32 +1,48 @@
 """A job or a scenario file: `uuv run NAME [OPTIONS]`, `uuv run FILE.toml [OPTIONS]`."""
 
-import contextlib
-import io
-import json
-import sys
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, make_dataclass, replace
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar
+
+from tyro.conf import Positional, arg
 
 from uuv import jobs
 from uuv.catalogue import JOBS
-from uuv.cli.carry_out import run_job
+from uuv.cli.carry_out import Assignments, Output, run_printed, values_of
+from uuv.cli.main import VERBS, present_spelling
 from uuv.sim.interfaces.errors import ConfigurationError, did_you_mean
-from uuv.sim.runs.command_line import JSON, QUIET, SET, TASK, Options, RunOptions, parse
-from uuv.sim.runs.run_folder import claimed_folder
+from uuv.sim.runs.command_line import RunOptions, as_base, parse
 
-_MORE = f"""\
-  {SET} KEY=VALUE ...  other values, by the keys of a scenario file and in its units, such as task.speed=0.03
-                      or perturbations.MountedObject.stiffness=1e4
-  {TASK} MODULE:CLASS  a task of one's own, with its defaults, in place of the job's (`uuv new task NAME`)
-  {QUIET}              print the verdict and the folder alone
-  {JSON}               print metrics.json alone"""
-_HELP = f"""usage: uuv run NAME|FILE.toml [OPTIONS]
+if TYPE_CHECKING:  # a help text does without
+    from uuv.scenario import Scenario
 
-NAME: {", ".join(JOBS)}; `uuv run NAME --help` lists its options.
-FILE.toml: a scenario, such as the scenario.toml in the folder of every run.
+TASK = "--task"
+Options = TypeVar("Options")
 
-{_MORE}"""
+
+@dataclass(kw_only=True)
+class EveryJob(Output):
+    """Options of `uuv run` beside those of the job."""
+
+    set: Assignments = ()
+    """KEY=VALUE, repeatable: values by the keys of a scenario file, in its units, such as task.speed=0.03 or
+    perturbations.MountedObject.stiffness=1e4."""
+    task: str | None = None
+    """MODULE:CLASS of a task of one's own, with its defaults, in place of the job's (`uuv new task NAME`)."""
+
+
+@dataclass(kw_only=True)
+class RunVerb(EveryJob):
+    """Run a job or a scenario file; `uuv run NAME --help` lists the options of a job."""
+
+    name: Annotated[
+        Positional[str],
+        arg(
+            metavar="NAME",
+            help=f"{', '.join(JOBS)}, or a scenario, FILE.toml, such as the scenario.toml in the folder of every run.",
+        ),
+    ]
 
 
 @dataclass(kw_only=True)
@@ -43,74 +59,64 @@ def main(verb: str, args: Sequence[str]) -> int:
     """Runs the job; returns the exit code."""
     del verb
     started = time.perf_counter()
-    if not args or args[0] in ("-h", "--help"):
-        print(_HELP)
-        return 0
-    name, (rest, task, values) = args[0], _assignments([arg for arg in args[1:] if arg not in (QUIET, JSON)])
+    name, rest = (args[0], args[1:]) if args else ("", ())
     if name in JOBS:
-        chosen = _parsed(getattr(jobs, JOBS[name]), rest)
-        scenario = chosen.scenario()
+        options, of_run = parsed(job_options(name), rest)
+        scenario = options.scenario()
     elif name.endswith(".toml"):
-        chosen = _parsed(FileOptions, rest)
-        from uuv.scenario_file import read_scenario
-
-        scenario = read_scenario(name, trust=chosen.trust)
-        if chosen.seed is not None:
-            scenario = replace(scenario, seed=chosen.seed)
+        options, of_run = parsed(FileOptions, rest)
+        scenario = _of_file(name, options)
+    elif name in ("", "-h", "--help"):
+        parse(RunVerb, args)  # ends the command, by the help or the refusal
+        return 0
+    elif name.startswith("-"):
+        raise ConfigurationError(f"{name}: the name of a job comes first: uuv run NAME [OPTIONS]")
     else:
-        raise ConfigurationError(
-            f"no job {name!r}; there are {', '.join(JOBS)}, or a scenario file (.toml){did_you_mean(name, JOBS)}"
-        )
-    if task or values:
+        raise ConfigurationError(_no_job(name))
+
+    changed = [(_of_task(of_run.task), TASK)] if of_run.task is not None else []
+    changed += [(values_of(of_run.set), "--set")] if of_run.set else []
+    if changed:
         from uuv.scenario_file import with_values
 
-        scenario = with_values(with_values(scenario, task, TASK), values)
-    if QUIET not in args and JSON not in args:
-        return run_job(scenario, chosen, started)
-    with contextlib.redirect_stdout(io.StringIO()):
-        code = run_job(scenario, chosen, started)
-    folder = claimed_folder()
-    from uuv.sim.reporting.series_tables import PastRun
-
-    metrics = PastRun.of(folder).metrics
-    if JSON in args:
-        json.dump(metrics, sys.stdout, indent=2)
-        print()
-    else:
-        verdict = "accepted" if metrics["accepted"] else "not accepted: " + "; ".join(metrics["failed"])
-        print(f"{verdict}\n{folder}")
-    return code
+        for values, option in changed:
+            scenario = with_values(scenario, values, option)
+    return run_printed(scenario, options, of_run, started)
 
 
-def _parsed(kind: type[Options], args: Sequence[str]) -> Options:
-    """Options of the job; --help tells those of `uuv run` too."""
-    try:
-        return parse(kind, args)
-    except SystemExit as stop:
-        if not stop.code:
-            print(f"\nand of every job:\n{_MORE}")
-        raise
+def job_options(job: str) -> type[Any]:
+    """Class of the options of a job."""
+    return getattr(jobs, JOBS[job])
 
 
-def _assignments(args: Sequence[str]) -> tuple[list[str], list[str], list[str]]:
-    """Arguments without --task and --set, and the assignments that each of these means."""
-    args = list(args)
-    task: list[str] = []
-    if TASK in args:
-        at = args.index(TASK)
-        if at + 1 == len(args) or args[at + 1].startswith("-"):
-            raise ConfigurationError(f"{TASK}: MODULE:CLASS is missing")
-        module = args[at + 1].partition(":")[0]
-        task = [f'task.kind="{args[at + 1]}"', f'name="{module.rpartition(".")[2]}"']
-        del args[at : at + 2]
-    rest: list[str] = []
-    values: list[str] = []
-    into = rest
-    for arg in args:
-        if arg == SET:
-            into = values
-            continue
-        if arg.startswith("--"):
-            into = rest
-        into.append(arg)
-    return rest, task, values
+def with_those_of_run(kind: type[Options]) -> type[Any]:
+    """Class of the options of `kind` and those of every job, with the docstring of `kind`."""
+    about = {"__doc__": kind.__doc__, "groups": {"run": " ".join(each.name for each in fields(EveryJob))}}
+    return make_dataclass(kind.__name__, [], bases=(EveryJob, kind), namespace=about, kw_only=True)
+
+
+def parsed(kind: type[Options], args: Sequence[str]) -> tuple[Options, EveryJob]:
+    """Options of `kind`, and those of every job beside them."""
+    both = parse(with_those_of_run(kind), args)
+    return as_base(both, kind), as_base(both, EveryJob)
+
+
+def _of_file(name: str, options: FileOptions) -> "Scenario":
+    from uuv.scenario_file import read_scenario
+
+    scenario = read_scenario(name, trust=options.trust)
+    return scenario if options.seed is None else replace(scenario, seed=options.seed)
+
+
+def _of_task(task: str) -> list[str]:
+    """Assignments that put the task MODULE:CLASS in place of a scenario's; the scenario gets the name of the module."""
+    module = task.partition(":")[0]
+    return [f'task.kind="{task}"', f'name="{module.rpartition(".")[2]}"']
+
+
+def _no_job(name: str) -> str:
+    """Why there is no job of that name; one that is a verb, or was a command, is told as such."""
+    verb = name if name in VERBS else present_spelling(name)
+    if verb and verb != "run":
+        return f"{name} is no job, but a verb of its own: `uuv {verb}`"
+    return f"no job {name!r}; there are {', '.join(JOBS)}, or a scenario file (.toml){did_you_mean(name, JOBS)}"

@@ -5,9 +5,13 @@ import shlex
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
+
+from tyro.conf import Positional, arg
 
 from uuv.catalogue import CHECKOUT
 from uuv.sim.interfaces.errors import ConfigurationError, did_you_mean
+from uuv.sim.runs.command_line import parse
 
 
 @dataclass(frozen=True, slots=True)
@@ -299,13 +303,19 @@ def test_the_circle_is_drawn():
 SKELETONS = {"controller": CONTROLLER, "vehicle": VEHICLE, "object": OBJECT, "sensor": SENSOR, "task": TASK}
 
 
+@dataclass(kw_only=True)
+class NewOptions:
+    """Write NAME.py and test_NAME.py here: a part that works."""
+
+    kind: Annotated[Positional[str], arg(metavar="KIND", help=f"Of {', '.join(SKELETONS)}.")]
+    name: Annotated[Positional[str], arg(metavar="NAME", help="Name of the module, in lower case.")]
+
+
 def main(verb: str, args: Sequence[str]) -> int:
     """Writes NAME.py and test_NAME.py here; returns the exit code."""
     del verb
-    if len(args) != 2 or args[0].startswith("-"):
-        print(f"usage: uuv new {'|'.join(SKELETONS)} NAME\n\nWrites NAME.py and test_NAME.py here: a part that works.")
-        return 0 if args and args[0] in ("-h", "--help") else 2
-    kind, name = args
+    options = parse(NewOptions, args)
+    kind, name = options.kind, options.name
     if kind not in SKELETONS:
         known = ", ".join(SKELETONS)
         raise ConfigurationError(f"no skeleton of a {kind!r}; there are {known}{did_you_mean(kind, SKELETONS)}")

@@ -1,13 +1,13 @@
-"""Water from geometry: `uuv wet MODEL` writes an MJCF that carries its water, with a table of where it is from."""
+"""`uuv wet MODEL`: an MJCF that carries its water from its geometry, with a table of where it is from."""
 
-import json
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
-from tyro.conf import Positional
+from tyro.conf import Positional, arg
 
+from uuv.cli.json_output import print_json
 from uuv.models.water.bounds import SEA_WATER
 from uuv.models.water_from_geometry.choices import PANELS, Choice
 from uuv.sim.interfaces.errors import ConfigurationError
@@ -29,8 +29,7 @@ class WetOptions:
     Writes NAME.wet.xml, an MJCF with its water, and prints where each number is from and how wrong it may be.
     """
 
-    model: Positional[Path]
-    """URDF, MJCF, or one mesh (STL, OBJ)."""
+    model: Annotated[Positional[Path], arg(metavar="MODEL", help="URDF, MJCF, or one mesh (STL, OBJ).")]
     out: Path | None = None
     """File to write; default NAME.wet.xml beside the model."""
     geoms: Choice = "auto"
@@ -86,8 +85,8 @@ def wet_model(options: WetOptions, console: "Console") -> int:
         make_neutral(spec)
     written = write_model(wetted, out, with_sidecar=options.sidecar)
     if options.json:
-        told = {"files": [str(path) for path in written], "notes": [*notes, *wetted.dry], "water": tree_of(spec)}
-        print(json.dumps({**told, "origins": [asdict(origin) for origin in wetted.origins]}, indent=2))
+        content = {"files": written, "notes": [*notes, *wetted.dry], "water": tree_of(spec)}
+        print_json({**content, "origins": [asdict(origin) for origin in wetted.origins]})
         return 0
     console.print(table(wetted, options.model.name))
     for note in (*notes, *(f"no water: {said}" for said in wetted.dry)):

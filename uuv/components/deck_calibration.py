@@ -117,7 +117,7 @@ def _pairs(found: Calibration) -> int:
 
 
 def from_file(file: Path, believed: SerialArm) -> tuple[SerialArm, str]:
-    """Arm from a file that calibrate_arm.py wrote, for a vehicle whose arm is `believed`.
+    """Arm from a file that uuv calibrate wrote, for a vehicle whose arm is `believed`.
 
     Returns:
         Arm with its tip as flange, summary line for the terminal.

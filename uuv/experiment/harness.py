@@ -24,7 +24,7 @@ from uuv.experiment.worker import Limits, TimeLimitError, within_time
 from uuv.sim.interfaces.errors import ConfigurationError, UuvError
 from uuv.sim.interfaces.files import folder_given, folder_name
 from uuv.sim.runs.provenance import provenance
-from uuv.sim.runs.run_folder import RUNS
+from uuv.sim.runs.run_folder import RUNS, works_in
 from uuv.sim.runs.saving import write_json, write_whole
 from uuv.sim.runs.terminal import console as console_of
 from uuv.sim.runs.terminal import verdict
@@ -219,6 +219,7 @@ class Study(Generic[Case]):
     ) -> int:
         """Prints and writes the summary of `rows`; returns the exit code."""
         summary = self.summarise([_without_log(row) for row in rows])
+        works_in(folder)
         write_json(folder / METRICS, as_json({**summary.metrics, **summary.verdict, "provenance": made_by}))
         summary.print_to(console)
         console.print(pace, highlight=False)

@@ -1,7 +1,7 @@
-"""Leaderboard of the benchmark "UUV contact" from result files of contact_score.py.
+"""Leaderboard of the benchmark "UUV contact" from result files of uuv benchmark.
 
-    ./uvw run scripts/experiments/leaderboard/contact_leaderboard.py --results runs/contact_score-default
-    runs/contact_score-joint-PD
+    ./uvw run scripts/experiments/leaderboard/contact_leaderboard.py --results runs/benchmark-default
+    runs/benchmark-joint-PD
 
 All results must be of the same cases; one alone gives a page too.
 """
@@ -21,7 +21,7 @@ class Options:
     """Leaderboard of the benchmark "UUV contact"."""
 
     results: tuple[Path, ...]
-    """Result files, metrics.json of contact_score.py, or their folders."""
+    """Result files, metrics.json of uuv benchmark, or their folders."""
     out: Path = RUNS / "leaderboard.md"
     """File of the page, in Markdown."""
 

@@ -34,7 +34,7 @@ _COLUMNS = (
 
 
 def read_result(file: Path) -> dict[str, Any]:
-    """A result file of contact_score.py.
+    """A result file of uuv benchmark.
 
     Raises:
         ConfigurationError: It cannot be read, or is none.
@@ -44,10 +44,10 @@ def read_result(file: Path) -> dict[str, Any]:
     try:
         result = TableReader(path.name, passes_unknown=True).made(_Result, content)
     except ConfigurationError as error:
-        raise ConfigurationError(f"{path}: is no result file of contact_score.py: {error}") from error
+        raise ConfigurationError(f"{path}: is no result file of uuv benchmark: {error}") from error
     for row in content["rows"]:
         if "class" not in row:  # no name of a field
-            raise ConfigurationError(f"{path}: is no result file of contact_score.py: a row has no class")
+            raise ConfigurationError(f"{path}: is no result file of uuv benchmark: a row has no class")
     if len(result.rows) != result.benchmark.cases:
         raise ConfigurationError(f"{path}: expected {result.benchmark.cases} rows, got {len(result.rows)}")
     return content

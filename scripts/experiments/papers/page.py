@@ -91,7 +91,7 @@ def _figures(command: str, rows: list[PaperStatement]) -> dict[str, str]:
     """Texts with figures of the rows of one command, by their patterns; those that it does not give are left out."""
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder) / "out"
-        call = [sys.executable, *_script(command), "--out", str(out)]
+        call = [sys.executable, *_program(command), "--out", str(out)]
         done = subprocess.run(call, cwd=HERE.parents[3], capture_output=True, text=True, check=False)
         file = out / "metrics.json"
         metrics = dict(_flat(json.loads(file.read_text(encoding="utf-8")))) if file.exists() else {}
@@ -109,9 +109,10 @@ def _figures(command: str, rows: list[PaperStatement]) -> dict[str, str]:
     return texts
 
 
-def _script(command: str) -> list[str]:
+def _program(command: str) -> list[str]:
+    """What Python runs: the command `uuv`, or a file of scripts/."""
     first, *rest = shlex.split(command)
-    return [str(HERE.parents[2] / first), *rest]
+    return ["-m", "uuv", *rest] if first == "uuv" else [str(HERE.parents[2] / first), *rest]
 
 
 def _filled(text: str, groups: tuple[str, ...], metrics: Mapping[str, Any]) -> str:

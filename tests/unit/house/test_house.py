@@ -13,6 +13,8 @@ from pathlib import Path
 import pytest
 import yaml
 
+from uuv.catalogue import JOBS
+from uuv.cli.main import chosen
 from uuv.sim.runs.command_line import ROOMS
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -23,12 +25,13 @@ LEAF = "uuv.sim.interfaces"
 
 
 def commands_in(document: Path) -> list[str]:
-    """The ./uvw commands in the fenced blocks of a document, continued lines joined."""
+    """The commands ./uvw and uuv in the fenced blocks of a document, continued lines joined."""
     text = document.read_text(encoding="utf-8")
-    blocks = re.findall(r"^```[^\n]*\n(.*?)^```", text, flags=re.MULTILINE | re.DOTALL)
+    fenced = re.findall(r"^```(\w*)[^\n]*\n(.*?)^```", text, flags=re.MULTILINE | re.DOTALL)
+    blocks = [block for kind, block in fenced if kind != "text"]  # what is printed is no command
     lines = "\n".join(blocks).replace("\\\n", " ").splitlines()
-    commands = [line.strip().removeprefix("$ ") for line in lines]
-    return [command for command in commands if command.startswith("./uvw ")]
+    commands = [part.strip().removeprefix("$ ") for line in lines for part in line.split(" | ")]
+    return [command for command in commands if command.startswith(("./uvw ", "uuv "))]
 
 
 def modules_after(statement: str) -> set[str]:
@@ -87,28 +90,62 @@ def without_uv_options(words: list[str]) -> list[str]:
     return words
 
 
-def test_commands_of_the_documents_are_true(script):
+def verbs_in(document: Path) -> list[str]:
+    """What follows the word `uuv` where running text shows a command."""
+    text = re.sub(r"^```.*?^```", "", document.read_text(encoding="utf-8"), flags=re.MULTILINE | re.DOTALL)
+    return re.findall(r"`(?:\./uvw run (?:--group \w+ )?)?uuv ([^`]+)`", text)
+
+
+def words_of_verb(words: list[str]) -> list[str]:
+    """Words that choose what helps: of a verb, and of a job where it is `run NAME`; it must be there."""
+    name = chosen(words)
+    assert name, f"uuv {' '.join(words)}: no such verb"
+    if name == "run" and len(words) > 1 and (words[1] in JOBS or words[1].endswith(".toml")):
+        return words[:2]
+    return name.split()
+
+
+def test_commands_of_the_documents_are_true(script, verb):
     commands = [command for document in DOCUMENTS for command in commands_in(document)]
     helps: dict[str, str] = {}  # by script
     assert commands_in(README), "the README must tell a newcomer what to run"
     assert len(commands) > len(commands_in(README)), "docs/ must tell how its figures are made"
     for command in commands:
         words = shlex.split(command, comments=True)
-        assert words[1] in ("run", "sync"), command
-        if words[1] == "sync":
-            continue
-        program, *options = without_uv_options(words[2:])
-        if not program.endswith(".py"):
+        if words[0] == "uuv":
+            program, *options = words
+        else:
+            assert words[1] in ("run", "sync"), command
+            if words[1] == "sync":
+                continue
+            program, *options = without_uv_options(words[2:])
+        if program == "uuv":
+            if not options or options[0].startswith("-"):
+                continue
+            chooses = words_of_verb(options)
+            program = " ".join(["uuv", *chooses])
+            if program not in helps:
+                helps[program] = verb(*chooses, "--help").stdout
+                assert helps[program].startswith(f"usage: uuv {chooses[0]}"), command
+        elif not program.endswith(".py"):
             assert shutil.which(program, path=str(Path(sys.executable).parent)), command
             continue
-        file = ROOT / program
-        assert file.is_file(), f"{command}: no such script"
-        if program not in helps:
+        elif program not in helps:
+            assert (ROOT / program).is_file(), f"{command}: no such script"
             said = script(program.removeprefix("scripts/").removesuffix(".py").replace("/", "."), "--help")
             assert said.returncode == 0, said.stderr
             helps[program] = said.stdout
         for option in (word.partition("=")[0] for word in options if re.match(r"--[a-z]", word)):
             assert re.search(rf"(?<![\w-]){option}(?![\w-])", helps[program]), f"{command}: {option} is not in --help"
+
+
+def test_verbs_of_the_documents_and_sources_are_there():
+    sources = [path for name in ("uuv", *ROOMS, "scripts") for path in (ROOT / name).rglob("*.py")]
+    texts = {path: verbs_in(path) for path in [*DOCUMENTS, ROOT / "CONTRIBUTING.md", *sources]}
+    no_verbs = ("VERB", "-", "{", "...")  # placeholders, options of `uuv` itself
+    told = [(path.name, text) for path, found in texts.items() for text in found if not text.startswith(no_verbs)]
+    assert len(told) > 40
+    assert [(page, text) for page, text in told if not chosen(text.split())] == []
 
 
 def test_ci_runs_what_a_newcomer_is_told_to():

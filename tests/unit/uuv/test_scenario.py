@@ -11,11 +11,11 @@ from typing import Any, get_args, get_type_hints
 import mujoco
 import numpy as np
 import pytest
-import tyro
 
-import run_scenario
 from untyped import untyped
 from uuv import Perturbation, Scenario, assemble, barrel, models, read_scenario, run, write_scenario
+from uuv.cli.carry_out import values_of
+from uuv.cli.run_job import FileOptions, parsed
 from uuv.jobs import GearOptions, InsertionOptions, InspectionOptions, ObjectOptions, PileOptions, SeabedOptions
 from uuv.models.objects.targets import OBJECTS
 from uuv.own_vehicle import OwnVehicle, vehicle_spec
@@ -155,9 +155,10 @@ def test_values_are_set_by_the_keys_of_the_file():
 
 
 def test_set_may_be_repeated_and_takes_several():
-    options = tyro.cli(run_scenario.Options, args=["s.toml", "--set", "seed=5", "--set", "task.speed=1", "seed=6"])
-    assert options.set == (("seed=5",), ("task.speed=1", "seed=6"))
-    assert tyro.cli(run_scenario.Options, args=["s.toml"]).set == ()
+    _, of_run = parsed(FileOptions, ["--set", "seed=5", "--set", "task.speed=1", "seed=6"])
+    assert values_of(of_run.set) == ("seed=5", "task.speed=1", "seed=6")
+    _, of_run = parsed(FileOptions, [])
+    assert values_of(of_run.set) == ()
 
 
 @pytest.mark.parametrize(

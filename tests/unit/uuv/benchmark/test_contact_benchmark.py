@@ -187,7 +187,7 @@ HELPER = "def fail():\n    raise RuntimeError('out of {word}')\n"
 DYING = "import os\n\n\ndef fail():\n    print('last words', flush=True)\n    os._exit(7)\n"
 
 
-def test_rows_of_a_changed_entry_are_refused_and_none_is_doubled(script, monkeypatch, tmp_path):
+def test_rows_of_a_changed_entry_are_refused_and_none_is_doubled(verb, monkeypatch, tmp_path):
     """By the command: the file of its class changes, then one that this imports, then other options are given."""
     monkeypatch.syspath_prepend(str(tmp_path))
     entry, helper, out = tmp_path / "failing_entry.py", tmp_path / "help_of_entry.py", tmp_path / "out"
@@ -196,7 +196,7 @@ def test_rows_of_a_changed_entry_are_refused_and_none_is_doubled(script, monkeyp
 
     def scored(*more):
         given = ("--entry", f"{entry.stem}:Failing", "--cases", 1, "--workers", 1, "--out", out, *more)
-        return script("experiments.leaderboard.contact_score", *given)
+        return verb("benchmark", *given)
 
     said = scored().stdout
     assert "case   0, barrel: entry failed: the entry raised" in said
@@ -271,14 +271,7 @@ def test_an_entry_finds_its_case_nowhere(root: Path, tmp_path: Path):
     """By the command, with a fresh case: arguments, environment, files and parents tell the seed to nobody."""
     seed, out, log = 8_414_709_848_078_965_066, tmp_path / "out", tmp_path / "log"
     (tmp_path / "snooping_entry.py").write_text(SNOOPING.format(out=str(out), log=str(log)))
-    command = [
-        "scripts/experiments/leaderboard/contact_score.py",
-        "--fresh",
-        "--entry",
-        "snooping_entry:Snoops",
-        "--cases",
-        "1",
-    ]
+    command = ["-m", "uuv", "benchmark", "--fresh", "--entry", "snooping_entry:Snoops", "--cases", "1"]
     paths = os.pathsep.join([str(tmp_path), str(root), str(root / "scripts")])
     done = subprocess.run(
         [sys.executable, *command, "--workers", "1", "--out", str(out)],
@@ -303,9 +296,9 @@ def test_an_entry_finds_its_case_nowhere(root: Path, tmp_path: Path):
 
 
 @pytest.mark.parametrize("text", ["x", "-3", "1.5", "9" * 30])
-def test_a_seed_that_is_none_is_refused(text: str, script, monkeypatch):
+def test_a_seed_that_is_none_is_refused(text: str, verb, monkeypatch):
     monkeypatch.setattr(sys, "stdin", io.StringIO(text))
-    refused = script("experiments.leaderboard.contact_score", "--fresh")
+    refused = verb("benchmark", "--fresh")
     assert refused.returncode == 2
     assert refused.stderr.startswith("error: --fresh: ")
 
@@ -326,12 +319,10 @@ def test_a_damaged_result_is_one_line(change: str, said: str, tmp_path: Path):
 
 
 @pytest.mark.long
-def test_one_case_again_gives_the_same_figures(script, tmp_path):
+def test_one_case_again_gives_the_same_figures(verb, tmp_path):
     """With log and report; its figures are those of the row."""
     row = score(ScoredCase(case=BenchmarkCase(index=0), entry=Entry.of("joint PD")))
-    done = script(
-        "experiments.leaderboard.contact_score", "--entry", "joint PD", "--only", 0, "--out", tmp_path / "one"
-    )
+    done = verb("benchmark", "--entry", "joint PD", "--only", 0, "--out", tmp_path / "one")
     assert done.returncode == (0 if row["class"] == KEPT else 1)
     assert {"metrics.json", "report.html", "run.rrd"} <= {path.name for path in (tmp_path / "one").iterdir()}
     contact = json.loads((tmp_path / "one" / "metrics.json").read_text())["contact"]

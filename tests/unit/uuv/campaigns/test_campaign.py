@@ -278,15 +278,15 @@ def refused(done: Any) -> str:
         ("contact.force_error_rms_n", "contact.luck", "no metric 'contact.luck'"),
     ],
 )
-def test_the_command_refuses_a_mistake_in_one_line(script, tmp_path, old, new, said):
+def test_the_command_refuses_a_mistake_in_one_line(verb, tmp_path, old, new, said):
     file = tmp_path / "mine.toml"
     file.write_text(FILE.replace(old, new))
     out = tmp_path / "out"
-    assert said in refused(script("run_campaign", file, "--out", out, "--workers", 1))
+    assert said in refused(verb("campaign", file, "--out", out, "--workers", 1))
     assert not out.exists()
 
 
-def test_the_command_refuses_rows_of_another_version(script, tmp_path):
+def test_the_command_refuses_rows_of_another_version(verb, tmp_path):
     file, out = tmp_path / "mine.toml", tmp_path / "out"
     file.write_text(FILE)
     table = RowTable(out)
@@ -296,17 +296,17 @@ def test_the_command_refuses_rows_of_another_version(script, tmp_path):
     about = {"schema": SCHEMA_VERSION, "settings": {}, "versions": versions(), "code": {}}
     (out / "study.json").write_text(json.dumps(about))
     pq.write_table(pq.read_table(rows).replace_schema_metadata({"uuv_arm.schema_version": "99"}), rows)
-    said = refused(script("run_campaign", file, "--out", out, "--workers", 1))
+    said = refused(verb("campaign", file, "--out", out, "--workers", 1))
     assert "version" in said
     assert "99" in said
 
 
-def test_two_commands_do_not_share_a_folder(script, tmp_path):
+def test_two_commands_do_not_share_a_folder(verb, tmp_path):
     file, out = tmp_path / "mine.toml", tmp_path / "out"
     file.write_text(FILE)
     out.mkdir()
     with alone_in(out):
-        said = refused(script("run_campaign", file, "--out", out, "--workers", 1))
+        said = refused(verb("campaign", file, "--out", out, "--workers", 1))
     assert f"{out}: process" in said
     assert "is at work in it" in said
 

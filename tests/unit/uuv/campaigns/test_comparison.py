@@ -28,7 +28,7 @@ def folder(path: Path, lost: list[float | None], **other: Any) -> Path:
         for case, value in enumerate(lost)
     ]
     RowTable(path).extend(rows)
-    about = {"bounds": {"lost_s": 1.0}, "replay": "scripts/run_campaign.py mine.toml --replay", **other}
+    about = {"bounds": {"lost_s": 1.0}, "replay": "uuv campaign mine.toml --replay", **other}
     (path / "metrics.json").write_text(json.dumps(about))
     return path
 
@@ -100,11 +100,11 @@ def test_what_cannot_be_compared_is_refused(tmp_path, change, said):
         compared(a, other)
 
 
-def test_the_command(script, tmp_path):
+def test_the_command(verb, tmp_path):
     """A page, figures and a table; and one line for each mistake."""
     a, b = folder(tmp_path / "a", [0.0, 0.2, 2.0]), folder(tmp_path / "b", [0.0, 0.1, 0.5])
     out = tmp_path / "out"
-    done = script("compare_campaigns", str(a), str(b), "--out", str(out))
+    done = verb("compare-campaigns", str(a), str(b), "--out", str(out))
     assert done.returncode == 0, done.stderr
     assert "1 in B alone" in done.stdout
     assert "lost_s" in done.stdout
@@ -120,11 +120,11 @@ def test_the_command(script, tmp_path):
         (bounds, "the bounds differ"),
         (running, "holds no campaign that came to its end"),
     ):
-        done = script("compare_campaigns", str(a), str(other), "--out", str(tmp_path / "x"))
+        done = verb("compare-campaigns", str(a), str(other), "--out", str(tmp_path / "x"))
         assert done.returncode == 2
         assert done.stderr.startswith("error: ")
         assert done.stderr.count("\n") == 1
         assert said in done.stderr
         assert not (tmp_path / "x").exists()
-    done = script("compare_campaigns", str(a), str(b), "--out", str(out))
+    done = verb("compare-campaigns", str(a), str(b), "--out", str(out))
     assert (done.returncode, done.stderr.count("\n")) == (2, 1)

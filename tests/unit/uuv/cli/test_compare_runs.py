@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from uuv.cli.compare_runs import alike, numbers
+from uuv.cli.past.compare_runs import alike, numbers
 
 
 @pytest.mark.parametrize(

@@ -15,8 +15,8 @@ import pytest
 from run_records import every_run
 from uuv.campaigns.campaign import read_campaign
 from uuv.campaigns.distributions import Distribution
-from uuv.cli import compare_runs
 from uuv.cli.main import main
+from uuv.cli.past import compare_runs
 from uuv.experiment.row_log import RowLog
 from uuv.jobs import barrel
 from uuv.scenario_file import read_scenario, to_toml

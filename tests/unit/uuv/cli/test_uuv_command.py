@@ -14,10 +14,11 @@ from PIL import Image
 
 from uuv import catalogue
 from uuv.cli import skeletons
-from uuv.cli.compare_runs import alike
-from uuv.cli.main import main
-from uuv.cli.picture import CLIP, STILL
-from uuv.cli.run_scene import FRAMES, HEIGHT, WIDTH
+from uuv.cli.completion import words_of
+from uuv.cli.main import USAGE, VERBS
+from uuv.cli.past.compare_runs import alike
+from uuv.cli.past.picture import CLIP, STILL
+from uuv.cli.past.run_scene import FRAMES, HEIGHT, WIDTH
 from uuv.jobs import barrel
 from uuv.scenario_file import write_scenario
 from uuv.sim.interfaces.errors import ConfigurationError
@@ -25,21 +26,14 @@ from uuv.sim.reporting.series_tables import PastRun
 
 
 @pytest.fixture
-def uuv(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
+def uuv(verb, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     """The command in a folder of its own; gives what it printed to stdout, or to stderr if it fails."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(sys, "path", list(sys.path))
-    monkeypatch.setenv("MUJOCO_GL", "")  # has it restored: the verb `picture` sets it
-    monkeypatch.delenv("MUJOCO_GL")
-    monkeypatch.setenv("PYTHONSAFEPATH", "")  # likewise: every verb sets it
 
     def call(*args: str, code: int = 0) -> str:
-        monkeypatch.setattr(sys, "argv", ["uuv", *args])
-        with pytest.raises(SystemExit) as ended:
-            main()
-        said = capsys.readouterr()
-        assert (ended.value.code or 0) == code, said.err + said.out
-        return said.err if code == 2 else said.out
+        ran = verb(*args)
+        assert ran.returncode == code, ran.stderr + ran.stdout
+        return ran.stderr if code == 2 else ran.stdout
 
     return call
 
@@ -66,11 +60,11 @@ def test_list_names_everything_that_the_registries_do_without_importing_them(uuv
         assert sorted(listed[kind]) == list(known.names())
     assert {*listed["vehicle"]} <= {*models.available()}
     assert len(listed["vehicle"]) == 10
-    assert all(said for kind in ("job", "study", "vehicle", "perturbation") for _, said in catalogue.things(kind))
+    assert all(said for kind in ("job", "experiment", "vehicle", "perturbation") for _, said in catalogue.things(kind))
     said = uuv("list", "objects")
     assert said.startswith("objects  (uuv run clean-object --object NAME)")
     assert "  barrel  " in said
-    heavy = "import sys; from uuv.catalogue import main; main('list', []); print('mujoco' in sys.modules)"
+    heavy = "import sys; from uuv.cli.listing import main; main('list', []); print('mujoco' in sys.modules)"
     ran = subprocess.run([sys.executable, "-c", heavy], capture_output=True, text=True, check=True)
     assert ran.stdout.splitlines()[-1] == "False"
 
@@ -89,6 +83,11 @@ def test_list_names_everything_that_the_registries_do_without_importing_them(uuv
             "--dwell (task.turn.dwell) and --blend (task.turn.blend) 0.1",
         ),
         (["run", "clean-barrel", "--target-pose", "known", "--sensor", "sonar"], "nothing looks for the object"),
+        (["run", "clean-barrel", "--set"], "--set: KEY=VALUE is missing"),
+        (["run", "clean-barrel", "--set", "task.sped=1"], "--set: "),
+        (["run"], "NAME: missing"),
+        (["run", "--seed", "3"], "--seed: the name of a job comes first: uuv run NAME [OPTIONS]"),
+        (["compare", "here"], "RUN: missing"),
         (["run", "clean-barrel", "--speeed", "0.03"], "--speeed, 0.03 .* (did you mean --speed?)"),
         (
             ["run", "clean-object", "--line", "0.1", "0.1", "0.1", "0.1"],
@@ -111,25 +110,71 @@ def test_a_mistake_is_one_line(args: list[str], said: str, uuv, tmp_path: Path):
     assert not [path for path in tmp_path.rglob("*") if path.is_file()]
 
 
-def test_help_of_every_verb(uuv):
-    assert "uuv run clean-barrel --seed 3" in uuv()
-    for verb in (
-        "list",
-        "run",
-        "compare",
-        "replay",
-        "report",
-        "view",
-        "picture",
-        "check",
-        "wet",
-        "identify-water",
-        "doctor",
-        "new",
-        "completion",
-    ):
-        assert uuv(verb, "--help").startswith(f"usage: uuv {verb}")
-    assert "--corner" in uuv("run", "clean-barrel", "--help")
+WITHOUT_FIGURES = ("new", "completion", "report", "view", "picture")  # they leave, or name, files
+LIGHT = """
+import contextlib, io, json, sys, time
+from uuv.cli.main import VERBS, main
+from uuv.catalogue import JOBS
+told = {}
+for words in (*(name.split() for name in VERBS), *(["run", job] for job in JOBS)):
+    sys.argv, begun, said = ["uuv", *words, "--help"], time.process_time(), io.StringIO()
+    with contextlib.redirect_stdout(said), contextlib.suppress(SystemExit):
+        main()
+    heavy = sorted({"mujoco", "numba", "scipy"} & sys.modules.keys())
+    told[" ".join(words)] = (time.process_time() - begun, heavy, said.getvalue())
+print(json.dumps(told))
+"""
+
+
+def test_help_of_every_verb_is_light_and_tells_its_use(uuv):
+    """CPU time of one process that helps with all of them: the first imports what they share."""
+    usage = uuv()
+    ran = subprocess.run([sys.executable, "-c", LIGHT], capture_output=True, text=True, check=True)
+    told = json.loads(ran.stdout)
+    (shared, _, _), *_ = told.values()
+    for words, (seconds, heavy, text) in told.items():
+        assert heavy == [], words
+        assert shared + seconds < 1.0, words  # [s] measured 0.3
+        if words in VERBS:
+            assert f"uuv {words} {VERBS[words].given}".rstrip() in usage
+            assert " ".join(text.split()).startswith(f"usage: uuv {words} [-h]")
+    assert "--corner" in told["run clean-barrel"][2]
+
+
+def test_the_page_of_the_command_has_all_verbs(root: Path):
+    page = (root / "docs" / "uuv.md").read_text(encoding="utf-8")
+    assert f"```text\n{USAGE}\n```" in page, "the table of verbs, as `uuv --help` prints it"
+    rows = re.findall(r"^\| `([^`]+)` \|", page, flags=re.MULTILINE)
+    assert rows == list(VERBS)
+
+
+@pytest.mark.parametrize("name", VERBS)
+def test_every_verb_is_completed_and_prints_its_figures_as_json(name: str):
+    has = {"--json", "--help"} if name not in WITHOUT_FIGURES else {"--help"}
+    assert has <= set(words_of(name, VERBS[name]))
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["identify-water"], "identify-water: that is now `uuv identify water`"),
+        (["identify-object", "--object", "valve"], "identify-object: that is now `uuv identify object`"),
+        (["identify_friction"], "identify_friction: that is now `uuv identify friction`"),
+        (["calibrate-arm"], "calibrate-arm: that is now `uuv calibrate`"),
+        (["run_campaign.py", "x.toml"], "run_campaign.py: that is now `uuv campaign`"),
+        (["run-scenario"], "run-scenario: that is now `uuv run`"),
+        (["show_models"], "show_models: that is now `uuv models`"),
+        (["validate-physics"], "validate-physics: that is now `uuv validate`"),
+        (["contact-score"], "contact-score: that is now `uuv benchmark`"),
+        (["run", "identify_friction"], "identify_friction is no job, but a verb of its own: `uuv identify friction`"),
+        (["run", "campaign"], "campaign is no job, but a verb of its own: `uuv campaign`"),
+        (["identify"], "identify: needs one of object, friction, water, got none"),
+        (["identify", "watr"], "identify: needs one of object, friction, water, got watr (did you mean water?)"),
+        (["identify", "--help"], "identify: needs one of object, friction, water, got --help"),
+    ],
+)
+def test_an_earlier_spelling_and_a_missing_object_are_told(words: list[str], said: str, uuv):
+    assert uuv(*words, code=2) == f"error: {said}\n"
 
 
 @pytest.mark.skipif(shutil.which("bash") is None, reason="no bash here")
@@ -141,6 +186,13 @@ def test_help_of_every_verb(uuv):
         (["uuv", "run", "clean-barrel", "--az"], {"--azimuth"}),
         (["uuv", "run", "clean-barrel", "--no-r"], {"--no-record"}),
         (["uuv", "new", "ta"], {"task"}),
+        (["uuv", "identify", "wa"], {"water"}),
+        (["uuv", "identify", "water", "--wi"], {"--window"}),
+        (["uuv", "identify", "object", "--mesh"], {"--mesh-scale"}),
+        (["uuv", "campaign", "--rep"], {"--replay"}),
+        (["uuv", "run", "my.toml", "--tr"], {"--trust"}),
+        (["uuv", "compare-campaigns", "--js"], {"--json"}),
+        (["uuv", "completion", "z"], {"zsh"}),
         (["uuv", "replay", "sample"], {"sample-seabed"}),
     ],
 )
@@ -253,7 +305,7 @@ def test_a_task_of_ones_own_is_run_and_replayed(uuv, tmp_path: Path):
         ("other:Thing", "error: --task: [task]: task 'other:Thing' must be a dataclass that inherits Task"),
     ):
         assert uuv("run", "clean-barrel", "--task", task, code=2).startswith(said)
-    assert "MODULE:CLASS is missing" in uuv("run", "clean-barrel", "--task", code=2)
+    assert "Missing value for argument '--task'" in uuv("run", "clean-barrel", "--task", code=2)
 
 
 def test_figures_that_differ():

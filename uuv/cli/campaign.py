@@ -1,25 +1,21 @@
-"""Runs or resumes a campaign from its file: many runs of one scenario with drawn parameters.
+"""`uuv campaign FILE`: runs or resumes a campaign from its file, many runs of one scenario with drawn parameters."""
 
-./uvw run scripts/run_campaign.py scripts/campaigns/contact_quick.toml
-./uvw run scripts/run_campaign.py scripts/campaigns/contact_quick.toml --replay 2
-"""
-
-from uuv.start import parse, run_scenario  # isort: skip
-
-import itertools
 import shlex
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from tyro.conf import Positional, UseAppendAction
+from tyro.conf import Positional, arg
 
-from uuv.cli.carry_out import run_job
+from uuv.cli.carry_out import METRICS, Assignments, run_job, values_of
+from uuv.cli.json_output import file_alone
 from uuv.experiment.options import HarnessOptions, at_least
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.runs.command_line import RunOptions
+from uuv.start import parse
 
 if TYPE_CHECKING:
     from uuv.campaigns.campaign import CampaignRun
@@ -27,16 +23,15 @@ if TYPE_CHECKING:
 
 
 @dataclass(kw_only=True)
-class Options(HarnessOptions):
+class CampaignOptions(HarnessOptions):
     """Run or resume a campaign."""
 
-    file: Positional[Path]
-    """Campaign file (TOML)."""
+    file: Annotated[Positional[Path], arg(metavar="FILE", help="Campaign file (TOML).")]
     seed: int | None = None
     """Seed instead of that in the file."""
     cases: int | None = None
     """Number of cases instead of that in the file."""
-    set: Annotated[tuple[tuple[str, ...], ...], UseAppendAction] = ()
+    set: Assignments = ()
     """KEY=VALUE for the same value in all runs, VALUE in TOML; the other draws stay, so that runs can be compared."""
     trust: bool = False
     """Run the code, MODULE:ATTRIBUTE, that the file or its base names too; what is typed here needs no leave."""
@@ -44,6 +39,8 @@ class Options(HarnessOptions):
     """Do only the run of this number, if it is missing."""
     replay: int | None = None
     """Do the run of this number again with full recording, in a folder of its own; the same trajectory to the bit."""
+    json: bool = False
+    """Print metrics.json alone: of the campaign, with --replay of the run."""
     page: bool = False
     """Run nothing: sum up the rows that are there, also while others are made, and whichever code has made them."""
 
@@ -54,24 +51,39 @@ class Options(HarnessOptions):
             raise ConfigurationError("--only, --replay and --page: one of them")
 
 
-def main() -> int:
+def main(verb: str, args: Sequence[str]) -> int:
     """Runs or resumes the campaign, or replays one of its runs; returns the exit code."""
-    started, options = time.perf_counter(), parse(Options)
+    del verb
+    started, options = time.perf_counter(), parse(CampaignOptions, args)
+    return file_alone(lambda: campaign(options, started), METRICS) if options.json else campaign(options, started)
+
+
+def campaign(options: CampaignOptions, started: float) -> int:
+    """Runs or resumes the campaign, or replays one of its runs; returns the exit code.
+
+    Args:
+        options: Of the command line.
+        started: [s] time.perf_counter() at the start of the command.
+
+    Raises:
+        UuvError: The file or an option is wrong, or the folder is of no use.
+    """
     from uuv.campaigns.campaign import crashed_row, one_run, read_campaign
     from uuv.inputs import check_inputs
 
-    values = tuple(itertools.chain(*options.set))
-    campaign = read_campaign(options.file, values, trust=options.trust)
+    values = values_of(options.set)
+    described = read_campaign(options.file, values, trust=options.trust)
     changed = {name: value for name in ("seed", "cases") if (value := getattr(options, name)) is not None}
-    campaign = replace(campaign, **changed)
+    described = replace(described, **changed)
     given = [f"--{name} {value}" for name, value in changed.items()]
     given += ["--trust"] if options.trust else []
     given += ["--set", *map(shlex.quote, values)] if values else []
-    runs = campaign.runs()
+
+    runs = described.runs()
     if options.replay is not None:
         run = one_of(runs, options.replay)
-        scenario = replace(run.scenario(), name=f"{campaign.name}/case_{run.case:04d}")
-        return run_job(scenario, RunOptions(out=options.out), started, f", case {run.case} of {campaign.name}")
+        scenario = replace(run.scenario(), name=f"{described.name}/case_{run.case:04d}")
+        return run_job(scenario, RunOptions(out=options.out), started, f", case {run.case} of {described.name}")
     if not options.page:
         check_inputs(runs[0].scenario())
     from uuv.campaigns.campaign_report import summarise
@@ -80,14 +92,14 @@ def main() -> int:
     study = Study(
         cases=runs if options.only is None else [one_of(runs, options.only)],
         run_one=one_run,
-        summarise=partial(summarise, campaign=campaign, file=" ".join((shlex.quote(str(options.file)), *given))),
+        summarise=partial(summarise, campaign=described, file=" ".join((shlex.quote(str(options.file)), *given))),
         failed=crashed_row,
         line=line,
     )
-    title = f"Campaign {campaign.name}"
+    title = f"Campaign {described.name}"
     if options.page:
-        return study.sum_up(campaign.name, options, title)
-    return study.carry_out(campaign.name, options, title, campaign.limits)
+        return study.sum_up(described.name, options, title)
+    return study.carry_out(described.name, options, title, described.limits)
 
 
 def one_of(runs: "list[CampaignRun]", case: int) -> "CampaignRun":
@@ -100,7 +112,3 @@ def one_of(runs: "list[CampaignRun]", case: int) -> "CampaignRun":
 def line(row: "Row") -> str:
     """Line about a run that did not finish its work; empty for others."""
     return "" if row["state"] == "done" else f"case {row['case']:4d}  {row['state']}: {row['code']}"
-
-
-if __name__ == "__main__":
-    run_scenario(main)

@@ -1,24 +1,48 @@
-"""Identification of a known object from one depth frame: a point cloud from a file, or a simulated scene.
+"""`uuv identify object`: a known object in one depth frame, a point cloud from a file or a simulated scene."""
 
-The result is the pose, the decision, the clouds and pictures. Where an accepted object differs from its model (growth,
-silt, dents) the regions are listed and shown in colour.
+from collections.abc import Sequence
+from dataclasses import dataclass
 
-The object is one of the library by name, or a file: a mesh, or a cloud of its surface. With --among the command finds
-out which of several objects it is. Coordinates are those of the sensor (x right, y down, z ahead). Exit code 0:
-accepted; 1: rescan or refused; 2: invalid file or option.
-"""
-
-from uuv.start import new_folder, parse, run_scenario  # isort: skip
-
+from uuv.cli.json_output import file_alone
 from uuv.clouds.options import IdentificationOptions, check_inputs
+from uuv.sim.runs.command_line import as_base
 from uuv.sim.runs.saving import write_json
+from uuv.start import new_folder, parse
 
 NOT_ACCEPTED = 1  # exit code for the decisions rescan and refuse
+_RESULT = "identification.json"
 
 
-def main() -> int:
-    """Runs the identification, writes its files and returns the exit code."""
-    options = parse(IdentificationOptions)
+@dataclass(kw_only=True)
+class ObjectVerb(IdentificationOptions):
+    """Identify a known object in one depth frame: a point cloud from a file, or a simulated scene.
+
+    The result is the pose, the decision, the clouds and pictures. Where an accepted object differs from its model
+    (growth, silt, dents) the regions are listed and shown in colour.
+
+    The object is one of the library by name, or a file: a mesh, or a cloud of its surface. With --among the command
+    finds out which of several objects it is. Coordinates are those of the sensor (x right, y down, z ahead). Exit code
+    0: accepted; 1: rescan or refused; 2: invalid file or option.
+    """
+
+    json: bool = False
+    """Print identification.json alone."""
+
+
+def main(verb: str, args: Sequence[str]) -> int:
+    """Runs the identification, writes its files; returns the exit code."""
+    del verb
+    options = parse(ObjectVerb, args)
+    plain = as_base(options, IdentificationOptions)
+    return file_alone(lambda: identify_object(plain), _RESULT) if options.json else identify_object(plain)
+
+
+def identify_object(options: IdentificationOptions) -> int:
+    """Checks the inputs, identifies, writes the files of the result; returns the exit code.
+
+    Raises:
+        UuvError: An option or a file is wrong.
+    """
     check_inputs(options)
     from uuv.clouds.deformation_report import figures, picture_of_deviations, save_cloud, table
     from uuv.clouds.identification import candidates_of, found_in, models_among, picture, recognised_in, report
@@ -31,6 +55,7 @@ def main() -> int:
 
     console = PlainConsole()
     folder = new_folder("identify_object", options.out, options.seed)
+
     made = None
     if options.among:
         models = models_among(options)
@@ -41,6 +66,7 @@ def main() -> int:
         target = targets.of(options.object, options.mesh_scale)
         found, notes = found_in(options, target)
         decision, reason = found.decision.value, found.reason
+
     accepted = decision == Decision.ACCEPT.value
     for note in notes:
         console.print(note, highlight=False)
@@ -52,9 +78,11 @@ def main() -> int:
     if accepted:
         center = ", ".join(f"{value:.4f}" for value in transform_points(found.X_sensor_target, target.center))
         console.print(f"middle at ({center}) m; {found.symmetry.policy}; {found.duration_s:.2f} s", highlight=False)
+
     said = report(found, target, notes) | {"decision": decision, "reason": reason}
     if made is not None:
         said["candidates"] = candidates_of(made)
+
     if accepted:
         mapped = map_deformation(found)
         said["deformation"] = figures(mapped)
@@ -66,13 +94,10 @@ def main() -> int:
         else:
             compared = f"of the {mapped.compared:.0%} of the surface in view that was compared"
             console.print(f"nothing {compared} lies off its model beyond doubt", highlight=False)
-    write_json(folder / "identification.json", said)
+
+    write_json(folder / _RESULT, said)
     write_ply(folder / "cloud.ply", found.cloud)
     write_ply(folder / "model.ply", found.model_after)
     picture(found, f"{target.name}: {decision}").savefig(folder / "identification.png", dpi=120)
     console.print(f"written to {folder}/", highlight=False)
     return 0 if accepted else NOT_ACCEPTED
-
-
-if __name__ == "__main__":
-    run_scenario(main)

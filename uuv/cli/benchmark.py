@@ -1,73 +1,96 @@
-"""Benchmark "UUV contact": scores one controller by the truth, in a process of its own that gets estimates only.
+"""`uuv benchmark`: scores one controller by the truth, in a process of its own that gets estimates only.
 
-    ./uvw run scripts/experiments/leaderboard/contact_score.py                                   # the default, 100
-    public cases ./uvw run scripts/experiments/leaderboard/contact_score.py --entry mymodule:MyController --cases 10
-    echo 4711 | ./uvw run scripts/experiments/leaderboard/contact_score.py --fresh      # fresh cases, of a seed that a
-    pipe brings
+    uuv benchmark                                              # the default controller, 100 public cases
+    uuv benchmark --entry mymodule:MyController --cases 10
+    echo 4711 | uuv benchmark --fresh                          # fresh cases, of a seed that a pipe brings
 
-The result file is metrics.json in the folder of results; contact_leaderboard.py makes a table of several.
-docs/benchmark.md says what is scored and how to enter a controller.
+The result file is metrics.json in the folder of results. docs/benchmark.md says what is scored and how to enter a
+controller.
 """
-
-from uuv.start import parse, run_scenario  # isort: skip
 
 import secrets
 import sys
 import time
+from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
-from uuv.assembly import Assembly
-from uuv.benchmark.cases import CASES, PUBLIC_SEED, VERSION, BenchmarkCase, cases, digest
-from uuv.benchmark.door import close_memory
-from uuv.benchmark.entries import Entry
-from uuv.benchmark.score import ScoredCase, entered, line, score, summary
-from uuv.command import command
-from uuv.experiment import Study, StudyOptions
-from uuv.experiment.harness import key_of
-from uuv.experiment.loaded_code import digests, loaded_files
-from uuv.experiment.options import at_least
-from uuv.scenario import Scenario
+from uuv.cli.carry_out import METRICS
+from uuv.cli.json_output import file_alone
+from uuv.experiment.options import StudyOptions, at_least
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import shown, whole_number
 from uuv.sim.runs.command_line import RunOptions
+from uuv.start import parse
+
+if TYPE_CHECKING:  # a help text does without
+    from uuv.assembly import Assembly
+    from uuv.benchmark.score import ScoredCase
+    from uuv.scenario import Scenario
 
 _LONGEST = 100  # [characters] that standard input may bring
 
 
 @dataclass(kw_only=True)
-class Options(StudyOptions):
+class BenchmarkOptions(StudyOptions):
     """Score of a controller on the benchmark "UUV contact"."""
 
     entry: str = "default"
     """default, normal-force-law, "without METHOD", "joint PD", a registered controller, or MODULE:CLASS."""
     estimator: str = ""
     """MODULE:CLASS of an estimator that the entry brings; empty: navigation is given, as to all others."""
-    cases: int = CASES
-    """Number of cases, from the first on."""
+    cases: int | None = None
+    """Number of cases, from the first on; default: all public ones."""
     only: int | None = None
     """Do only the case of this number, with all its logs, in a folder of its own; its row is left as it is."""
     fresh: bool = False
     """Fresh cases, of the seed that a pipe to standard input brings: an entry can read a command line, but no pipe of
     its parent. Without one the seed is drawn, and told at the end."""
+    json: bool = False
+    """Print metrics.json alone."""
     in_process: bool = False
     """Run the controller in the simulation's process: faster, and no entry, for it could read the truth."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        at_least(self, only=0)
+        at_least(self, cases=1, only=0)
 
 
-def main() -> int:
+def main(verb: str, args: Sequence[str]) -> int:
     """Runs or resumes the benchmark, or does a single case; returns the exit code."""
-    started, options = time.perf_counter(), parse(Options)
+    del verb
+    started, options = time.perf_counter(), parse(BenchmarkOptions, args)
+    return file_alone(lambda: benchmark(options, started), METRICS) if options.json else benchmark(options, started)
+
+
+def benchmark(options: BenchmarkOptions, started: float) -> int:
+    """Runs or resumes the benchmark, or does a single case; returns the exit code.
+
+    Args:
+        options: Of the command line.
+        started: [s] time.perf_counter() at the start of the command.
+
+    Raises:
+        UuvError: There is no such entry, or the folder is of no use.
+    """
+    seed_given = seed_of_cases() if options.fresh else None
+    from uuv.benchmark.cases import CASES, PUBLIC_SEED, VERSION, BenchmarkCase, cases, digest
+    from uuv.benchmark.door import close_memory
+    from uuv.benchmark.entries import Entry
+    from uuv.benchmark.score import ScoredCase, line, score, summary
+    from uuv.experiment import Study
+    from uuv.experiment.harness import key_of
+    from uuv.experiment.loaded_code import digests, loaded_files
+
     close_memory()
-    entry, seed = Entry.of(options.entry, options.estimator), seed_of_cases() if options.fresh else PUBLIC_SEED
-    name = "contact_score-" + "".join(c if c.isalnum() else "-" for c in entry.name)
+    entry, seed = Entry.of(options.entry, options.estimator), PUBLIC_SEED if seed_given is None else seed_given
+    name = "benchmark-" + "".join(c if c.isalnum() else "-" for c in entry.name)
     if options.only is not None:
         case = BenchmarkCase(seed=seed, index=options.only)
         return with_report(ScoredCase(case=case, entry=entry, in_process=options.in_process), name, options, started)
-    chosen = cases(options.cases, seed=seed)
+
+    chosen = cases(CASES if options.cases is None else options.cases, seed=seed)
     about = {
         "version": VERSION,
         "seed": seed,
@@ -110,18 +133,17 @@ def seed_of_cases() -> int:
     return whole_number(int(told), "--fresh", most=2**63 - 1)
 
 
-def with_report(scored: ScoredCase, study: str, options: Options, started: float) -> int:
+def with_report(scored: "ScoredCase", study: str, options: BenchmarkOptions, started: float) -> int:
     """Does a single case with all its output; returns the exit code."""
+    from uuv.benchmark.score import entered
+    from uuv.command import command
+
     scenario = scored.case.scenario(scored.entry.control)
     scenario = replace(scenario, name=f"{study}/case_{scored.case.index:04d}")
     with ExitStack() as stack:
 
-        def assembled(_: Scenario, *, full: bool) -> Assembly:
+        def assembled(_: "Scenario", *, full: bool) -> "Assembly":
             return stack.enter_context(entered(scored, full=full))[0]
 
         after = f", case {scored.case.index} by {scored.entry.name}"
         return command(scenario, RunOptions(out=options.out), started, after, assembled)
-
-
-if __name__ == "__main__":
-    run_scenario(main)

@@ -4,37 +4,64 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
-from uuv.kinds import TRUST
+from tyro.conf import Positional, arg
+
+from uuv.cli.json_output import print_json
 from uuv.sim.interfaces.errors import ConfigurationError, MissingLibraryError
 from uuv.sim.interfaces.extras import LOG, absent, to_install
 from uuv.sim.interfaces.files import regular
 from uuv.sim.interfaces.spatial import shown
+from uuv.sim.runs.command_line import parse
 from uuv.sim.runs.run_folder import LATEST, RUNS
 
 if TYPE_CHECKING:
     from uuv.scenario import Scenario
 
-TRUST_HELP = f"{TRUST}: run the code, MODULE:ATTRIBUTE, that its scenario names too."
+Run = Annotated[Positional[str], arg(metavar="RUN", help="Folder of a run, or the name of a job for its latest.")]
+Trust = Annotated[bool, arg(help="Run the code, MODULE:ATTRIBUTE, that its scenario names too.")]
 _RRD = b"RRF"  # begins a log
-_ABOUT = {
-    "replay": "Runs again from its record, and compares the trajectory to the bit.",
-    "report": "Prints the path of report.html, and writes it by running again where there is none.",
-    "view": "Opens the log in the Rerun viewer.",
-}
+
+
+@dataclass(kw_only=True)
+class ReplayOptions:
+    """Run again from the record of a run, and compare the trajectory to the bit."""
+
+    run: Run
+    trust: Trust = False
+    json: bool = False
+    """Print verdict, duration and both digests as JSON."""
+
+
+@dataclass(kw_only=True)
+class ReportOptions:
+    """Print the path of report.html; where there is none it is written by running again."""
+
+    run: Run
+    trust: Trust = False
+
+
+@dataclass(kw_only=True)
+class ViewOptions:
+    """Open the log of a run in the Rerun viewer; no code is run, whatever its scenario names."""
+
+    run: Run
 
 
 def main(verb: str, args: Sequence[str]) -> int:
     """Does the verb with the run; returns the exit code."""
-    names, trust = [arg for arg in args if arg != TRUST], TRUST in args
-    if len(names) != 1 or names[0].startswith("-"):
-        told = f"{_ABOUT[verb]} RUN: folder of a run, or the name of a job for its latest."
-        print(f"usage: uuv {verb} RUN [{TRUST}]\n\n{told}\n{TRUST_HELP}")
-        return 0 if {"-h", "--help"} & {*names} else 2
-    folder = run_folder(names[0])
-    return {"replay": replay, "report": report, "view": view}[verb](folder, trust=trust)
+    match verb:
+        case "replay":
+            options = parse(ReplayOptions, args)
+            return replay(run_folder(options.run), trust=options.trust, as_json=options.json)
+        case "report":
+            options = parse(ReportOptions, args)
+            return report(run_folder(options.run), trust=options.trust)
+        case _:
+            return view(run_folder(parse(ViewOptions, args).run))
 
 
 def run_folder(given: str) -> Path:
@@ -61,8 +88,17 @@ def scenario_of(folder: Path, *, trust: bool) -> "Scenario":
     return read_scenario(folder / SCENARIO_FILE, trust=trust)
 
 
-def replay(folder: Path, *, trust: bool = False) -> int:
-    """Runs again; 0 if the trajectory is the same to the bit, else 1. `trust`: also code that the scenario names."""
+def replay(folder: Path, *, trust: bool = False, as_json: bool = False) -> int:
+    """Runs again; 0 if the trajectory is the same to the bit, else 1.
+
+    Args:
+        folder: Folder of the run.
+        trust: Run code that its scenario names too.
+        as_json: Print JSON.
+
+    Raises:
+        UuvError: The record cannot be read, or what it describes cannot be run.
+    """
     from uuv.inputs import check_inputs
     from uuv.sim.reporting.series_tables import PastRun
 
@@ -73,7 +109,12 @@ def replay(folder: Path, *, trust: bool = False) -> int:
 
     ran = run(scenario)
     got = ran.recording.digest()
-    if got == wanted:
+    same = got == wanted
+    if as_json:
+        digests = {"trajectory_sha256": got, "recorded_sha256": wanted}
+        print_json({"same": same, "simulated_s": ran.recording.duration, **digests})
+        return 0 if same else 1
+    if same:
         print(f"the same to the bit: {ran.recording.duration:.1f} s, trajectory {got[:12]}")
         return 0
     print(
@@ -101,9 +142,8 @@ def report(folder: Path, *, trust: bool = False) -> int:
     return 0
 
 
-def view(folder: Path, *, trust: bool = False) -> int:
-    """Opens the Rerun viewer on the run's log; its exit code. No code is run, whether or not one may `trust` it."""
-    del trust
+def view(folder: Path) -> int:
+    """Opens the Rerun viewer on the run's log; its exit code."""
     log = folder / "run.rrd"
     if not log.exists():
         raise ConfigurationError(f"{folder} has no run.rrd: run it again without --no-record, with the extra {LOG}")

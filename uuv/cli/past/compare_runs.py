@@ -2,13 +2,18 @@
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
-from uuv.cli.past_runs import TRUST_HELP, run_folder, scenario_of
-from uuv.kinds import TRUST
+from tyro.conf import Positional, arg
+
+from uuv.cli.json_output import print_json
+from uuv.cli.past.past_runs import Run, Trust, run_folder, scenario_of
 from uuv.sim.interfaces.errors import ConfigurationError, one_line
 from uuv.sim.interfaces.extras import LOG, absent, to_install
+from uuv.sim.runs.command_line import parse
+from uuv.sim.runs.run_folder import FORMAT_KEY
 from uuv.sim.runs.saving import write_whole
 
 if TYPE_CHECKING:
@@ -16,31 +21,43 @@ if TYPE_CHECKING:
 
     from uuv.sim.reporting.series_tables import PastRun
 
-_LEFT_OUT = ("provenance", "timings", "start", "schema")
+_LEFT_OUT = (FORMAT_KEY, "provenance", "timings", "start", "schema")
 _ASKED = ("scenario", "options.", "model_sha256")  # what was asked for, and the model that follows from it
-_ALL = "--all"
 _SAME = 0.02  # share by which figures may differ and still count as alike
-_USAGE = f"""usage: uuv compare RUN RUN [RUN ...] [{_ALL}] [{TRUST}]
-
-Options and versions in which the runs differ, and figures that differ by more than {_SAME:.0%} ({_ALL}: all figures).
-The same and the time series of the first two, laid over each other, are left as compare_NAME.html in the first folder.
-RUN: folder of a run, or the name of a job for its latest.
-{TRUST_HELP}"""
 Rows = list[tuple[str, list[Any]]]
+
+
+@dataclass(kw_only=True)
+class CompareOptions:
+    """Options and versions in which runs differ, and figures that differ by more than 2 %.
+
+    The same and the time series of the first two, laid over each other, are left as compare_NAME.html in the first
+    folder.
+    """
+
+    a: Run
+    b: Run
+    more: Annotated[Positional[tuple[str, ...]], arg(metavar="[RUN ...]", help="Further ones.")] = ()
+    all: bool = False
+    """All figures."""
+    trust: Trust = False
+    json: bool = False
+    """Print the tables as JSON, and leave no page."""
 
 
 def main(verb: str, args: Sequence[str]) -> int:
     """Prints the tables, and writes the page; returns the exit code."""
     del verb
-    names = [arg for arg in args if arg not in (_ALL, TRUST)]
-    if len(names) < 2 or any(name.startswith("-") for name in names):
-        print(_USAGE)
-        return 0 if {"-h", "--help"} & set(args) else 2
-    folders = [run_folder(name) for name in names]
+    options = parse(CompareOptions, args)
+    folders = [run_folder(name) for name in (options.a, options.b, *options.more)]
     from uuv.sim.reporting.series_tables import PastRun
 
     runs = [PastRun.of(folder) for folder in folders]
-    found = tables(runs, every=_ALL in args, trust=TRUST in args)
+    found = tables(runs, every=options.all, trust=options.trust)
+    if options.json:
+        print_json({"runs": folders, **{title: dict(rows) for title, rows in found.items()}})
+        return 0
+
     from uuv.sim.runs.terminal import console as console_of
 
     console = console_of()
@@ -111,9 +128,10 @@ def _short(folders: Sequence[Path]) -> list[str]:
 def numbers(nested: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, Any]]:
     """Dotted name and value of each number, verdict and word of a run's metrics."""
     for key, value in nested.items():
+        if key in _LEFT_OUT:
+            continue
         if isinstance(value, Mapping):
-            if key not in _LEFT_OUT:
-                yield from numbers(value, f"{before}{key}.")
+            yield from numbers(value, f"{before}{key}.")
         elif value is None or isinstance(value, bool | int | float) or key in ("state", "abort"):
             yield before + key, value
 

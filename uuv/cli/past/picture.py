@@ -1,28 +1,31 @@
 """Pictures of a run that has ended: `uuv picture RUN` renders a still and a clip from its recorded motion."""
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
-from uuv.cli.past_runs import TRUST_HELP, run_folder, scenario_of
-from uuv.kinds import TRUST
+from uuv.cli.past.past_runs import Run, Trust, run_folder, scenario_of
+from uuv.sim.runs.command_line import parse
 
 STILL, CLIP = "scene.png", "clip.webp"
-_USAGE = f"""usage: uuv picture RUN [{TRUST}]
 
-Renders {STILL}, five seconds after the work began, and {CLIP}, ten seconds of the whole run, into its folder: by
-MuJoCo's renderer, or by ray casting where there is no OpenGL.
-RUN: folder of a run, or the name of a job for its latest.
-{TRUST_HELP}"""
+
+@dataclass(kw_only=True)
+class PictureOptions:
+    """Render a still, five seconds after the work began, and a clip, ten seconds of the whole run, into its folder.
+
+    By MuJoCo's renderer, or by ray casting where there is no OpenGL.
+    """
+
+    run: Run
+    trust: Trust = False
 
 
 def main(verb: str, args: Sequence[str]) -> int:
     """Renders both; returns the exit code."""
     del verb
-    names = [arg for arg in args if arg != TRUST]
-    if len(names) != 1 or names[0].startswith("-"):
-        print(_USAGE)
-        return 0 if {"-h", "--help"} & {*names} else 2
-    for file in pictures(run_folder(names[0]), trust=TRUST in args):
+    options = parse(PictureOptions, args)
+    for file in pictures(run_folder(options.run), trust=options.trust):
         print(file.resolve())
     return 0
 
@@ -42,6 +45,6 @@ def pictures(folder: Path, *, trust: bool = False) -> Iterator[Path]:
     from uuv import first_start
 
     first_start.build()
-    from uuv.cli.run_scene import render
+    from uuv.cli.past.run_scene import render
 
     yield from render(scenario, past, folder / STILL, folder / CLIP)

@@ -1,0 +1,64 @@
+"""What there is, one line each: `uuv list [KIND ...]`."""
+
+import shutil
+import textwrap
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Annotated
+
+from tyro.conf import Positional, arg
+
+from uuv.catalogue import SHELVES, things
+from uuv.cli.json_output import print_json
+from uuv.sim.interfaces.errors import ConfigurationError, did_you_mean
+from uuv.sim.runs.command_line import parse
+
+_WIDTH = 120  # characters of a line where the output is no terminal
+_LEAST = 40  # characters of what is said about a thing, in a narrow terminal
+_KINDS = [shelf.kind for shelf in SHELVES]
+
+
+@dataclass(kw_only=True)
+class ListOptions:
+    """What there is, one line each."""
+
+    kinds: Annotated[
+        Positional[tuple[str, ...]], arg(metavar="[KIND ...]", help=f"Of {', '.join(_KINDS)}; default: all.")
+    ] = ()
+    json: bool = False
+    """Print names and lines by kind as JSON."""
+
+
+def main(verb: str, args: Sequence[str]) -> int:
+    """Prints all kinds, or those named; returns the exit code."""
+    del verb
+    options = parse(ListOptions, args)
+    wanted = [_kind(word) for word in options.kinds] or _KINDS
+    listed = {shelf: list(things(shelf.kind)) for shelf in SHELVES if shelf.kind in wanted}
+    if options.json:
+        print_json({shelf.kind: dict(entries) for shelf, entries in listed.items()})
+        return 0
+
+    columns = shutil.get_terminal_size((_WIDTH, 0)).columns
+    blocks = []
+    for shelf, entries in listed.items():
+        wide = max((len(name) for name, _ in entries), default=0)
+        lines = [_entry(f"  {name:<{wide}}  ", about, columns) for name, about in entries]
+        blocks.append("\n".join([f"{shelf.kind}s  ({shelf.use})", *lines]))
+    print("\n\n".join(blocks))
+    return 0
+
+
+def _kind(word: str) -> str:
+    """A kind as it is called, of its name in the singular or the plural."""
+    kind = word.removesuffix("s")
+    if kind not in _KINDS:
+        raise ConfigurationError(f"no kind {word!r}; there are {', '.join(_KINDS)}{did_you_mean(kind, _KINDS)}")
+    return kind
+
+
+def _entry(begin: str, about: str, columns: int) -> str:
+    """A thing and what is said about it, in as many lines as that takes."""
+    room = max(_LEAST, columns - len(begin))
+    lines = textwrap.wrap(about, room, break_long_words=False, break_on_hyphens=False) or [""]
+    return f"\n{' ' * len(begin)}".join([f"{begin}{lines[0]}".rstrip(), *lines[1:]])

@@ -1,0 +1,63 @@
+"""`uuv models`: degrees of freedom, mass, volume, actuation of the named models, and the source of the figures."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Annotated
+
+from tyro.conf import Positional, arg
+
+from uuv.cli.json_output import print_json
+from uuv.start import parse
+
+
+@dataclass(kw_only=True)
+class ModelsOptions:
+    """Named models, their size, actuation and sources."""
+
+    names: Annotated[
+        Positional[tuple[str, ...]], arg(metavar="[NAME ...]", help="Names of uuv.models.available(); default: all.")
+    ] = ()
+    json: bool = False
+    """Print the table as JSON."""
+
+
+def main(verb: str, args: Sequence[str]) -> int:
+    """Prints the table; returns the exit code."""
+    del verb
+    options = parse(ModelsOptions, args)
+    from uuv import models
+
+    names = options.names or tuple(name for name in models.available() if models.describe(name).name == name)
+    described = [models.describe(name) for name in names]
+    if options.json:
+        print_json(
+            {
+                model.name: {
+                    "dof": model.dof,
+                    "mass_kg": model.mass,
+                    "volume_m3": model.volume,
+                    "thrusters": model.thrusters,
+                    "drive": model.drive,
+                    "joints": list(model.joints),
+                    "source": model.source,
+                }
+                for model in described
+            }
+        )
+        return 0
+
+    from rich.table import Table
+
+    from uuv.sim.runs.terminal import console
+
+    table = Table(title="Named models", title_justify="left")
+    table.add_column("name", no_wrap=True, overflow="fold")
+    for column in ("DOF", "dry kg, L", "moved by", "source"):
+        table.add_column(column, overflow="fold")
+    for model in described:
+        joints = f", {len(model.joints)} joints" if model.joints else ""
+        moved = f"{model.thrusters} thrusters" if model.thrusters else model.drive
+        size = f"{model.mass:.4g}, {1e3 * model.volume:.4g}"
+        table.add_row(model.name, f"{model.dof}", size, moved + joints, model.source)
+    console().print(table)
+    return 0

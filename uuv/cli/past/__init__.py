@@ -1,0 +1,1 @@
+"""Verbs on runs that have ended: compare, replay, report, view, picture."""

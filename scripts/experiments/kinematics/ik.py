@@ -1,8 +1,8 @@
 """Benchmark: inverse kinematics against its goals, a compiled baseline and installed peers.
 
-    ./uvw run scripts/experiments/kinematics/ik.py  # our methods and the baseline.
-    ./uvw run --with-requirements scripts/experiments/kinematics/ik_requirements.txt scripts/experiments/kinematics/ik.py  # with
-    the peers.
+    PEERS=scripts/experiments/kinematics/ik_requirements.txt
+    ./uvw run scripts/experiments/kinematics/ik.py                                # our methods and the baseline.
+    ./uvw run --with-requirements $PEERS scripts/experiments/kinematics/ik.py     # with the peers.
 
 The second command overlays the peers on the project's environment for this run; uv.lock and .venv stay as they are. KDL
 has no wheel: it takes part if PYTHONPATH has a folder with your distribution's PyKDL. Every answer is checked by a

@@ -1,8 +1,7 @@
 """Third-party inverse kinematics behind one call signature, for the IK benchmark only.
 
 Each peer is asked for our accuracy in its own terms, and gets the joint limits if it supports them. A peer without
-restarts of its own is restarted from random joint values within the limits. scripts/experiments/kinematics/ik_requirements.txt
-lists the packages.
+restarts of its own is restarted from random joint values within the limits. ik_requirements.txt lists the packages.
 """
 
 import math

@@ -87,6 +87,21 @@ def test_a_room_has_no_other_name(room: str, tmp_path: Path):
     assert ran.stderr.splitlines()[-1] == f"ImportError: {room!r} is not a package of the project: import uuv.{room}"
 
 
+def test_a_copy_without_links_finds_its_rooms(root: Path, tmp_path: Path):
+    """As some archives and file systems leave it: a link is a small file with the path."""
+    names = shutil.ignore_patterns("__pycache__")
+    for name in ("models", "sim"):
+        shutil.copytree(root / name, tmp_path / name, ignore=names)
+    (tmp_path / "uuv").mkdir()
+    for file in (root / "uuv").glob("__init__.py*"):
+        shutil.copy(file, tmp_path / "uuv")
+    (tmp_path / "uuv" / "models").write_text("../models")
+    code = "import uuv.models; print(uuv.models.load('remus100').modelname, uuv.models.__file__)"
+    ran = python(sys.executable, code, tmp_path)
+    assert ran.returncode == 0, ran.stderr
+    assert ran.stdout.endswith(f"{tmp_path / 'models' / '__init__.py'}\n")
+
+
 def test_the_command_is_a_module_too(root: Path):
     ran = subprocess.run(
         [sys.executable, "-m", "uuv", "--version"], cwd=root, capture_output=True, text=True, check=False

@@ -138,7 +138,7 @@ def test_names_of_a_stub(tmp_path):
 def examples() -> list[Any]:
     """The blocks of Python of the page, whole jobs marked as long."""
     long = pytest.mark.long(
-        guarded_by="tests/unit/house/test_docs.py::test_the_sensor_of_the_documents_is_the_skeletons"
+        guarded_by="tests/unit/house/test_promised_names.py::test_a_promised_name_is_there_and_is_no_module"
     )
     blocks = [(group.page, block) for group in GROUPS for block in re.findall(r"```python\n(.*?)```", group.text, re.S)]
     return [pytest.param(name, code, marks=[long] if "run(" in code and name == "run" else []) for name, code in blocks]

@@ -19,6 +19,6 @@ _HERE = Path(__file__).resolve().parent
 if not (_HERE / "models").is_dir():  # unpacked without its links to the rooms, which then stand beside it
     __path__.append(str(_HERE.parent))
 
-from uuv.sim.interfaces.lazy_names import names_of_stub
+from uuv.sim.interfaces.lazy_names import names_of_stub  # noqa: E402  once the rooms can be found
 
 __getattr__, __dir__, __all__ = names_of_stub(__name__, __file__)

@@ -1,11 +1,11 @@
-"""`uuv benchmark`: scores one controller by the truth, in a process of its own that gets estimates only.
+"""`uuv benchmark`: scores a controller by the truth; its own process gets estimates only.
 
     uuv benchmark                                              # the default controller, 100 public cases
     uuv benchmark --entry mymodule:MyController --cases 10
     echo 4711 | uuv benchmark --fresh                          # fresh cases, of a seed that a pipe brings
 
-The result file is metrics.json in the folder of results. docs/benchmark.md says what is scored and how to enter a
-controller.
+The result file is metrics.json in the folder of results. docs/benchmark.md says what is scored and
+how to enter a controller.
 """
 
 import secrets
@@ -14,6 +14,7 @@ import time
 from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING
 
 from uuv.cli.carry_out import METRICS
@@ -37,20 +38,24 @@ class BenchmarkOptions(StudyOptions):
     """Score of a controller on the benchmark "UUV contact"."""
 
     entry: str = "default"
-    """default, normal-force-law, "without METHOD", "joint PD", a registered controller, or MODULE:CLASS."""
+    """default, normal-force-law, "without METHOD", "joint PD", a registered controller, or
+    MODULE:CLASS."""
     estimator: str = ""
-    """MODULE:CLASS of an estimator that the entry brings; empty: navigation is given, as to all others."""
+    """MODULE:CLASS of an estimator that the entry brings; empty: navigation is given, as to all
+    others."""
     cases: int | None = None
     """Number of cases, from the first on; default: all public ones."""
     only: int | None = None
-    """Do only the case of this number, with all its logs, in a folder of its own; its row is left as it is."""
+    """Do only the case of this number, with all its logs, in a folder of its own; its row is
+    left as it is."""
     fresh: bool = False
-    """Fresh cases, of the seed that a pipe to standard input brings: an entry can read a command line, but no pipe of
-    its parent. Without one the seed is drawn, and told at the end."""
+    """Fresh cases, of the seed that a pipe to standard input brings: an entry can read a command
+    line, but no pipe of its parent. Without one the seed is drawn, and told at the end."""
     json: bool = False
     """Print metrics.json alone."""
     in_process: bool = False
-    """Run the controller in the simulation's process: faster, and no entry, for it could read the truth."""
+    """Run the controller in the simulation's process: faster, and no entry, for it could read
+    the truth."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -60,8 +65,10 @@ class BenchmarkOptions(StudyOptions):
 def main(verb: str, args: Sequence[str]) -> int:
     """Runs or resumes the benchmark, or does a single case; returns the exit code."""
     del verb
-    started, options = time.perf_counter(), parse(BenchmarkOptions, args)
-    return file_alone(lambda: benchmark(options, started), METRICS) if options.json else benchmark(options, started)
+    started = time.perf_counter()
+    options = parse(BenchmarkOptions, args)
+    work = partial(benchmark, options, started)
+    return file_alone(work, METRICS) if options.json else work()
 
 
 def benchmark(options: BenchmarkOptions, started: float) -> int:
@@ -84,11 +91,13 @@ def benchmark(options: BenchmarkOptions, started: float) -> int:
     from uuv.experiment.loaded_code import digests, loaded_files
 
     close_memory()
-    entry, seed = Entry.of(options.entry, options.estimator), PUBLIC_SEED if seed_given is None else seed_given
+    entry = Entry.of(options.entry, options.estimator)
+    seed = PUBLIC_SEED if seed_given is None else seed_given
     name = "benchmark-" + "".join(c if c.isalnum() else "-" for c in entry.name)
     if options.only is not None:
         case = BenchmarkCase(seed=seed, index=options.only)
-        return with_report(ScoredCase(case=case, entry=entry, in_process=options.in_process), name, options, started)
+        scored = ScoredCase(case=case, entry=entry, in_process=options.in_process)
+        return with_report(scored, name, options, started)
 
     chosen = cases(CASES if options.cases is None else options.cases, seed=seed)
     about = {
@@ -102,6 +111,7 @@ def benchmark(options: BenchmarkOptions, started: float) -> int:
         "source": entry.source,
         "in_process": options.in_process,
     }
+
     study = Study(
         cases=[ScoredCase(case=case, entry=entry, in_process=options.in_process) for case in chosen],
         run_one=score,
@@ -119,18 +129,18 @@ def benchmark(options: BenchmarkOptions, started: float) -> int:
 
 
 def seed_of_cases() -> int:
-    """Seed that standard input brings; a new one of 63 bits where it is a terminal or brings nothing.
+    """Seed that standard input brings; else, and where it is a terminal, a new one of 63 bits.
 
     Raises:
         ConfigurationError: It brings something else.
     """
     stream = sys.stdin  # None where a process was started without
-    told = "" if stream is None or stream.isatty() else stream.read(_LONGEST).strip()
-    if not told:
+    text = "" if stream is None or stream.isatty() else stream.read(_LONGEST).strip()
+    if not text:
         return secrets.randbits(63)
-    if not (told.isascii() and told.isdigit()):
-        raise ConfigurationError(f"--fresh: standard input must bring one whole number, got {shown(told)}")
-    return whole_number(int(told), "--fresh", most=2**63 - 1)
+    if not (text.isascii() and text.isdigit()):
+        raise ConfigurationError(f"--fresh: standard input must bring one whole number, got {shown(text)}")
+    return whole_number(int(text), "--fresh", most=2**63 - 1)
 
 
 def with_report(scored: "ScoredCase", study: str, options: BenchmarkOptions, started: float) -> int:

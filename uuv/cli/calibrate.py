@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import ClassVar
 
 from uuv.arm_identification.calibration_options import COMMAND, CalibrationOptions, check_inputs
@@ -15,13 +16,15 @@ from uuv.start import parse
 class CalibrateVerb(CalibrationOptions):
     """Calibrate an arm: the tip rests in one fixed point in many postures, and encoders are read.
 
-    Without --touches the touching is simulated. The arm is then the UR10e of [Yukhimets 2023] (3 points, 21 touches
-    each), or any published arm or a vehicle's own with workshop errors. The touches come from a hand with noise, or by
-    contact under water. With --touches any arm can be calibrated:
+    Without --touches the touching is simulated. The arm is then the UR10e of [Yukhimets 2023] (3
+    points, 21 touches each), or any published arm or a vehicle's own with workshop errors. The
+    touches come from a hand with noise, or by contact under water. With --touches any arm can be
+    calibrated:
 
         uuv calibrate --arm robot.urdf --tip ball --touches a.csv b.csv --distance a b 0.5
 
-    With --plan N nothing is identified: the N touches that would tell most are printed and written as plan.csv.
+    With --plan N nothing is identified: the N touches that would tell most are printed and written
+    as plan.csv.
     """
 
     groups: ClassVar[Mapping[str, str]] = {"output": "json"}
@@ -35,7 +38,8 @@ def main(verb: str, args: Sequence[str]) -> int:
     del verb
     options = parse(CalibrateVerb, args)
     plain = as_base(options, CalibrationOptions)
-    return file_alone(lambda: calibrate(plain), METRICS) if options.json else calibrate(plain)
+    work = partial(calibrate, plain)
+    return file_alone(work, METRICS) if options.json else work()
 
 
 def calibrate(options: CalibrationOptions) -> int:
@@ -47,8 +51,12 @@ def calibrate(options: CalibrationOptions) -> int:
     check_inputs(options)
     import numpy as np
 
-    from uuv.arm_identification import calibration_command  # imported, and compiled, after the check
+    # Imported, and compiled, after the check.
+    from uuv.arm_identification import calibration_command
     from uuv.sim.runs.terminal import PlainConsole
 
-    work = calibration_command.calibrate if options.plan is None else calibration_command.plan_touches
-    return work(options, options.folder(COMMAND), PlainConsole(), np.random.default_rng(options.seed))
+    work = calibration_command.plan_touches
+    if options.plan is None:
+        work = calibration_command.calibrate
+    rng = np.random.default_rng(options.seed)
+    return work(options, options.folder(COMMAND), PlainConsole(), rng)

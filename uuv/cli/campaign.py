@@ -1,4 +1,4 @@
-"""`uuv campaign FILE`: runs or resumes a campaign from its file, many runs of one scenario with drawn parameters."""
+"""`uuv campaign FILE`: many runs of one scenario with drawn parameters, resumed where they ended."""
 
 import shlex
 import time
@@ -32,17 +32,21 @@ class CampaignOptions(HarnessOptions):
     cases: int | None = None
     """Number of cases instead of that in the file."""
     set: Assignments = ()
-    """KEY=VALUE for the same value in all runs, VALUE in TOML; the other draws stay, so that runs can be compared."""
+    """KEY=VALUE for the same value in all runs, VALUE in TOML; the other draws stay, so that
+    runs can be compared."""
     trust: bool = False
-    """Run the code, MODULE:ATTRIBUTE, that the file or its base names too; what is typed here needs no leave."""
+    """Run the code, MODULE:ATTRIBUTE, that the file or its base names too; what is typed here
+    needs no leave."""
     only: int | None = None
     """Do only the run of this number, if it is missing."""
     replay: int | None = None
-    """Do the run of this number again with full recording, in a folder of its own; the same trajectory to the bit."""
+    """Do the run of this number again with full recording, in a folder of its own; the same
+    trajectory to the bit."""
     json: bool = False
     """Print metrics.json alone: of the campaign, with --replay of the run."""
     page: bool = False
-    """Run nothing: sum up the rows that are there, also while others are made, and whichever code has made them."""
+    """Run nothing: sum up the rows that are there, also while others are made, and whichever
+    code has made them."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -54,8 +58,10 @@ class CampaignOptions(HarnessOptions):
 def main(verb: str, args: Sequence[str]) -> int:
     """Runs or resumes the campaign, or replays one of its runs; returns the exit code."""
     del verb
-    started, options = time.perf_counter(), parse(CampaignOptions, args)
-    return file_alone(lambda: campaign(options, started), METRICS) if options.json else campaign(options, started)
+    started = time.perf_counter()
+    options = parse(CampaignOptions, args)
+    work = partial(campaign, options, started)
+    return file_alone(work, METRICS) if options.json else work()
 
 
 def campaign(options: CampaignOptions, started: float) -> int:
@@ -75,9 +81,9 @@ def campaign(options: CampaignOptions, started: float) -> int:
     described = read_campaign(options.file, values, trust=options.trust)
     changed = {name: value for name in ("seed", "cases") if (value := getattr(options, name)) is not None}
     described = replace(described, **changed)
-    given = [f"--{name} {value}" for name, value in changed.items()]
-    given += ["--trust"] if options.trust else []
-    given += ["--set", *map(shlex.quote, values)] if values else []
+    typed = [f"--{name} {value}" for name, value in changed.items()]
+    typed += ["--trust"] if options.trust else []
+    typed += ["--set", *map(shlex.quote, values)] if values else []
 
     runs = described.runs()
     if options.replay is not None:
@@ -92,7 +98,7 @@ def campaign(options: CampaignOptions, started: float) -> int:
     study = Study(
         cases=runs if options.only is None else [one_of(runs, options.only)],
         run_one=one_run,
-        summarise=partial(summarise, campaign=described, file=" ".join((shlex.quote(str(options.file)), *given))),
+        summarise=partial(summarise, campaign=described, file=" ".join((shlex.quote(str(options.file)), *typed))),
         failed=crashed_row,
         line=line,
     )

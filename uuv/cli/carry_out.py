@@ -1,4 +1,4 @@
-"""Carries out what a command describes: one run, or trials over many seeds, and prints what was asked for."""
+"""Carries out what a command describes: one run, or trials over many seeds; and its output."""
 
 import itertools
 from dataclasses import dataclass
@@ -40,7 +40,7 @@ def values_of(assignments: tuple[tuple[str, ...], ...]) -> tuple[str, ...]:
 
 
 def run_job(scenario: "Scenario", options: RunOptions, started: float, after: str = "") -> int:
-    """Checks the inputs of a job, then runs it once, or over many seeds where its options ask for trials.
+    """Checks the inputs of a job, then runs it once, or over many seeds where options ask for it.
 
     What runs it is imported, and compiled, only after the check.
 
@@ -69,7 +69,7 @@ def run_job(scenario: "Scenario", options: RunOptions, started: float, after: st
 
 
 def run_printed(scenario: "Scenario", options: RunOptions, output: Output, started: float, after: str = "") -> int:
-    """As `run_job`, with the output that was asked for: all, the verdict and the folder, or metrics.json."""
+    """As `run_job`, printing all, or verdict and folder, or metrics.json, as was asked for."""
 
     def work() -> int:
         return run_job(scenario, options, started, after)

@@ -1,4 +1,4 @@
-"""What a vehicle has of the contract, what is doubtful, and which jobs it can begin: `uuv check VEHICLE`."""
+"""`uuv check VEHICLE`: what it has of the contract, what is doubtful, which jobs it can begin."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ WIDTH = 132  # characters of the tables where the output is no terminal
 
 @dataclass(kw_only=True)
 class CheckOptions:
-    """What a vehicle has of the contract, what was computed or looks wrong, and which jobs it can begin.
+    """What a vehicle has of the contract, what looks wrong, and which jobs it can begin.
 
     Exit code 0: all of them; 1: some are refused.
     """
@@ -29,7 +29,8 @@ class CheckOptions:
         ),
     ]
     parts: Path | None = None
-    """File that maps the model's names to those of the contract; default: NAME.parts.yaml beside the vehicle's file."""
+    """File that maps the model's names to those of the contract; default: NAME.parts.yaml beside
+    the vehicle's file."""
     tool: str | None = None
     """Tool on the tip: a name of `uuv list tools`."""
     forces: tuple[float, ...] = ()
@@ -56,11 +57,11 @@ def main(verb: str, args: Sequence[str]) -> int:
     from uuv.sim.runs.terminal import console
 
     first_start.build()
-    found = check_vehicle(
+    verdicts = check_vehicle(
         options.vehicle, parts_file=options.parts, tool=options.tool, jobs=options.jobs, forces=options.forces
     )
     if options.json:
-        print_json(found.as_dict())
+        print_json(verdicts.as_dict())
     else:
-        print_check(found, console(WIDTH))
-    return 0 if found.sound else 1
+        print_check(verdicts, console(WIDTH))
+    return 0 if verdicts.sound else 1

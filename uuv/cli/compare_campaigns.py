@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -36,7 +37,8 @@ def main(verb: str, args: Sequence[str]) -> int:
     for folder in (options.a, options.b):
         if not folder.is_dir():
             raise ConfigurationError(f"{folder}: no folder of a campaign")
-    return file_alone(lambda: compare_campaigns(options), METRICS) if options.json else compare_campaigns(options)
+    work = partial(compare_campaigns, options)
+    return file_alone(work, METRICS) if options.json else work()
 
 
 def compare_campaigns(options: CompareCampaignsOptions) -> int:
@@ -51,8 +53,10 @@ def compare_campaigns(options: CompareCampaignsOptions) -> int:
     from uuv.sim.runs.provenance import provenance
     from uuv.sim.runs.terminal import console as console_of
 
-    summary = comparison.compared(comparison.Finished.read(options.a), comparison.Finished.read(options.b))
-    folder, made_by = new_folder(NAME, options.out), provenance(NAME, options)
+    finished = [comparison.Finished.read(folder) for folder in (options.a, options.b)]
+    summary = comparison.compared(*finished)
+    folder = new_folder(NAME, options.out)
+    made_by = provenance(NAME, options)
     write_json(folder / METRICS, as_json({**summary.metrics, "provenance": made_by}))
     summary.write_page(folder / PAGE, "Comparison of two campaigns", made_by["options"], "")
     console = console_of(160)

@@ -49,6 +49,7 @@ def main(verb: str, args: Sequence[str]) -> int:
     """Prints the script; returns the exit code."""
     del verb
     shell = parse(CompletionOptions, args).shell
+
     if shell not in _SHELLS:
         allowed = ", ".join(_SHELLS)
         raise ConfigurationError(f"completion: allowed {allowed}, got {shell!r}{did_you_mean(shell, _SHELLS)}")
@@ -62,6 +63,7 @@ def script() -> str:
     groups = {first: objects_of(first) for first in firsts if objects_of(first)}
     jobs = {job: options_in(with_those_of_run(job_options(job))) for job in JOBS}
     jobs["*.toml"] = options_in(with_those_of_run(FileOptions))
+
     return _SCRIPT.format(
         verbs=" ".join(firsts),
         groups=_cases((f'"2 {first} "*', objects) for first, objects in groups.items()),
@@ -78,6 +80,7 @@ def words_of(name: str, verb: Verb) -> list[str]:
     kind = options_class(verb)
     hints = get_type_hints(kind, include_extras=True)
     takes_runs = Run in hints.values()
+
     names = list(JOBS) if takes_runs else []  # the latest run of a job
     if name == "list":
         names = [shelf.kind for shelf in SHELVES]

@@ -33,8 +33,8 @@ def main(verb: str, args: Sequence[str]) -> int:
     """Prints all kinds, or those named; returns the exit code."""
     del verb
     options = parse(ListOptions, args)
-    wanted = [_kind(word) for word in options.kinds] or _KINDS
-    listed = {shelf: list(things(shelf.kind)) for shelf in SHELVES if shelf.kind in wanted}
+    kinds = [_kind(word) for word in options.kinds] or _KINDS
+    listed = {shelf: list(things(shelf.kind)) for shelf in SHELVES if shelf.kind in kinds}
     if options.json:
         print_json({shelf.kind: dict(entries) for shelf, entries in listed.items()})
         return 0
@@ -53,7 +53,8 @@ def _kind(word: str) -> str:
     """A kind as it is called, of its name in the singular or the plural."""
     kind = word.removesuffix("s")
     if kind not in _KINDS:
-        raise ConfigurationError(f"no kind {word!r}; there are {', '.join(_KINDS)}{did_you_mean(kind, _KINDS)}")
+        known = ", ".join(_KINDS)
+        raise ConfigurationError(f"no kind {word!r}; there are {known}{did_you_mean(kind, _KINDS)}")
     return kind
 
 

@@ -1,4 +1,4 @@
-"""Entry of the command `uuv`: the table of verbs; what a verb needs is imported when it is chosen."""
+"""Entry of the command `uuv`: the table of verbs; what one needs is imported when it is chosen."""
 
 import importlib
 import os
@@ -14,7 +14,7 @@ class Verb:
 
     module: str  # below `uuv.cli`; it has `main(verb, args) -> exit code`
     options: str  # class of the verb's options, there
-    given: str  # what follows the verb in its line of USAGE
+    words: str  # what follows the verb in its line of USAGE
     about: str  # the rest of that line
     earlier: str = ""  # its name as a command of its own, where that is another spelling
 
@@ -56,7 +56,7 @@ VERBS = {  # by the one or two words that are typed
 
 
 def _usage() -> str:
-    begin = {name: f"uuv {name} {verb.given}".rstrip() for name, verb in VERBS.items()}
+    begin = {name: f"uuv {name} {verb.words}".rstrip() for name, verb in VERBS.items()}
     wide = max(map(len, begin.values())) + 2
     return "\n".join(f"{begin[name]:<{wide}}{verb.about}" for name, verb in VERBS.items())
 
@@ -77,7 +77,8 @@ def main() -> NoReturn:
         if name == "picture":
             _choose_renderer()
         parts_from_the_working_folder()
-        verb, rest = VERBS[name], args[len(name.split()) :]
+        verb = VERBS[name]
+        rest = args[len(name.split()) :]
         sys.argv = [f"uuv {name}", *rest]
         run_scenario(lambda: importlib.import_module(f"uuv.cli.{verb.module}").main(name, rest))
     with quiet_pipe():  # what there is to say needs nothing heavy
@@ -95,17 +96,19 @@ def main() -> NoReturn:
 
 def chosen(args: Sequence[str]) -> str:
     """The verb that a command line begins with; empty: with none."""
-    both, first = " ".join(args[:2]), args[0] if args else ""
-    return both if both in VERBS else first if first in VERBS else ""
+    both = " ".join(args[:2])
+    if both in VERBS:
+        return both
+    return args[0] if args and args[0] in VERBS else ""
 
 
 def no_verb(args: Sequence[str]) -> str:
-    """Why a command line has no verb: an earlier spelling, a group without its object, or a word that is none."""
+    """Why a command line has no verb: an earlier spelling, no object of a group, no such word."""
     from uuv.sim.interfaces.errors import did_you_mean, one_line
 
     word, *more = args
-    if now := present_spelling(word):
-        return f"{one_line(word)}: that is now `uuv {now}`"
+    if spelling := present_spelling(word):
+        return f"{one_line(word)}: that is now `uuv {spelling}`"
     if objects := objects_of(word):
         got = one_line(more[0]) if more else "none"
         return f"{word}: needs one of {', '.join(objects)}, got {got}{did_you_mean(got, objects)}"
@@ -128,7 +131,7 @@ def objects_of(group: str) -> list[str]:
 
 
 def _choose_renderer() -> None:
-    """Lets MuJoCo draw without a screen where it can; read when it is imported, which fails without that library."""
+    """Lets MuJoCo draw without a screen where it can: it reads this when it is imported."""
     from ctypes.util import find_library
 
     if not os.environ.get("DISPLAY") and find_library("EGL"):

@@ -1,4 +1,4 @@
-"""`uuv models`: degrees of freedom, mass, volume, actuation of the named models, and the source of the figures."""
+"""`uuv models`: size, actuation and sources of the named models."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -27,8 +27,8 @@ def main(verb: str, args: Sequence[str]) -> int:
     options = parse(ModelsOptions, args)
     from uuv import models
 
-    names = options.names or tuple(name for name in models.available() if models.describe(name).name == name)
-    described = [models.describe(name) for name in names]
+    described = [(name, models.describe(name)) for name in options.names or models.available()]
+    shown = [model for name, model in described if options.names or model.name == name]  # no alias
     if options.json:
         print_json(
             {
@@ -41,7 +41,7 @@ def main(verb: str, args: Sequence[str]) -> int:
                     "joints": list(model.joints),
                     "source": model.source,
                 }
-                for model in described
+                for model in shown
             }
         )
         return 0
@@ -54,7 +54,7 @@ def main(verb: str, args: Sequence[str]) -> int:
     table.add_column("name", no_wrap=True, overflow="fold")
     for column in ("DOF", "dry kg, L", "moved by", "source"):
         table.add_column(column, overflow="fold")
-    for model in described:
+    for model in shown:
         joints = f", {len(model.joints)} joints" if model.joints else ""
         moved = f"{model.thrusters} thrusters" if model.thrusters else model.drive
         size = f"{model.mass:.4g}, {1e3 * model.volume:.4g}"

@@ -13,15 +13,16 @@ if TYPE_CHECKING:  # a help text does without
     from rich.console import Console
 
     from uuv.perception.seabed.terrain_path import SeabedPlan
+    from uuv.sim.interfaces.spatial import Array
 
 
 @dataclass(kw_only=True)
 class PlanOptions:
     """Plan a tool path on a seabed: points T_j with their axes, and a picture.
 
-    The cloud is a text file (x y z a line), PLY or PCD. The targets are a text file of points B_i and the direction z
-    [Konoplin 2019]. A cloud without a surface, a hole under a target or too rough a relief end in one line and exit
-    code 2.
+    The cloud is a text file (x y z a line), PLY or PCD. The targets are a text file of points B_i
+    and the direction z [Konoplin 2019]. A cloud without a surface, a hole under a target or too
+    rough a relief end in one line and exit code 2.
     """
 
     cloud: Path
@@ -51,7 +52,9 @@ def main(verb: str, args: Sequence[str]) -> int:
     cloud = read_cloud(options.cloud)
     B, z = read_targets(options.targets)
     folder = new_folder("plan_seabed", options.out)
-    from uuv.perception.seabed.terrain_path import plan_seabed_work  # imported, and compiled, after the files are read
+
+    # Imported, and compiled, after the files are read.
+    from uuv.perception.seabed.terrain_path import plan_seabed_work
     from uuv.sim.runs.terminal import PlainConsole
 
     plan = plan_seabed_work(cloud, B, z, width=options.width)
@@ -65,9 +68,15 @@ def main(verb: str, args: Sequence[str]) -> int:
     return 0
 
 
+def feet_of(plan: "SeabedPlan") -> list[tuple["Array", float]]:
+    """Foot A_i (3,) [m] on the ground of each target, and its standard deviation [m]."""
+    return list(zip(plan.targets.A, plan.targets.sigma, strict=True))
+
+
 def figures(plan: "SeabedPlan") -> dict[str, Any]:
-    """Figures of a plan, in SI units and radians: of the ground, and of each target's foot A_i on it."""
-    terrain, relief = plan.terrain, plan.relief
+    """Figures of a plan, SI units and radians: of the ground, and of the feet A_i of the targets."""
+    terrain = plan.terrain
+    relief = plan.relief
     return {
         "points": terrain.points,
         "outliers": terrain.outliers,
@@ -75,9 +84,7 @@ def figures(plan: "SeabedPlan") -> dict[str, Any]:
         "triangles": len(terrain.triangles),
         "slope_rad": relief.slope,
         "roughness_m": relief.roughness,
-        "targets": [
-            {"A_m": list(A), "sigma_m": sigma} for A, sigma in zip(plan.targets.A, plan.targets.sigma, strict=True)
-        ],
+        "targets": [{"A_m": list(A), "sigma_m": sigma} for A, sigma in feet_of(plan)],
         "duration_s": plan.duration_s,
     }
 
@@ -86,15 +93,17 @@ def print_plan(plan: "SeabedPlan", console: "Console") -> None:
     """Prints the figures of a plan."""
     import numpy as np
 
-    terrain, relief = plan.terrain, plan.relief
+    terrain = plan.terrain
+    relief = plan.relief
     console.print(
         f"{terrain.points} points, {terrain.outliers} left out; noise {1e3 * terrain.noise:.1f} mm; "
         f"{len(terrain.triangles)} triangles; slope {np.degrees(relief.slope):.1f} deg, roughness "
         f"{1e3 * relief.roughness:.1f} mm; {plan.duration_s:.2f} s",
         highlight=False,
     )
-    for i, (A, sigma) in enumerate(zip(plan.targets.A, plan.targets.sigma, strict=True), start=1):
-        console.print(f"A_{i}: {A[0]:.4f} {A[1]:.4f} {A[2]:.4f} m, +- {1e3 * sigma:.1f} mm", highlight=False)
+    for i, (A, sigma) in enumerate(feet_of(plan), start=1):
+        place = f"{A[0]:.4f} {A[1]:.4f} {A[2]:.4f} m, +- {1e3 * sigma:.1f} mm"
+        console.print(f"A_{i}: {place}", highlight=False)
 
 
 def write(plan: "SeabedPlan", speed: float, folder: Path) -> None:
@@ -106,7 +115,9 @@ def write(plan: "SeabedPlan", speed: float, folder: Path) -> None:
 
     if plan.profile is not None and plan.path is not None:
         rows = np.column_stack([plan.profile.T, plan.profile.a, plan.profile.n])
-        np.savetxt(folder / "profile.csv", rows, "%.6f", ",", header="x,y,z,a_x,a_y,a_z,n_x,n_y,n_z", comments="")
+        head = "x,y,z,a_x,a_y,a_z,n_x,n_y,n_z"
+        np.savetxt(folder / "profile.csv", rows, "%.6f", ",", header=head, comments="")
+
         law = speed_law(plan.path, speed)
         rows = np.column_stack([law.time, plan.path.s, law.speed, plan.path.p, plan.path.z, plan.path.x])
         head = "time,s,speed,x,y,z,a_x,a_y,a_z,n_x,n_y,n_z"

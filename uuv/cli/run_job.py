@@ -26,10 +26,11 @@ class EveryJob(Output):
     """Options of `uuv run` beside those of the job."""
 
     set: Assignments = ()
-    """KEY=VALUE, repeatable: values by the keys of a scenario file, in its units, such as task.speed=0.03 or
-    perturbations.MountedObject.stiffness=1e4."""
+    """KEY=VALUE, repeatable: values by the keys of a scenario file, in its units, such as
+    task.speed=0.03 or perturbations.MountedObject.stiffness=1e4."""
     task: str | None = None
-    """MODULE:CLASS of a task of one's own, with its defaults, in place of the job's (`uuv new task NAME`)."""
+    """MODULE:CLASS of a task of one's own, with its defaults, in place of the job's (`uuv new
+    task NAME`)."""
 
 
 @dataclass(kw_only=True)
@@ -52,7 +53,8 @@ class FileOptions(RunOptions):
     seed: int | None = None
     """Seed instead of that in the file."""
     trust: bool = False
-    """Run the code, MODULE:ATTRIBUTE, that the file names too; what is typed here needs no leave."""
+    """Run the code, MODULE:ATTRIBUTE, that the file names too; what is typed here needs no
+    leave."""
 
 
 def main(verb: str, args: Sequence[str]) -> int:
@@ -91,7 +93,8 @@ def job_options(job: str) -> type[Any]:
 
 def with_those_of_run(kind: type[Options]) -> type[Any]:
     """Class of the options of `kind` and those of every job, with the docstring of `kind`."""
-    about = {"__doc__": kind.__doc__, "groups": {"run": " ".join(each.name for each in fields(EveryJob))}}
+    names = " ".join(option.name for option in fields(EveryJob))
+    about = {"__doc__": kind.__doc__, "groups": {"run": names}}
     return make_dataclass(kind.__name__, [], bases=(EveryJob, kind), namespace=about, kw_only=True)
 
 
@@ -109,7 +112,7 @@ def _of_file(name: str, options: FileOptions) -> "Scenario":
 
 
 def _of_task(task: str) -> list[str]:
-    """Assignments that put the task MODULE:CLASS in place of a scenario's; the scenario gets the name of the module."""
+    """Assignments that put in the task MODULE:CLASS; the scenario gets the name of the module."""
     module = task.partition(":")[0]
     return [f'task.kind="{task}"', f'name="{module.rpartition(".")[2]}"']
 

@@ -1,4 +1,4 @@
-"""`uuv validate`: the physics against closed forms, conservation laws and independent formulations, in a checkout."""
+"""`uuv validate`: the physics against closed forms and other formulations, in a checkout."""
 
 import runpy
 from collections.abc import Sequence

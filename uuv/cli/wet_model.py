@@ -1,4 +1,4 @@
-"""`uuv wet MODEL`: an MJCF that carries its water from its geometry, with a table of where it is from."""
+"""`uuv wet MODEL`: an MJCF with the water of its geometry, and a table of where it is from."""
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
@@ -24,16 +24,18 @@ _COLUMNS = ("body", "quantity", "value", "origin", "uncertainty")
 
 @dataclass
 class WetOptions:
-    """Water of a model from its geometry: volume, centre of buoyancy, added mass and drag of every moving body.
+    """Water of a model from its geometry: volume, buoyancy, added mass and drag of every body.
 
-    Writes NAME.wet.xml, an MJCF with its water, and prints where each number is from and how wrong it may be.
+    Writes NAME.wet.xml, an MJCF with its water, and prints where each number is from and how wrong
+    it may be.
     """
 
     model: Annotated[Positional[Path], arg(metavar="MODEL", help="URDF, MJCF, or one mesh (STL, OBJ).")]
     out: Path | None = None
     """File to write; default NAME.wet.xml beside the model."""
     geoms: Choice = "auto"
-    """Geoms that displace water; auto: the visual ones of a body that has some, else those that collide."""
+    """Geoms that displace water; auto: the visual ones of a body that has some, else those that
+    collide."""
     density: float = SEA_WATER
     """[kg/m^3] of the water."""
     panels: int = PANELS

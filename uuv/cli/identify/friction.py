@@ -1,4 +1,4 @@
-"""`uuv identify friction`: dry and viscous friction of the arm's gears, in water, free of contact."""
+"""`uuv identify friction`: dry and viscous friction of the arm's gears, free of contact."""
 
 import time
 from collections.abc import Sequence
@@ -14,9 +14,10 @@ from uuv.start import parse
 class FrictionVerb(Output, GearOptions):
     """Identify the friction of the arm's gears.
 
-    The vehicle keeps station while its joints swing, slowly, then fast. Encoders, torque sensors at the gear outputs
-    and motor torques give the friction of each gear, which is compared with the true one. The true gears deviate from
-    those that the vehicle believes in. Rotor inertias are known. No other command reads the result.
+    The vehicle keeps station while its joints swing, slowly, then fast. Encoders, torque sensors at
+    the gear outputs and motor torques give the friction of each gear, which is compared with the
+    true one. The true gears deviate from those that the vehicle believes in. Rotor inertias are
+    known. No other command reads the result.
     """
 
 

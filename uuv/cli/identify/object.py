@@ -1,13 +1,23 @@
-"""`uuv identify object`: a known object in one depth frame, a point cloud from a file or a simulated scene."""
+"""`uuv identify object`: a known object in one depth frame, from a file or simulated."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from uuv.cli.json_output import file_alone
 from uuv.clouds.options import IdentificationOptions, check_inputs
 from uuv.sim.runs.command_line import as_base
 from uuv.sim.runs.saving import write_json
 from uuv.start import new_folder, parse
+
+if TYPE_CHECKING:  # a help text does without
+    from rich.console import Console
+
+    from uuv.models.objects.target_model import TargetModel
+    from uuv.perception.registration.identification import Identification
+    from uuv.perception.registration.recognition import Recognition
 
 NOT_ACCEPTED = 1  # exit code for the decisions rescan and refuse
 _RESULT = "identification.json"
@@ -17,12 +27,13 @@ _RESULT = "identification.json"
 class ObjectVerb(IdentificationOptions):
     """Identify a known object in one depth frame: a point cloud from a file, or a simulated scene.
 
-    The result is the pose, the decision, the clouds and pictures. Where an accepted object differs from its model
-    (growth, silt, dents) the regions are listed and shown in colour.
+    The result is the pose, the decision, the clouds and pictures. Where an accepted object differs
+    from its model (growth, silt, dents) the regions are listed and shown in colour.
 
-    The object is one of the library by name, or a file: a mesh, or a cloud of its surface. With --among the command
-    finds out which of several objects it is. Coordinates are those of the sensor (x right, y down, z ahead). Exit code
-    0: accepted; 1: rescan or refused; 2: invalid file or option.
+    The object is one of the library by name, or a file: a mesh, or a cloud of its surface. With
+    --among the command finds out which of several objects it is. Coordinates are those of the
+    sensor (x right, y down, z ahead). Exit code 0: accepted; 1: rescan or refused; 2: invalid file
+    or option.
     """
 
     json: bool = False
@@ -34,7 +45,8 @@ def main(verb: str, args: Sequence[str]) -> int:
     del verb
     options = parse(ObjectVerb, args)
     plain = as_base(options, IdentificationOptions)
-    return file_alone(lambda: identify_object(plain), _RESULT) if options.json else identify_object(plain)
+    work = partial(identify_object, plain)
+    return file_alone(work, _RESULT) if options.json else work()
 
 
 def identify_object(options: IdentificationOptions) -> int:
@@ -44,60 +56,82 @@ def identify_object(options: IdentificationOptions) -> int:
         UuvError: An option or a file is wrong.
     """
     check_inputs(options)
-    from uuv.clouds.deformation_report import figures, picture_of_deviations, save_cloud, table
-    from uuv.clouds.identification import candidates_of, found_in, models_among, picture, recognised_in, report
+    from uuv.clouds import identification
     from uuv.models.meshes.ply_files import write_ply
     from uuv.models.objects import targets
     from uuv.perception.registration.pose_check import Decision
-    from uuv.perception.toolpath.deformation import map_deformation
-    from uuv.sim.interfaces.spatial import transform_points
     from uuv.sim.runs.terminal import PlainConsole
 
     console = PlainConsole()
     folder = new_folder("identify_object", options.out, options.seed)
 
-    made = None
+    # One object that is known, or which of several it is: then these decide.
+    several = None
     if options.among:
-        models = models_among(options)
-        made, notes = recognised_in(options, models)
-        found, target = made.found, models[made.candidates[0].name]
-        decision, reason = made.decision.value, made.reason
+        models = identification.models_among(options)
+        several, notes = identification.recognised_in(options, models)
+        pose = several.found
+        target = models[several.candidates[0].name]
     else:
         target = targets.of(options.object, options.mesh_scale)
-        found, notes = found_in(options, target)
-        decision, reason = found.decision.value, found.reason
+        pose, notes = identification.found_in(options, target)
+    judge = pose if several is None else several
+    decision = judge.decision.value
+    accepted = judge.decision is Decision.ACCEPT
 
-    accepted = decision == Decision.ACCEPT.value
     for note in notes:
         console.print(note, highlight=False)
-    console.print(f"{target.name}: {decision}{': ' + reason if reason else ''}", highlight=False)
-    if made is not None:
-        others = ", ".join(f"{each.name} {each.log_likelihood:.0f}" for each in made.candidates)
-        ahead = f"{made.margin:.0f} nat ahead of the next; " if len(made.candidates) > 1 else ""
-        console.print(f"{ahead}log likelihoods [nat]: {others}", highlight=False)
+    reason = f": {judge.reason}" if judge.reason else ""
+    console.print(f"{target.name}: {decision}{reason}", highlight=False)
+    content = identification.report(pose, target, notes)
+    content |= {"decision": decision, "reason": judge.reason}
+    if several is not None:
+        content["candidates"] = identification.candidates_of(several)
+        print_candidates(several, console)
     if accepted:
-        center = ", ".join(f"{value:.4f}" for value in transform_points(found.X_sensor_target, target.center))
-        console.print(f"middle at ({center}) m; {found.symmetry.policy}; {found.duration_s:.2f} s", highlight=False)
+        print_pose(pose, target, console)
+        content["deformation"] = deformation(pose, target.name, folder, console)
 
-    said = report(found, target, notes) | {"decision": decision, "reason": reason}
-    if made is not None:
-        said["candidates"] = candidates_of(made)
-
-    if accepted:
-        mapped = map_deformation(found)
-        said["deformation"] = figures(mapped)
-        if mapped.regions:
-            console.print(table(mapped))
-            save_cloud(mapped, folder / "deformation.ply")
-            title = f"{target.name}: off its model by more than {1e3 * mapped.size_m:.1f} mm"
-            picture_of_deviations(mapped, title).savefig(folder / "deformation.png", dpi=120)
-        else:
-            compared = f"of the {mapped.compared:.0%} of the surface in view that was compared"
-            console.print(f"nothing {compared} lies off its model beyond doubt", highlight=False)
-
-    write_json(folder / _RESULT, said)
-    write_ply(folder / "cloud.ply", found.cloud)
-    write_ply(folder / "model.ply", found.model_after)
-    picture(found, f"{target.name}: {decision}").savefig(folder / "identification.png", dpi=120)
+    write_json(folder / _RESULT, content)
+    write_ply(folder / "cloud.ply", pose.cloud)
+    write_ply(folder / "model.ply", pose.model_after)
+    figure = identification.picture(pose, f"{target.name}: {decision}")
+    figure.savefig(folder / "identification.png", dpi=120)
     console.print(f"written to {folder}/", highlight=False)
     return 0 if accepted else NOT_ACCEPTED
+
+
+def print_candidates(several: "Recognition", console: "Console") -> None:
+    """Prints how likely each of several objects is."""
+    candidates = several.candidates
+    likely = ", ".join(f"{rival.name} {rival.log_likelihood:.0f}" for rival in candidates)
+    ahead = f"{several.margin:.0f} nat ahead of the next; " if len(candidates) > 1 else ""
+    console.print(f"{ahead}log likelihoods [nat]: {likely}", highlight=False)
+
+
+def print_pose(pose: "Identification", target: "TargetModel", console: "Console") -> None:
+    """Prints the middle of the object, how its symmetry was settled, and the time taken."""
+    from uuv.sim.interfaces.spatial import transform_points
+
+    p_C = transform_points(pose.X_sensor_target, target.center)
+    center = ", ".join(f"{value:.4f}" for value in p_C)
+    line = f"middle at ({center}) m; {pose.symmetry.policy}; {pose.duration_s:.2f} s"
+    console.print(line, highlight=False)
+
+
+def deformation(pose: "Identification", name: str, folder: Path, console: "Console") -> dict[str, Any]:
+    """Figures of where an object differs from its model; also prints, writes and draws that."""
+    from uuv.clouds import deformation_report
+    from uuv.perception.toolpath.deformation import map_deformation
+
+    mapped = map_deformation(pose)
+    if mapped.regions:
+        console.print(deformation_report.table(mapped))
+        deformation_report.save_cloud(mapped, folder / "deformation.ply")
+        title = f"{name}: off its model by more than {1e3 * mapped.size_m:.1f} mm"
+        figure = deformation_report.picture_of_deviations(mapped, title)
+        figure.savefig(folder / "deformation.png", dpi=120)
+    else:
+        compared = f"of the {mapped.compared:.0%} of the surface in view that was compared"
+        console.print(f"nothing {compared} lies off its model beyond doubt", highlight=False)
+    return deformation_report.figures(mapped)

@@ -1,7 +1,8 @@
-"""`uuv identify water`: added mass, damping, trim and thruster gains of a vehicle from logs, with intervals."""
+"""`uuv identify water`: added mass, damping, trim and thruster gains of a vehicle from logs."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import ClassVar
 
 from uuv.cli.carry_out import METRICS
@@ -17,9 +18,9 @@ _PLAN = "plan.json"  # the result where nothing is identified
 class WaterVerb(WaterOptions):
     """Identify added mass, damping, trim and thrust of a vehicle from logs.
 
-    The vehicle's present coefficients are the prior. What the logs cannot tell is said in words; with --plan the
-    manoeuvre that would tell most next is named. Without --log a vehicle drawn from the prior is simulated; with --plan
-    alone the first manoeuvre is planned.
+    The vehicle's present coefficients are the prior. What the logs cannot tell is said in words;
+    with --plan the manoeuvre that would tell most next is named. Without --log a vehicle drawn from
+    the prior is simulated; with --plan alone the first manoeuvre is planned.
     """
 
     groups: ClassVar[Mapping[str, str]] = {"output": "json"}
@@ -34,7 +35,8 @@ def main(verb: str, args: Sequence[str]) -> int:
     options = parse(WaterVerb, args)
     plain = as_base(options, WaterOptions)
     result = _PLAN if options.plan and not options.log else METRICS
-    return file_alone(lambda: identify_water(plain), result) if options.json else identify_water(plain)
+    work = partial(identify_water, plain)
+    return file_alone(work, result) if options.json else work()
 
 
 def identify_water(options: WaterOptions) -> int:

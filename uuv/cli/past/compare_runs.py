@@ -31,8 +31,8 @@ Rows = list[tuple[str, list[Any]]]
 class CompareOptions:
     """Options and versions in which runs differ, and figures that differ by more than 2 %.
 
-    The same and the time series of the first two, laid over each other, are left as compare_NAME.html in the first
-    folder.
+    The same and the time series of the first two, laid over each other, are left as
+    compare_NAME.html in the first folder.
     """
 
     a: Run
@@ -93,7 +93,7 @@ def tables(runs: "Sequence[PastRun]", *, every: bool, trust: bool = False) -> di
 
 
 def write_page(runs: "Sequence[PastRun]", found: Mapping[str, Rows]) -> Path:
-    """Page with the tables, and the time series of the first two runs; written to the folder of the first."""
+    """Page with the tables and the series of the first two runs, in the folder of the first."""
     from uuv.sim.evaluation.metrics import Bounds
     from uuv.sim.reporting import report_page
     from uuv.sim.reporting.timelines import timelines

@@ -1,4 +1,4 @@
-"""Runs that have ended: `uuv replay RUN`, `uuv report RUN`, `uuv view RUN`. RUN is the folder of a run."""
+"""Runs that have ended: `uuv replay RUN`, `uuv report RUN`, `uuv view RUN`."""
 
 import shutil
 import subprocess
@@ -125,7 +125,7 @@ def replay(folder: Path, *, trust: bool = False, as_json: bool = False) -> int:
 
 
 def report(folder: Path, *, trust: bool = False) -> int:
-    """Prints the path of the report, made anew where it is missing; `trust`: also by code that the scenario names."""
+    """Prints the path of the report, made where it is missing; `trust`: also by its scenario's code."""
     file = folder / "report.html"
     if not file.exists():
         if absent(LOG):

@@ -1,4 +1,4 @@
-"""Pictures of a run that has ended: `uuv picture RUN` renders a still and a clip from its recorded motion."""
+"""`uuv picture RUN`: a still and a clip from the recorded motion of a run."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ STILL, CLIP = "scene.png", "clip.webp"
 
 @dataclass(kw_only=True)
 class PictureOptions:
-    """Render a still, five seconds after the work began, and a clip, ten seconds of the whole run, into its folder.
+    """Render a still, 5 s after the work began, and a clip of the whole run into its folder.
 
     By MuJoCo's renderer, or by ray casting where there is no OpenGL.
     """
@@ -31,7 +31,7 @@ def main(verb: str, args: Sequence[str]) -> int:
 
 
 def pictures(folder: Path, *, trust: bool = False) -> Iterator[Path]:
-    """Still and clip of the run in `folder`, each when it is written; `trust`: also by code that its scenario names.
+    """Still and clip of a run, each when it is written; `trust`: also by its scenario's code.
 
     Raises:
         ConfigurationError: The run has no series, or its scenario cannot be read or names what there is not.

@@ -136,7 +136,7 @@ def test_help_of_every_verb_is_light_and_tells_its_use(uuv):
         assert heavy == [], words
         assert shared + seconds < 1.0, words  # [s] measured 0.3
         if words in VERBS:
-            assert f"uuv {words} {VERBS[words].given}".rstrip() in usage
+            assert f"uuv {words} {VERBS[words].words}".rstrip() in usage
             assert " ".join(text.split()).startswith(f"usage: uuv {words} [-h]")
     assert "--corner" in told["run clean-barrel"][2]
 

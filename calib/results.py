@@ -17,13 +17,14 @@ from uuv.models.arms import dh_geometry
 from uuv.models.arms.kinematics import THETA, A, D
 from uuv.models.arms.serial_arm import SerialArm, tilt_of
 from uuv.models.files.urdf import parse
-from uuv.sim.interfaces.spatial import Array, exp_so3, inverse, pose, quat_wxyz_from_rotation
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.spatial import Array, exp_so3, inverse, pose, quat_wxyz_from_rotation, shown
 
 CONVENTION = "Rz(theta + q) Tz(d) Tx(a) Rx(alpha) Ry(beta); slides Rz(theta) Tz(d + q) Tx(a) Rx(alpha) Ry(beta)"
 
 
 def write_results(
-    folder: Path,
+    folder: Path | str,
     calibration: Calibration,
     source: ArmSource,
     *,
@@ -48,7 +49,16 @@ def write_results(
 
     Returns:
         The files written.
+
+    Raises:
+        ConfigurationError: There is no such folder, or `source` is not what `read_arm` returned.
     """
+    folder = Path(folder)
+    if not folder.is_dir():
+        raise ConfigurationError(f"folder {shown(str(folder))}: there is none")
+    if not hasattr(source, "arm"):
+        raise ConfigurationError(f"source: expected what `read_arm` returns, got {type(source).__name__}")
+
     tcp = calibration.tcp if tcp is None else tcp
     arm = replace(arm or calibration.arm, joint_names=source.arm.joint_names, limits=source.arm.limits)
     stamp = f"calibrated {date}; touches sha256 {sha256}"

@@ -18,7 +18,8 @@ from uuv.outcome import CloudRecorder, NoFigures, Pictures, RunResult
 from uuv.own_vehicle import OwnVehicle
 from uuv.perturbations.perturbation import Perturbation
 from uuv.sensors.arm_camera import ArmCameraSetup
-from uuv.sim.evaluation.metrics import Assessment, Bounds
+from uuv.sim.evaluation.bounds import Bounds
+from uuv.sim.evaluation.metrics import Assessment
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.files import folder_name
 from uuv.sim.interfaces.messages import WorkState

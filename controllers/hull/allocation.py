@@ -27,7 +27,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from uuv.controllers.hull.priorities import solve_levels
+from uuv.controllers.hull.priorities import PRIORITIES, solve_levels
 from uuv.controllers.tuning import HULL
 from uuv.models.vehicle import Vehicle
 from uuv.models.water.thruster_curves import command_for
@@ -37,9 +37,6 @@ from uuv.sim.interfaces.kernels import kernel
 from uuv.sim.interfaces.spatial import Array, checked, fitting
 
 AXES = ("surge", "sway", "heave", "roll", "pitch", "yaw")  # order of a wrench on the hull, hull axes
-PRIORITIES = (("roll", "pitch"), ("surge", "sway", "heave"), ("yaw",))
-# After the loss of a thruster: a small tilt, which weight and buoyancy resist, is better than loss of depth control.
-PRIORITIES_AFTER_LOSS = (("heave", "roll", "pitch"), ("surge", "sway"), ("yaw",))
 _ROUNDING = 1e-12  # [-] share of the largest entry of B below which an entry is rounding noise and set to zero
 _ROUNDS = 4  # maximal number of passes over all thrusters in search of a better branch
 _EFFORT = 1e-10  # [-] weight of the effort, relative to the mean diagonal of A^T A

@@ -22,7 +22,8 @@ import numpy as np
 from uuv.controllers.arm.inverse_dynamics import ArmDynamics
 from uuv.controllers.arm.wrench_terms import WrenchTerms
 from uuv.controllers.estimation.tip_force_estimator import ContactState
-from uuv.controllers.hull.allocation import PRIORITIES, PRIORITIES_AFTER_LOSS, Allocation
+from uuv.controllers.hull.allocation import Allocation
+from uuv.controllers.hull.priorities import PRIORITIES, PRIORITIES_AFTER_LOSS
 from uuv.controllers.hull.station_keeping import StationKeeping, StationKeepingState
 from uuv.controllers.tuning import HULL
 from uuv.models.vehicle import Vehicle

@@ -16,6 +16,10 @@ import numpy as np
 from uuv.sim.interfaces.kernels import kernel
 from uuv.sim.interfaces.spatial import Array
 
+# Axes of a wrench on the hull, hull axes: what comes first is given up last where thrusters saturate.
+PRIORITIES = (("roll", "pitch"), ("surge", "sway", "heave"), ("yaw",))
+# After the loss of a thruster: a small tilt, which weight and buoyancy resist, is better than loss of depth control.
+PRIORITIES_AFTER_LOSS = (("heave", "roll", "pitch"), ("surge", "sway"), ("yaw",))
 _SAME = 1e-10  # [-] share of a row's norm below which its remainder after projection is rounding noise
 _HELD = 1e-9  # [-] of a unit step: below it the levels above fix a variable, and its bound adds no constraint
 

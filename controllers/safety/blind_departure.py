@@ -14,7 +14,8 @@ import mujoco
 import numpy as np
 
 from uuv.controllers.arm.inverse_dynamics import ArmDynamics
-from uuv.controllers.hull.allocation import PRIORITIES_AFTER_LOSS, Allocation
+from uuv.controllers.hull.allocation import Allocation
+from uuv.controllers.hull.priorities import PRIORITIES_AFTER_LOSS
 from uuv.controllers.tuning import SAFETY
 from uuv.models.vehicle import Vehicle
 from uuv.models.water.thruster_curves import thrust_at

@@ -13,6 +13,7 @@ import numpy as np
 
 from uuv.models.objects.axis_steps import Steps
 from uuv.models.objects.target_model import PATH_STEP, ModelPath, TargetModel
+from uuv.sim.evaluation.bounds import Bounds
 from uuv.sim.evaluation.force_levels import contact_figures, tangential, unjudged_levels
 from uuv.sim.evaluation.mesh_surface import Surface, closest_on_curve
 from uuv.sim.evaluation.run_metrics import EveryRun, RunMetrics, StartMetrics, Timings, run_schema
@@ -43,22 +44,6 @@ REVERSAL = 0.005  # [rad] of a joint; less is the arm's answer to the hull's wan
 TILT_RATE = 50.0  # [Hz] rate at which the surface normal under the tip is evaluated
 CORNER = PATH_STEP  # [m] along a path to either side of its corners: nearer its points do not tell how it turns
 INTERRUPTED = "interrupted"  # state of a run ended by a signal
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Bounds:
-    """Acceptance bounds of a run."""
-
-    force_error_rms: float = 3.0  # [N]
-    force_error_max: float = 9.0  # [N]
-    lost: float = 0.0  # [s]
-    path_deviation: float = 0.003  # [m]; infinite: there is no path
-    speed_error: float = 0.1  # of the set speed
-    off_speed: float = 2.0 / 3.0  # share of the path below it, in ramps, bends and stops
-    position_error: float = 0.005  # [m] of the identification
-    position_error_share: float = 0.005  # of the range
-    tilt: float = float(np.radians(3.0))  # [rad] tool and hull; infinite: it is not judged
-    gap_error: float = 0.008  # [m] of work without contact: sum of the bounds of identification and path
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

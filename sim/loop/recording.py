@@ -21,46 +21,13 @@ from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.kernels import kernel
 from uuv.sim.interfaces.messages import AbortCode, Command, ObjectMotion, Promise, Reference, Target, WorkState
 from uuv.sim.interfaces.spatial import Array, quat_wxyz_from_rotation, readonly
+from uuv.sim.loop.logged_columns import EVERY_STEP, OBJECT, REFERENCE, SCALARS, VECTORS, Columns, slow_columns
 from uuv.sim.loop.rollout import Moment, ticks_per_period
 
 STATES = tuple(WorkState)  # the series "state" holds indices into it
 _INDEX = {state: i for i, state in enumerate(STATES)}
-_XYZ = ("x", "y", "z")
 _ROWS = 1 << 15  # room for steps at the start
 _NOWHERE = np.full(3, np.nan)  # no tool position is commanded
-
-# Columns of the blocks: series name -> (labels, unit), in the order in which the rows are written.
-_Columns = Mapping[str, tuple[tuple[str, ...], str]]
-_SCALARS: _Columns = {
-    "contact_normal": ((), "N"),  # true, tool on object: mean over the plant's substeps
-    "contact_least": ((), "N"),  # smallest of a substep
-    "contact_most": ((), "N"),  # largest of a substep
-    "saturated": ((), ""),
-    "collision": ((), ""),
-    "felt_normal": ((), "N"),  # estimated from joint torques
-}
-_VECTORS: _Columns = {
-    "p_pad": (_XYZ, "m"),  # true tip
-    "tool_axis": (_XYZ, ""),
-    "p_WB": (_XYZ, "m"),
-    "quat_WB_wxyz": (("w", "x", "y", "z"), ""),
-    "contact_force": (_XYZ, "N"),  # of the world on the pad
-    "felt_force": (_XYZ, "N"),
-    "tool_x": (_XYZ, ""),
-}
-_REFERENCE: _Columns = {
-    "state": ((), ""),
-    "set_force": ((), "N"),
-    "path_s": ((), "m"),
-    "p_command": (_XYZ, "m"),  # commanded tip, extrapolated by its velocity; NaN while the arm holds joint angles
-    "v_command": (_XYZ, "m/s"),
-    "p_WB_reference": (_XYZ, "m"),
-}
-_OBJECT: _Columns = {"p_WT": (_XYZ, "m"), "quat_WT_wxyz": (("w", "x", "y", "z"), "")}  # true, if it can move
-EVERY_STEP = (*_SCALARS, *_VECTORS, *_REFERENCE)  # series of every recording, full or not
-WIDTHS = {  # [columns] of each
-    name: max(1, len(labels)) for name, (labels, _) in {**_SCALARS, **_VECTORS, **_REFERENCE}.items()
-}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -181,7 +148,7 @@ class _Block:
 class RecorderRecord(NamedTuple):
     """Rows of the loop's rate for `write_row`, and the arrays of the truth that it copies."""
 
-    rows: Array  # (N, 2 + scalars + vectors) time, row of the reference, _SCALARS, _VECTORS
+    rows: Array  # (N, 2 + scalars + vectors) time, row of the reference, SCALARS, VECTORS
     written: np.ndarray  # (1,) rows so far
     p_pad: Array  # (3,)
     R_WG: Array  # (3, 3)
@@ -254,20 +221,10 @@ class Recorder:
         self._full = full
         self._ticks = ticks_per_period(period, self._timestep, "recorder's period")
         self._pose_ticks = ticks_per_period(pose_period, self._timestep, "recorder's pose period")
-        self._slow_columns: _Columns = {
-            "q": (vehicle.joint_names, "rad"),
-            "qd": (vehicle.joint_names, "rad/s"),
-            "tau_drive": (vehicle.joint_names, "N m"),
-            "thrust": (vehicle.thruster_names, "N"),
-            "current": (_XYZ, "m/s"),
-            "arm_wrench": (("fx", "fy", "fz", "mx", "my", "mz"), "N, N m"),  # true, of the arm on the hull, hull axes
-            "p_WB_estimate": (_XYZ, "m"),
-            "quat_WB_estimate_wxyz": (("w", "x", "y", "z"), ""),
-            "position_sigma": (_XYZ, "m"),  # of the estimated hull position, as the estimator states it
-        }
-        self._rows = np.empty((_ROWS, 2 + _total_width(_SCALARS) + _total_width(_VECTORS)))
+        self._slow_columns = slow_columns(vehicle)
+        self._rows = np.empty((_ROWS, 2 + _total_width(SCALARS) + _total_width(VECTORS)))
         self._written = np.zeros(1, dtype=np.int64)
-        self._references = _Block(1 + _total_width(_REFERENCE))
+        self._references = _Block(1 + _total_width(REFERENCE))
         self._slow = _Block(1 + _total_width(self._slow_columns))
         self._poses = _Block(1 + 7 * model.nbody)
         movable = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, TARGET_BODY)
@@ -376,7 +333,7 @@ class Recorder:
         rows = self._rows[: self._written[0]].copy()
         time = rows[:, 0].copy()
         reference = self._references.table()[rows[:, 1].astype(np.int64)]
-        series = {**_split(time, rows[:, 2:], {**_SCALARS, **_VECTORS}), **_split(time, reference[:, 1:], _REFERENCE)}
+        series = {**_split(time, rows[:, 2:], {**SCALARS, **VECTORS}), **_split(time, reference[:, 1:], REFERENCE)}
         series["p_command"].value[:] += (time - reference[:, 0])[:, None] * series["v_command"].value
         if self._full:
             slow, poses = self._slow.table(), self._poses.table()
@@ -386,7 +343,7 @@ class Recorder:
             series["body_pose"] = Series(time=poses[:, 0], value=poses[:, 1:], unit="m, wxyz", labels=self._bodies)
         if self._object >= 0:
             poses = self._object_poses.table()
-            series |= _split(poses[:, 0], poses[:, 1:], _OBJECT)
+            series |= _split(poses[:, 0], poses[:, 1:], OBJECT)
         for name, block in self._believed.items():
             table = block.table()
             labels = tuple(map(str, range(block.width - 1))) if block.width > 2 else ()
@@ -492,11 +449,11 @@ def _without_sign_jumps(quat: Array) -> None:
     quat[known[1:][np.cumsum(turned_over) % 2 == 1]] *= -1.0
 
 
-def _total_width(columns: _Columns) -> int:
+def _total_width(columns: Columns) -> int:
     return sum(max(1, len(labels)) for labels, _ in columns.values())
 
 
-def _split(time: Array, table: Array, columns: _Columns) -> dict[str, Series]:
+def _split(time: Array, table: Array, columns: Columns) -> dict[str, Series]:
     """Columns of `table` (N, sum of widths) as series, in the order of `columns`."""
     series, start = {}, 0
     for name, (labels, unit) in columns.items():

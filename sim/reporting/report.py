@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
+from uuv.sim.evaluation.bounds import Bounds
 from uuv.sim.evaluation.force_levels import SETTLING
-from uuv.sim.evaluation.metrics import Assessment, Bounds, Requirement
+from uuv.sim.evaluation.metrics import Assessment, Requirement
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.loop.recording import Recording
 from uuv.sim.reporting.report_page import page, provenance, section, table, text

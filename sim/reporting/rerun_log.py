@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from uuv.models.vehicle import Vehicle
-from uuv.sim.evaluation.metrics import Bounds
+from uuv.sim.evaluation.bounds import Bounds
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.extras import wanted
 from uuv.sim.interfaces.messages import DepthImage, ObjectMotion, Reference, Target, WorkState

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from uuv.models.vehicle import Vehicle
-from uuv.sim.evaluation.metrics import Bounds
+from uuv.sim.evaluation.bounds import Bounds
 from uuv.sim.interfaces.messages import WorkState
 from uuv.sim.interfaces.spatial import Array
 from uuv.sim.loop.rollout import Moment

@@ -228,7 +228,7 @@ class PastRun:
 
     def _check_layout(self, series: "Mapping[str, Series]") -> None:
         """Refuses series of every step that have another number of columns, or of rows than the state of the work."""
-        from uuv.sim.loop.recording import WIDTHS
+        from uuv.sim.loop.logged_columns import WIDTHS
 
         if "state" not in series:
             raise ConfigurationError(f"{self.folder}: its tables are of another version, without the series 'state'")

@@ -10,8 +10,9 @@ import plotly.graph_objects as go
 from plotly.io import to_html
 from plotly.subplots import make_subplots
 
+from uuv.sim.evaluation.bounds import Bounds
 from uuv.sim.evaluation.force_levels import tangential
-from uuv.sim.evaluation.metrics import Bounds, hull_motion, path_error
+from uuv.sim.evaluation.metrics import hull_motion, path_error
 from uuv.sim.interfaces.messages import WorkState
 from uuv.sim.interfaces.spatial import Array
 from uuv.sim.loop.recording import RecordedSeries

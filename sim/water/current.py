@@ -14,6 +14,7 @@ from uuv.sim.interfaces.spatial import Array, checked, number
 
 _BLOCK = 4096  # steps generated at a time
 _FEWEST = 20.0  # [steps] in the period of a wave
+_PROFILE_TIMES = (0.37, 1.13, 2.71, 5.9, 11.3)  # [s] at which the rate of a profile is compared with its factor
 _LONGEST = 1e12  # [steps] longest time constant; beyond it the filter's pole is lost in rounding
 
 
@@ -90,7 +91,7 @@ class Current:
 
         Raises:
             ConfigurationError: A number is not finite or has the wrong sign, the time constant has too few or too many
-                steps, the wave has too few, or gusts lack a generator.
+                steps, the wave has too few, gusts lack a generator, or the profile's rate is not that of its factor.
         """
         self._mean = checked(mean_W, (3,), "current [m/s]")
         gust, dt = number(gust, "gust [m/s]"), number(timestep, "timestep of the current [s]")
@@ -106,6 +107,9 @@ class Current:
                 f"gust time constant {time_constant} s: must be above ten steps of {dt} s, and no more than "
                 f"{_LONGEST:.0e} of them"
             )
+        if profile is not None:
+            _check_profile(profile)
+
         self._rng, self._dt = rng, dt
         self.profile, self._ticks = profile, 0
         self._blows, self._wave = gust > 0.0, wave if any(wave.amplitude_W) else None
@@ -189,3 +193,27 @@ class Current:
         share, growth = self.profile(self._ticks * self._dt)
         self._ticks += 1
         return share * velocity, share * acceleration + growth * velocity
+
+
+def _check_profile(profile: Callable[[float], tuple[float, float]]) -> None:
+    """Refuses a profile without two numbers, or with a rate that differs from the factor's at most of some times.
+
+    A profile may have steps and bends, so that a single time proves nothing.
+    """
+    span, off = 1e-4, 0
+    for time in _PROFILE_TIMES:
+        try:
+            (before, _), (_, rate), (after, _) = (profile(time + shift) for shift in (-span, 0.0, span))
+            slope = (after - before) / (2.0 * span)
+        except (TypeError, ValueError) as error:
+            raise ConfigurationError(
+                f"profile of the current: must return a factor and its rate [1/s]: {error}"
+            ) from error
+        if not np.isfinite([before, rate, after]).all():
+            raise ConfigurationError(f"profile of the current: not finite at {time} s, got {before}, rate {rate}")
+        off += abs(slope - rate) > 0.02 * max(abs(slope), abs(rate)) + 1e-6
+    if 2 * off > len(_PROFILE_TIMES):
+        raise ConfigurationError(
+            f"profile of the current: its rate is not the factor's, at {off} of {len(_PROFILE_TIMES)} times; "
+            f"at {time} s it says {rate:.4g}, the factor changes by {slope:.4g} 1/s"
+        )

@@ -11,7 +11,8 @@ import pytest
 
 from uuv import models
 from uuv.sim import hydrodynamics
-from uuv.sim.evaluation.metrics import Bounds, schema
+from uuv.sim.evaluation.bounds import Bounds
+from uuv.sim.evaluation.metrics import schema
 
 BOUNDS = Bounds()
 

@@ -11,7 +11,8 @@ from typing import Any
 import jsonschema
 import pytest
 
-from uuv.sim.evaluation.metrics import Bounds, schema
+from uuv.sim.evaluation.bounds import Bounds
+from uuv.sim.evaluation.metrics import schema
 
 BOUNDS = Bounds()
 RUNS = {"ring": ("--path", "ring"), "contactless": ("--contactless", "0.03", "--target-pose", "known")}

@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import clean_object
 from experiments.toolpath import path_deviation as paths
 from surface_distance import signed_distance
+from uuv.jobs import ObjectOptions
 from uuv.jobs import barrel as barrel_scenario
 from uuv.models.meshes.closed_shells import sphere
 from uuv.models.meshes.ply_files import write_ply
@@ -105,7 +105,7 @@ def test_clean_job_has_nothing_else_there():
 def test_mesh_file_gets_a_path_over_its_top(tmp_path: Path, within):
     known, file = barrel(), tmp_path / "drum.ply"
     write_ply(file, known.vertices, known.triangles)
-    work = placed(clean_object.Options(object=str(file)).scenario())
+    work = placed(ObjectOptions(object=str(file)).scenario())
     path = work.target.path(work.truth.path)
     within("on the top [m]", path.p[:, 2] - 0.3, 1e-4)
     within("length [m]", np.ptp(path.p[:, 0]) - 0.3, 1e-6)
@@ -113,8 +113,8 @@ def test_mesh_file_gets_a_path_over_its_top(tmp_path: Path, within):
 
 
 def test_rock_is_worked_along_its_own_path():
-    work = placed(clean_object.Options(path="across").scenario())
+    work = placed(ObjectOptions(path="across").scenario())
     assert work.target.name == "rock"
     assert work.truth.path == "across"
     with pytest.raises(ConfigurationError, match="no path 'under'"):
-        placed(clean_object.Options(path="under").scenario())
+        placed(ObjectOptions(path="under").scenario())

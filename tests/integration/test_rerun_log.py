@@ -16,7 +16,7 @@ import pytest
 
 from uuv import models
 from uuv.models.objects.targets import barrel
-from uuv.sim.evaluation.metrics import Bounds
+from uuv.sim.evaluation.bounds import Bounds
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.messages import (
     Command,

@@ -4,25 +4,21 @@ from collections.abc import Callable, Set
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any
 
 import mujoco
 import numpy as np
 
-from uuv.controllers.arm.inverse_dynamics import ArmDynamics
-from uuv.controllers.arm.position_force import NominalStiffness
+from uuv.components.ablations import ablated
 from uuv.controllers.arm.published_force_law import PublishedForceLaw, TangentialForceLoop
 from uuv.controllers.estimation.closed_form_force import ClosedFormForce
-from uuv.controllers.hull.hull_control import Term, WithoutCompensation, WithoutTerms
 from uuv.controllers.safety.safety_wrapper import SafetyWrapper
-from uuv.controllers.tuning import DRIVE_PERIOD, ELASTIC_GEARS, ArmTuning
-from uuv.controllers.whole_body.tool_control import FromReference
+from uuv.controllers.tuning import ELASTIC_GEARS, ArmTuning
 from uuv.kinds import CONTROLLER, CONTROLLERS, SENSORS, class_of, told
 from uuv.methods import NAVIGATION
 from uuv.models.arms import dh_geometry
 from uuv.models.completing.complete import computed
 from uuv.models.naming import ARM_BASE_BODY, HULL_BODY, TIP_SITE
-from uuv.models.vehicle import Vehicle
 from uuv.own_vehicle import OwnVehicle, vehicle_spec
 from uuv.perception.clouds.scan import SensorModel
 from uuv.perception.clouds.sonar_cloud import sonar_model
@@ -34,7 +30,6 @@ from uuv.sim.sensors.depth_camera import DepthCamera
 from uuv.sim.sensors.sonar import BEAMS, Sonar
 from uuv.sim.sensors.survey import Survey
 
-_TERMS: dict[str, Term] = {f"{term}-term": term for term in get_args(Term)}  # by the method that leaves it out
 _ESTIMATOR = "estimator"  # begins the messages about it
 
 
@@ -108,33 +103,6 @@ def survey(model: mujoco.MjModel, X_BS: Array) -> tuple[Sensor, SensorModel | No
     """None: the object's pose is known (--target-pose known)."""
     del X_BS  # nothing looks
     return Survey(model), None
-
-
-def ablated(without: Set[str], own: mujoco.MjModel, water_error: float) -> dict[str, Any]:
-    """Keyword arguments of `WorkController` that leave methods out; none where nothing is left out.
-
-    Args:
-        without: methods to leave out, each one of `uuv.methods.Method`.
-        own: the vehicle's model of itself.
-        water_error: [-] share by which its hydrodynamic coefficients are wrong.
-
-    Returns:
-        `force_law`, `drift` and `feedforward`, as far as they differ from the controller's own.
-    """
-    parts: dict[str, Any] = {}
-    if "force-control" in without:
-        parts["force_law"] = NominalStiffness()
-    if "drift-correction" in without:
-        parts["drift"] = FromReference()
-    terms: set[Term] = {term for word, term in _TERMS.items() if word in without}
-    if terms or "compensation" in without:
-        arm = ArmDynamics(own, water_error=water_error)
-        if "compensation" in without:
-            parts["feedforward"] = WithoutCompensation(arm, Vehicle.of(own).q_home)
-        else:
-            lag = ArmTuning().acceleration_filter
-            parts["feedforward"] = WithoutTerms(arm, terms, acceleration_filter=lag, period=DRIVE_PERIOD)
-    return parts
 
 
 def as_published(methods: Set[str], own: mujoco.MjModel, water_error: float) -> dict[str, Any]:

@@ -16,8 +16,8 @@ from uuv.environments.vehicle_task import SITE_DEPTH, Random, VehicleTask, near
 from uuv.environments.work_place import WorkPlace, on_path, standing
 from uuv.models.objects.manifold import Manifold
 from uuv.models.objects.target_model import TargetModel
+from uuv.sim.evaluation.bounds import Bounds
 from uuv.sim.evaluation.insertion_metrics import InsertionBounds, TrueHole
-from uuv.sim.evaluation.metrics import Bounds
 from uuv.sim.interfaces.spatial import Array, pose, readonly
 from uuv.sim.plant.plant import Truth
 

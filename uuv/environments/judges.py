@@ -10,9 +10,9 @@ from typing import Protocol
 
 import numpy as np
 
+from uuv.sim.evaluation.bounds import Bounds
 from uuv.sim.evaluation.force_levels import LOST_BELOW, SETTLING
 from uuv.sim.evaluation.insertion_metrics import InsertionBounds, TrueHole
-from uuv.sim.evaluation.metrics import Bounds
 from uuv.sim.interfaces.messages import ToolPath
 from uuv.sim.plant.plant import Truth
 

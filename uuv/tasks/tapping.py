@@ -8,7 +8,7 @@ import numpy as np
 from uuv.models.site import scenes
 from uuv.own_vehicle import OwnVehicle
 from uuv.scenario import Scenario
-from uuv.sim.evaluation.metrics import Bounds
+from uuv.sim.evaluation.bounds import Bounds
 from uuv.tasks.surface_work import TAP_FORCE, TAPPED, PlacedSurfaceWork, SurfaceWorkTask
 
 if TYPE_CHECKING:

@@ -7,8 +7,8 @@ import numpy as np
 
 from uuv.controllers.planning.trajectories import SLOWEST, Progress
 from uuv.controllers.tasks.contact_phases import FollowLimits
+from uuv.sim.evaluation.bounds import Bounds
 from uuv.sim.evaluation.force_levels import JUDGED, levels, long_enough, unsettled
-from uuv.sim.evaluation.metrics import Bounds
 from uuv.sim.evaluation.tool_speed import AT_SPEED
 from uuv.sim.interfaces.errors import ConfigurationError
 

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from uuv import models
-from uuv.components.contact_parts import ablated, as_published
+from uuv.components.ablations import ablated
+from uuv.components.contact_parts import as_published
 from uuv.controllers.arm.inverse_dynamics import ArmDynamics
 from uuv.controllers.arm.position_force import ForceDisplacement
 from uuv.controllers.estimation.load_observer import MomentumObserver

@@ -146,3 +146,21 @@ def test_a_wave_swings_about_the_steady_current(within):
             Wave(frequency=wrong)
     with pytest.raises(ConfigurationError, match="must be above 20 steps"):
         Current([0.0, 0.0, 0.0], wave=replace(wave, frequency=50.0), timestep=dt)
+
+
+@pytest.mark.parametrize(
+    ("profile", "said"),
+    [
+        (lambda t: (1.0 + 0.3 * np.sin(t), 0.0), "its rate is not the factor's, at 5 of 5 times"),
+        (lambda t: t, "must return a factor and its rate"),
+        (lambda t: (np.nan * t, 0.0), "not finite at 0.37 s"),
+    ],
+)
+def test_a_profile_whose_rate_is_not_its_factors_is_refused(profile, said: str):
+    with pytest.raises(ConfigurationError, match=said):
+        Current([0.3, 0.0, 0.0], profile=profile)
+
+
+def test_a_profile_may_step_and_bend():
+    for profile in (lambda t: (float(t > 2.71), 0.0), lambda t: (min(t, 2.0), float(t < 2.0))):
+        assert Current([0.3, 0.0, 0.0], profile=profile).profile is profile

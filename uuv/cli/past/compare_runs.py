@@ -94,7 +94,7 @@ def tables(runs: "Sequence[PastRun]", *, every: bool, trust: bool = False) -> di
 
 def write_page(runs: "Sequence[PastRun]", found: Mapping[str, Rows]) -> Path:
     """Page with the tables and the series of the first two runs, in the folder of the first."""
-    from uuv.sim.evaluation.metrics import Bounds
+    from uuv.sim.evaluation.bounds import Bounds
     from uuv.sim.reporting import report_page
     from uuv.sim.reporting.timelines import timelines
 

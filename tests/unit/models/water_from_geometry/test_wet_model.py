@@ -232,15 +232,15 @@ def test_what_is_written_is_read_to_the_bit(tmp_path: Path, capsule: Path, with_
 # ------------------------------------------------------------------------------------------------- through the command
 
 
-def test_the_command_writes_a_model_and_its_table(script, capsule: Path, tmp_path: Path):
-    run = script("wet", capsule, "--panels", FAST, "--json")
+def test_the_command_writes_a_model_and_its_table(verb, capsule: Path, tmp_path: Path):
+    run = verb("wet", capsule, "--panels", FAST, "--json")
     told = json.loads(run.stdout)
     assert told["files"] == [str(tmp_path / "capsule.wet.xml")]
     assert {o["quantity"] for o in told["origins"]} >= {"volume", "added mass", "drag"}
     spec = vehicle_spec(tmp_path / "capsule.wet.xml")
     model = spec.compile()
     assert model.body("hull").mass[0] == pytest.approx(1025.0 * told["water"]["bodies"]["capsule"]["volume"])
-    run = script("wet", capsule, "--panels", FAST, "--out", tmp_path / "other.xml", "--sidecar")
+    run = verb("wet", capsule, "--panels", FAST, "--out", tmp_path / "other.xml", "--sidecar")
     assert (run.returncode, (tmp_path / "other.water.yaml").is_file()) == (0, True)
     assert "one collision geom (1 closed shell)" in run.stdout
 
@@ -280,23 +280,23 @@ def test_the_command_writes_a_model_and_its_table(script, capsule: Path, tmp_pat
         ("none.stl", None, "there is no such file"),
     ],
 )
-def test_bad_input_is_one_line(script, tmp_path: Path, name, content, said):
+def test_bad_input_is_one_line(verb, tmp_path: Path, name, content, said):
     write_stl(tmp_path / "capsule.stl", *primitive("capsule", np.array([0.08, 0.15, 0.0])))
     file = tmp_path / name
     if content is not None:
         file.write_text(content)
-    run = script("wet", file)
+    run = verb("wet", file)
     assert run.returncode == 2
     assert said in run.stderr
     assert len(run.stderr.strip().splitlines()) == 1
     assert not list(tmp_path.glob("*.wet.xml"))
 
 
-def test_a_flat_mesh_has_no_volume(script, tmp_path: Path):
+def test_a_flat_mesh_has_no_volume(verb, tmp_path: Path):
     corners = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]])
     write_stl(tmp_path / "flat.stl", corners, np.array([[0, 1, 2], [0, 2, 3]]))
     (tmp_path / "r.urdf").write_text(urdf('<visual><geometry><mesh filename="flat.stl"/></geometry></visual>'))
-    run = script("wet", tmp_path / "r.urdf")
+    run = verb("wet", tmp_path / "r.urdf")
     assert run.returncode == 2
     assert "encloses no volume (1 flat surface left out)" in run.stderr
 
@@ -313,8 +313,8 @@ def test_a_flat_mesh_has_no_volume(script, tmp_path: Path):
         (["--geoms", "visual"], "no visual geom"),
     ],
 )
-def test_bad_options_are_one_line(script, capsule: Path, options, said):
-    run = script("wet", capsule, *options)
+def test_bad_options_are_one_line(verb, capsule: Path, options, said):
+    run = verb("wet", capsule, *options)
     assert run.returncode == 2
     assert said in run.stderr
 

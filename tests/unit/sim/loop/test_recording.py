@@ -12,7 +12,8 @@ from uuv import models
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.messages import Command, ContactEstimate, Reference, Target, WorkState
 from uuv.sim.interfaces.spatial import exp_so3, pose, quat_wxyz_from_rotation, rotation_from_quat_wxyz
-from uuv.sim.loop.recording import EVERY_STEP, Recorder, Recording, write_row
+from uuv.sim.loop.logged_columns import EVERY_STEP
+from uuv.sim.loop.recording import Recorder, Recording, write_row
 from uuv.sim.loop.rollout import Moment
 
 MODEL = models.load("uuv_puma").compile()

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from recorded_work import STEPS, TIME, TRUTH, recorded
-from uuv.sim.evaluation.metrics import Bounds
+from uuv.sim.evaluation.bounds import Bounds
 from uuv.sim.interfaces.spatial import Array, exp_so3, quat_wxyz_from_rotation
 from uuv.sim.loop.recording import Recording, Series
 from uuv.sim.reporting.timelines import panels

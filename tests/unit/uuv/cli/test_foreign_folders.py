@@ -22,7 +22,8 @@ from uuv.jobs import barrel
 from uuv.scenario_file import read_scenario, to_toml
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.messages import WorkState
-from uuv.sim.loop.recording import STATES, WIDTHS
+from uuv.sim.loop.logged_columns import WIDTHS
+from uuv.sim.loop.recording import STATES
 from uuv.sim.reporting.series_files import Column, write_table
 from uuv.sim.runs.run_folder import alone_in
 from uuv.sim.runs.saving import write_whole

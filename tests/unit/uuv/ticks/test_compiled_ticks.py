@@ -27,7 +27,8 @@ from uuv.scenario import LONGEST, Control
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.messages import FaultKind
 from uuv.sim.loop import recording
-from uuv.sim.loop.recording import EVERY_STEP, Recorder
+from uuv.sim.loop.logged_columns import EVERY_STEP
+from uuv.sim.loop.recording import Recorder
 from uuv.sim.loop.rollout import Parts
 from uuv.sim.sensors.proprioception import Dvl, Imu
 from uuv.tasks.surface_work import SurfaceWorkTask

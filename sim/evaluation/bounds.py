@@ -1,0 +1,21 @@
+"""Bounds that the figures of an accepted run keep."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Bounds:
+    """Acceptance bounds of a run."""
+
+    force_error_rms: float = 3.0  # [N]
+    force_error_max: float = 9.0  # [N]
+    lost: float = 0.0  # [s]
+    path_deviation: float = 0.003  # [m]; infinite: there is no path
+    speed_error: float = 0.1  # of the set speed
+    off_speed: float = 2.0 / 3.0  # share of the path below it, in ramps, bends and stops
+    position_error: float = 0.005  # [m] of the identification
+    position_error_share: float = 0.005  # of the range
+    tilt: float = float(np.radians(3.0))  # [rad] tool and hull; infinite: it is not judged
+    gap_error: float = 0.008  # [m] of work without contact: sum of the bounds of identification and path

@@ -1,0 +1,55 @@
+"""Columns of the logged series: names, components and units."""
+
+from collections.abc import Mapping
+
+from uuv.models.vehicle import Vehicle
+
+_XYZ = ("x", "y", "z")
+
+# Columns of the blocks: series name -> (labels, unit), in the order in which the rows are written.
+Columns = Mapping[str, tuple[tuple[str, ...], str]]
+SCALARS: Columns = {
+    "contact_normal": ((), "N"),  # true, tool on object: mean over the plant's substeps
+    "contact_least": ((), "N"),  # smallest of a substep
+    "contact_most": ((), "N"),  # largest of a substep
+    "saturated": ((), ""),
+    "collision": ((), ""),
+    "felt_normal": ((), "N"),  # estimated from joint torques
+}
+VECTORS: Columns = {
+    "p_pad": (_XYZ, "m"),  # true tip
+    "tool_axis": (_XYZ, ""),
+    "p_WB": (_XYZ, "m"),
+    "quat_WB_wxyz": (("w", "x", "y", "z"), ""),
+    "contact_force": (_XYZ, "N"),  # of the world on the pad
+    "felt_force": (_XYZ, "N"),
+    "tool_x": (_XYZ, ""),
+}
+REFERENCE: Columns = {
+    "state": ((), ""),
+    "set_force": ((), "N"),
+    "path_s": ((), "m"),
+    "p_command": (_XYZ, "m"),  # commanded tip, extrapolated by its velocity; NaN while the arm holds joint angles
+    "v_command": (_XYZ, "m/s"),
+    "p_WB_reference": (_XYZ, "m"),
+}
+OBJECT: Columns = {"p_WT": (_XYZ, "m"), "quat_WT_wxyz": (("w", "x", "y", "z"), "")}  # true, if it can move
+EVERY_STEP = (*SCALARS, *VECTORS, *REFERENCE)  # series of every recording, full or not
+WIDTHS = {  # [columns] of each
+    name: max(1, len(labels)) for name, (labels, _) in {**SCALARS, **VECTORS, **REFERENCE}.items()
+}
+
+
+def slow_columns(vehicle: Vehicle) -> Columns:
+    """Columns of the series that are logged at a lower rate."""
+    return {
+        "q": (vehicle.joint_names, "rad"),
+        "qd": (vehicle.joint_names, "rad/s"),
+        "tau_drive": (vehicle.joint_names, "N m"),
+        "thrust": (vehicle.thruster_names, "N"),
+        "current": (_XYZ, "m/s"),
+        "arm_wrench": (("fx", "fy", "fz", "mx", "my", "mz"), "N, N m"),  # true, of the arm on the hull, hull axes
+        "p_WB_estimate": (_XYZ, "m"),
+        "quat_WB_estimate_wxyz": (("w", "x", "y", "z"), ""),
+        "position_sigma": (_XYZ, "m"),  # of the estimated hull position, as the estimator states it
+    }

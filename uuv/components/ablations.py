@@ -1,0 +1,42 @@
+"""Ablations: parts of the controller that take the place of a method that is left out (`--without`)."""
+
+from collections.abc import Set
+from typing import Any, get_args
+
+import mujoco
+
+from uuv.controllers.arm.inverse_dynamics import ArmDynamics
+from uuv.controllers.arm.position_force import NominalStiffness
+from uuv.controllers.hull.hull_control import Term, WithoutCompensation, WithoutTerms
+from uuv.controllers.tuning import DRIVE_PERIOD, ArmTuning
+from uuv.controllers.whole_body.tool_control import FromReference
+from uuv.models.vehicle import Vehicle
+
+_TERMS: dict[str, Term] = {f"{term}-term": term for term in get_args(Term)}  # by the method that leaves it out
+
+
+def ablated(without: Set[str], own: mujoco.MjModel, water_error: float) -> dict[str, Any]:
+    """Keyword arguments of `WorkController` that leave methods out; none where nothing is left out.
+
+    Args:
+        without: methods to leave out, each one of `uuv.methods.Method`.
+        own: the vehicle's model of itself.
+        water_error: [-] share by which its hydrodynamic coefficients are wrong.
+
+    Returns:
+        `force_law`, `drift` and `feedforward`, as far as they differ from the controller's own.
+    """
+    parts: dict[str, Any] = {}
+    if "force-control" in without:
+        parts["force_law"] = NominalStiffness()
+    if "drift-correction" in without:
+        parts["drift"] = FromReference()
+    terms: set[Term] = {term for word, term in _TERMS.items() if word in without}
+    if terms or "compensation" in without:
+        arm = ArmDynamics(own, water_error=water_error)
+        if "compensation" in without:
+            parts["feedforward"] = WithoutCompensation(arm, Vehicle.of(own).q_home)
+        else:
+            lag = ArmTuning().acceleration_filter
+            parts["feedforward"] = WithoutTerms(arm, terms, acceleration_filter=lag, period=DRIVE_PERIOD)
+    return parts

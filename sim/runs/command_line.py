@@ -30,6 +30,7 @@ TRACEBACK = "--traceback"  # option of every script: print the traceback of such
 _HOME = Path(__file__).resolve().parents[2]
 # A dotted key of a scenario file in a message; part of a path, of a quoted value or of MODULE:NAME it is none.
 _KEY = re.compile(r"(?<![\w./\\'\"-])[a-z]\w*(?:\.[a-z]\w*)+(?!\w|[/\\(-]|[.:]\w)")
+_OF_OUTPUT = ("json",)  # an option whose name ends the names of files, which are no keys
 
 Options = TypeVar("Options")
 
@@ -181,7 +182,7 @@ def with_options(message: str, kind: type[Any]) -> str:
     def named(match: re.Match[str]) -> str:
         key = match[0]
         name = keys.get(key, key.rpartition(".")[2])
-        if name not in names or (name in keys.values() and key not in keys):
+        if name not in names or name in _OF_OUTPUT or (name in keys.values() and key not in keys):
             return key
         option = f"--{name.replace('_', '-')}"
         if key in known:

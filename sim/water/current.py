@@ -200,7 +200,8 @@ def _check_profile(profile: Callable[[float], tuple[float, float]]) -> None:
 
     A profile may have steps and bends, so that a single time proves nothing.
     """
-    span, off = 1e-4, 0
+    span = 1e-4  # [s]
+    wrong: list[str] = []
     for time in _PROFILE_TIMES:
         try:
             (before, _), (_, rate), (after, _) = (profile(time + shift) for shift in (-span, 0.0, span))
@@ -209,11 +210,14 @@ def _check_profile(profile: Callable[[float], tuple[float, float]]) -> None:
             raise ConfigurationError(
                 f"profile of the current: must return a factor and its rate [1/s]: {error}"
             ) from error
+
         if not np.isfinite([before, rate, after]).all():
             raise ConfigurationError(f"profile of the current: not finite at {time} s, got {before}, rate {rate}")
-        off += abs(slope - rate) > 0.02 * max(abs(slope), abs(rate)) + 1e-6
-    if 2 * off > len(_PROFILE_TIMES):
+        if abs(slope - rate) > 0.02 * max(abs(slope), abs(rate)) + 1e-6:
+            wrong.append(f"at {time} s it says {rate:.4g}, the factor changes by {slope:.4g} 1/s")
+
+    if 2 * len(wrong) > len(_PROFILE_TIMES):
         raise ConfigurationError(
-            f"profile of the current: its rate is not the factor's, at {off} of {len(_PROFILE_TIMES)} times; "
-            f"at {time} s it says {rate:.4g}, the factor changes by {slope:.4g} 1/s"
+            f"profile of the current: its rate is not the factor's, at {len(wrong)} of {len(_PROFILE_TIMES)} times; "
+            f"{wrong[-1]}"
         )

@@ -41,6 +41,9 @@ def target_by(model) -> TargetModel:
     return perception.identify(np.zeros((0, 3)), model).surface.target
 
 
+@pytest.mark.long(
+    guarded_by="tests/unit/perception/registration/test_cloud_models.py::test_a_cloud_gives_the_pose_of_its_mesh"
+)
 def test_every_door_makes_the_same_mesh_of_a_cloud(cloud, tmp_path, within):
     points, normals = cloud
     file = tmp_path / "star.ply"

@@ -42,6 +42,7 @@ def test_the_object_in_the_scene_is_named(name: str):
     assert {each.name for each in made.candidates} == set(NAMES)
 
 
+@ANOTHER
 def test_a_folder_of_meshes_and_clouds(tmp_path):
     scene = object_scene("starfish", 7000)
     for name in NAMES[:2]:

@@ -293,15 +293,3 @@ def with_growth_and_dents(
 
             shown = getattr(deformed, name)(shown, rng, _PATCHES, (0.4 * height, height), near=near).target
     return None if shown is target else shown
-
-
-def coarse_detection(X_WT: Array, rng: np.random.Generator) -> tuple[Array, Array]:
-    """Coarse pose of an object at `X_WT` (4, 4), with a random error.
-
-    Returns:
-        Position (3,) [m], 10 to 30 cm off; rotation (3, 3), up to 30 deg off.
-    """
-    way, axis = rng.standard_normal((2, 3))
-    approach = X_WT[:3, 3] + rng.uniform(0.1, 0.3) * way / np.linalg.norm(way)
-    turn = exp_so3(rng.uniform(0.0, np.radians(30.0)) * axis / np.linalg.norm(axis))
-    return approach, turn @ X_WT[:3, :3]

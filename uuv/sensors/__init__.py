@@ -1,1 +1,1 @@
-"""Simulated sensors that are made of several rooms: the camera on the arm."""
+"""Simulated sensors that no room has alone: camera on the arm, coarse detection before a look."""

@@ -14,13 +14,14 @@ from uuv.models.tools.sampler import SAMPLER
 from uuv.outcome import Pictures, RunResult
 from uuv.own_vehicle import OwnVehicle
 from uuv.scenario import PlacedTask, Scenario, Task
+from uuv.sensors.coarse_detection import coarse_detection
 from uuv.sim.evaluation.insertion_metrics import AT_THE_HOLE, TrueHole, assess_insertion
 from uuv.sim.evaluation.metrics import Assessment
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.messages import WorkState
 from uuv.sim.interfaces.protocols import Sensor
 from uuv.sim.interfaces.spatial import Array, pose
-from uuv.site import HoleManifold, coarse_detection
+from uuv.site import HoleManifold
 from uuv.tasks.approach import object_of, scan_pose
 
 if TYPE_CHECKING:

@@ -15,13 +15,14 @@ from uuv.models.site import scenes
 from uuv.outcome import Pictures, RunResult
 from uuv.own_vehicle import OwnVehicle
 from uuv.scenario import LONGEST, PlacedTask, Scenario, Task
+from uuv.sensors.coarse_detection import coarse_detection
 from uuv.sim.evaluation.inspection_metrics import InspectionBounds, TrueInspection, assess_inspection
 from uuv.sim.evaluation.metrics import Assessment
 from uuv.sim.interfaces.messages import WorkState
 from uuv.sim.interfaces.protocols import Sensor
 from uuv.sim.interfaces.spatial import Array, pose, transform_points
 from uuv.sim.loop.rollout import Observer
-from uuv.site import Workpiece, coarse_detection
+from uuv.site import Workpiece
 from uuv.tasks.approach import object_of, scan_pose
 
 if TYPE_CHECKING:

@@ -17,12 +17,13 @@ from uuv.models.site.sliding_contact import let_tool_slide
 from uuv.outcome import Pictures, RunResult
 from uuv.own_vehicle import OwnVehicle
 from uuv.scenario import LONGEST, PlacedTask, Scenario, Task
+from uuv.sensors.coarse_detection import coarse_detection
 from uuv.sim.evaluation.bounds import Bounds
 from uuv.sim.evaluation.metrics import AskedWork, Assessment, TrueObject, assess
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.protocols import Sensor
 from uuv.sim.interfaces.spatial import Array, finite_number, shown
-from uuv.site import Workpiece, coarse_detection
+from uuv.site import Workpiece
 from uuv.tasks.approach import object_of, scan_pose
 from uuv.tasks.work_time import WorkTime
 

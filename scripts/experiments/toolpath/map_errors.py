@@ -11,8 +11,8 @@ from uuv.perception.finding.target_finder import with_fused_frames
 from uuv.perception.registration.identification import Identification, identify
 from uuv.perception.registration.model_surface import ModelSurface
 from uuv.perception.toolpath.deformation import map_deformation
+from uuv.sensors.coarse_detection import coarse_detection
 from uuv.sim.interfaces.spatial import Array, inverse, transform_points
-from uuv.site import coarse_detection
 
 BOUND = 0.8  # least overlap that is accepted
 SIZES = (0.005, 0.01, 0.015)  # [m] sizes asked for, besides the size that follows from the noise

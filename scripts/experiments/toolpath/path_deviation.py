@@ -20,11 +20,11 @@ from uuv.perception.registration.identification import Identification, identify
 from uuv.perception.registration.model_surface import ModelSurface
 from uuv.perception.toolpath.path_deviation import deviate
 from uuv.perception.toolpath.path_planner import carry, densified, plan_path
+from uuv.sensors.coarse_detection import coarse_detection
 from uuv.sim.interfaces.errors import PerceptionError
 from uuv.sim.interfaces.spatial import Array, inverse, pose, rotation_from_z
 from uuv.sim.sensors.depth_camera import NOISE, DepthCamera
 from uuv.sim.sensors.stereo_noise import StereoNoise
-from uuv.site import coarse_detection
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

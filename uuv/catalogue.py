@@ -59,9 +59,9 @@ def things(kind: str) -> Iterator[tuple[str, str]]:
                 source = file.read_text(encoding="utf-8")
                 if _COMMAND in source:
                     # Its first line; to parse it would take half of the time.
-                    said = source.partition("\n")[0].strip('"')
+                    headline = source.partition("\n")[0].strip('"')
                     name = file.relative_to(home).with_suffix("").as_posix()
-                    yield name, said.removeprefix("Study: ").removeprefix("Benchmark: ")
+                    yield name, headline.removeprefix("Study: ").removeprefix("Benchmark: ")
         case "vehicle":
             yield from _vehicles()
         case "arm":

@@ -6,7 +6,8 @@ attitude and the integral of the gyro's. A steady Kalman filter of it has a whit
 - *Alarm.* A cumulative sum of the innovation, for either sign [Page 1954], exceeds its limit, and so does the angle.
 - *Blame.* At the onset, where the sum left zero, one of the two changed its ways, the other did not. That can be told
   where the change is well above what the hull's own rate did before. Else it may be either, as it may with a drift that
-  comes slowly. Readings that repeat bit by bit since the onset are blamed before all else.
+  comes slowly; then the gyro is blamed if its own samples step by the size of the slope,
+  which no hull does. Readings that repeat bit by bit since the onset are blamed before all else.
 - *Size.* The gyro is off by its jump, or by the slope of the angle since the onset: within a factor of two.
 
 A small time between the two fields is allowed for, and a scale and an alignment that are not perfect. These make angles
@@ -33,9 +34,8 @@ SCALE = 1e-3  # [-] error of the gyro's scale
 USUAL = 0.2  # [s] time constant of the usual rates, with which those since the onset are compared
 RESTLESS = 1.0  # [s] time constant of the mean square by which the gyro moves about its usual rate
 DISTINCT = 4.0  # [-] times its root, above which a change is not the hull's own
-GUILTY = (
-    0.6  # [-] share of the angle since the onset that one of the two has turned beyond its usual rate, to be blamed
-)
+# Share [-] of the angle since the onset that one of the two has turned beyond its usual rate, to be blamed.
+GUILTY = 0.6
 INNOCENT = 0.25  # [-] and the most of it that the gyro has turned if it is the attitude
 PAST = 128  # samples of the gyro that are kept, to look back for a jump
 BESIDE = 5  # of them on either side of a jump, whose means are compared
@@ -193,7 +193,7 @@ def _gyro_jumped(check, i, since, size):
     """True if the gyro jumped by about `size` [rad/s] about axis `i`, within `since` samples or shortly before.
 
     No hull does: what it turns faster by within BESIDE samples is small against a step, however it rolls.
-    A jump is told by the means of the samples on either side, against the same comparison elsewhere in the past.
+    The means before and after it differ by much more than those before and after other samples.
     """
     count = min(check.stored, PAST)
     newest, most, at = check.stored - 1, 0.0, -1

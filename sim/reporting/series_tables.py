@@ -170,7 +170,7 @@ class PastRun:
         """
         values = self.column(name, rate)
         if values.dtype.kind not in "bifu":
-            raise ConfigurationError(f"{self.folder}: the column {shown(name)} of {rate!r} holds no numbers")
+            raise ConfigurationError(f"{self.folder}: the column {shown(name)} of {rate!r} is not numeric")
         return values
 
     def units(self, rate: str = LOOP) -> dict[str, str]:

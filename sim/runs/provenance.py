@@ -14,9 +14,11 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from uuv.sim.runs.command_line import ROOMS
+
 PACKAGES = ("uuv-arm", "mujoco", "numpy", "scipy", "numba", "llvmlite", "open3d-cpu", "open3d", "embreex", "rerun-sdk")
 HOME = Path(__file__).resolve().parents[2]  # of the packages
-_CODE = ("uuv", "models", "sim", "controllers", "perception", "calib", "scripts", "pyproject.toml", "uv.lock")
+_CODE = ("uuv", *ROOMS, "scripts", "pyproject.toml", "uv.lock")
 _WHERE = ("out", "view", "workers", "anew", "json")  # options without effect on results
 
 

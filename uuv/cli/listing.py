@@ -14,7 +14,7 @@ from uuv.sim.interfaces.errors import ConfigurationError, did_you_mean
 from uuv.sim.runs.command_line import parse
 
 _WIDTH = 120  # characters of a line where the output is no terminal
-_LEAST = 40  # characters of what is said about a thing, in a narrow terminal
+_LEAST = 40  # [characters] width of a description in a narrow terminal
 _KINDS = [shelf.kind for shelf in SHELVES]
 
 
@@ -59,7 +59,7 @@ def _kind(word: str) -> str:
 
 
 def _entry(begin: str, about: str, columns: int) -> str:
-    """A thing and what is said about it, in as many lines as that takes."""
+    """A name and its description, wrapped to the width of the terminal."""
     room = max(_LEAST, columns - len(begin))
     lines = textwrap.wrap(about, room, break_long_words=False, break_on_hyphens=False) or [""]
     return f"\n{' ' * len(begin)}".join([f"{begin}{lines[0]}".rstrip(), *lines[1:]])

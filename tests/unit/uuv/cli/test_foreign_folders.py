@@ -123,7 +123,7 @@ SERIES: dict[str, tuple[Callable[[Path], None], str]] = {
     "cut": (_cut("series_loop.parquet"), "is no whole Parquet file"),
     "no times": (_replaced("series_loop", [Column("a", np.zeros(3))]), "no column 'time'"),
     "no state": (_replaced("series_loop", [Column("time", np.zeros(3))]), "without the series 'state'"),
-    "words": (_replaced("series_loop", [Column("time", np.array(["x"]))]), "'time' of 'loop' holds no numbers"),
+    "words": (_replaced("series_loop", [Column("time", np.array(["x"]))]), "'time' of 'loop' is not numeric"),
     "falling": (_replaced("series_loop", [Column("time", np.array([1.0, 0.0]))]), "the times of its series 'loop'"),
     "events": (_replaced("events", [*WORDS, Column("state", np.array(["flying"]))]), "state of an event: allowed"),
     "no events": (_replaced("events", WORDS), "'events' has no column 'state' of texts"),

@@ -1,8 +1,8 @@
 """An underwater vehicle that works with its arm: from a description to a run and its assessment.
 
-    from uuv import barrel, run, show
+    from uuv import jobs, run, show
 
-    r = run(barrel(seed=0))
+    r = run(jobs.clean_barrel(seed=0))
     print(r.assessment.failed)
     show(r, "my_run")
 

@@ -12,14 +12,6 @@ from pathlib import Path
 
 HOME = Path(__file__).resolve().parent  # the package `uuv`, with the rooms in it
 CHECKOUT = HOME.parent  # the folder around it: the checkout, where there is one
-JOBS = {  # `uuv run`: name and class of its options in `uuv.jobs`
-    "clean-barrel": "BarrelOptions",
-    "clean-pile": "PileOptions",
-    "clean-object": "ObjectOptions",
-    "insert-sampler": "InsertionOptions",
-    "sample-seabed": "SeabedOptions",
-    "inspect-object": "InspectionOptions",
-}
 _COMMAND = "run_scenario(main)"  # ends the file of an experiment that is a command
 _GROUP = "uuv_arm"  # of entry points, as in `uuv.models.registry`
 
@@ -33,7 +25,7 @@ class Shelf:
 
 
 SHELVES = (
-    Shelf("job", "uuv run NAME"),
+    Shelf("job", "uuv run NAME; one of your own: uuv run MODULE:FUNCTION"),
     Shelf("experiment", "./uvw run scripts/experiments/NAME.py, in a clone"),
     Shelf("vehicle", "--vehicle NAME"),
     Shelf("arm", "uuv.models.arms.published_arms.load(NAME)"),
@@ -42,7 +34,7 @@ SHELVES = (
     Shelf("soil", "uuv run sample-seabed --soil NAME"),
     Shelf("sensor", "--sensor NAME"),
     Shelf("controller", "--controller NAME"),
-    Shelf("task", "kind of [task] in a scenario file; --task MODULE:CLASS"),
+    Shelf("task", "kind of [task] in a scenario file; uuv run open-water --task MODULE:CLASS"),
     Shelf("perturbation", "kind of [[perturbations]] in a scenario file"),
 )
 
@@ -51,8 +43,7 @@ def things(kind: str) -> Iterator[tuple[str, str]]:
     """Name and one line about each thing of a kind, those of other packages last."""
     match kind:
         case "job":
-            classes = _definitions(HOME / "jobs.py")
-            yield from ((name, classes[made]) for name, made in JOBS.items())
+            yield from _jobs(HOME / "jobs" / "__init__.py")
         case "experiment":
             home = CHECKOUT / "scripts" / "experiments"
             for file in sorted(home.rglob("[!_]*.py")):
@@ -91,6 +82,15 @@ def things(kind: str) -> Iterator[tuple[str, str]]:
             for name, made in _kinds(listed):
                 yield name, documented.get(made, "")
     yield from ((point.name, f"of {point.value}") for point in entry_points(group=f"{_GROUP}.{kind}"))
+
+
+def _jobs(file: Path) -> Iterator[tuple[str, str]]:
+    """Functions under `@job`, by their names with dashes."""
+    for node in _tree(file).body:
+        if isinstance(node, ast.FunctionDef):
+            marks = [mark.func if isinstance(mark, ast.Call) else mark for mark in node.decorator_list]
+            if any(isinstance(mark, ast.Name) and mark.id == "job" for mark in marks):
+                yield node.name.replace("_", "-"), _first_line(node)
 
 
 def _vehicles() -> Iterator[tuple[str, str]]:

@@ -23,6 +23,7 @@ from uuv.sim.evaluation.metrics import Assessment
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.files import folder_name
 from uuv.sim.interfaces.messages import WorkState
+from uuv.sim.interfaces.options import option
 from uuv.sim.interfaces.protocols import Controller, Estimator, Planner, Sensor, TargetFinder, TargetFollower
 from uuv.sim.interfaces.spatial import Array, finite_number, whole_number
 from uuv.sim.loop.rollout import Observer
@@ -46,12 +47,29 @@ _NOT_FOLLOWED = "sensing.follow: this task has no object that it could follow"
 class VehicleSetup:
     """The vehicle as it is."""
 
-    vehicle: str = "uuv_puma"  # a name of uuv.models.available(), or a file, MJCF or URDF, with the named parts
-    arm_errors: int | None = None  # seed of the errors with which the arm was built; None: no errors
-    tool: str | None = (
-        None  # of uuv.models.tools.tools.TOOLS, on its tip; None: its own, or the one that the task needs
+    vehicle: str = option(
+        "uuv_puma",
+        "A name of `uuv list vehicles`, a file with the named parts, MJCF or URDF (docs/own_vehicle.md), or "
+        "MODULE:FUNCTION.",
+        group="vehicle",
     )
-    parts: str | None = None  # file that maps its names to those of the contract; None: the one beside its file
+    arm_errors: int | None = option(
+        None,
+        "Seed of an arm built 2 mm and 0.3 deg wrong in every joint, unknown to the controller.",
+        group="vehicle",
+        everywhere=False,
+    )
+    tool: str | None = option(
+        None,
+        "Tool on the arm's tip: a name of `uuv list tools`; default: the vehicle's own, or the one that the job needs.",
+        group="vehicle",
+    )
+    parts: str | None = option(
+        None,
+        "File that maps the model's names to those of the contract; default: NAME.parts.yaml beside the vehicle's "
+        "file.",
+        group="vehicle",
+    )
 
     def __post_init__(self) -> None:
         if self.arm_errors is not None:
@@ -63,8 +81,15 @@ class Belief:
     """What the vehicle believes of itself beside its nominal model."""
 
     water_error: float = 0.15  # share by which all its added masses and drags are wrong, alike
-    calibrated: bool = False  # its arm model is identified from touches on deck
-    arm: str | None = None  # file of its arm model; excludes `calibrated`
+    calibrated: bool = option(
+        False,
+        "Calibrate the arm first: four points touched with a hand's noise of 0.1 mm, one known distance.",
+        group="control",
+        everywhere=False,
+    )
+    arm: str | None = option(
+        None, "File of the controller's arm model: arm.yaml of uuv calibrate.", group="control", everywhere=False
+    )
 
     def __post_init__(self) -> None:
         finite_number(self.water_error, "belief.water_error")
@@ -76,16 +101,38 @@ class Belief:
 class Sensing:
     """Sensors, and noise of those that a study varies."""
 
-    sensor: str = "camera"  # for identification: camera, sonar, survey, or one that an installed package registers
-    looks: int = 1  # depth frames, or pings, whose median the path is planned on
-    follow: bool = False  # follow the object by further depth frames while the vehicle scans it
-    dead_beams: tuple[int, ...] = ()  # of the Doppler log, 1 to 4
+    sensor: str = option(
+        "camera",
+        "Sensor for identification: camera, sonar, survey (the object's pose is known, and nothing looks for it, nor "
+        "for growth and dents), a registered name, or MODULE:FUNCTION.",
+        group="sensing",
+        everywhere=False,
+    )
+    looks: int = option(
+        1,
+        "Successive depth frames, or pings, whose median the tool path is planned on; 16 where growth or dents are "
+        "possible.",
+        group="sensing",
+        everywhere=False,
+    )
+    follow: bool = option(
+        False,
+        "Follow the object by further depth frames while the vehicle scans it, and say if it moves.",
+        group="sensing",
+        everywhere=False,
+    )
+    dead_beams: tuple[int, ...] = option((), "Beams of the Doppler log, 1 to 4, that return no echo.", everywhere=False)
     vision_period: float = 0.1  # [s]
     vision_delay: float = 0.1  # [s]
     vision_noise: float = 2e-3  # [m]
     torque_noise: float = 0.01  # share of the reading
     torque_bias: float = 0.5  # [N m] uniform in +-
-    arm_camera: ArmCameraSetup | None = None  # camera beside the tool; None: there is none
+    arm_camera: ArmCameraSetup | None = option(
+        None,
+        "A small stereo camera beside the tool, which tells navigation how the tool moves over the surface.",
+        group="sensing",
+        everywhere=False,
+    )
 
     def __post_init__(self) -> None:
         whole_number(self.looks, "sensing.looks", least=1, most=_MOST_LOOKS)
@@ -109,10 +156,23 @@ class Sensing:
 class Control:
     """The controller, and methods that it does without."""
 
-    controller: str = "work"  # registered name, or MODULE:CLASS
-    without: tuple[AblatedMethod, ...] = ()
-    ik: IkMethod = "hybrid"  # inverse kinematics that tracks the tool pose
-    published: tuple[PublishedMethod, ...] = ()  # methods as in [Konoplin 2022], in place of the default ones
+    controller: str = option("work", "Controller: work, a registered name, or MODULE:CLASS.", group="control")
+    without: tuple[AblatedMethod, ...] = option(
+        (), "Controller methods to leave out (ablation).", group="control", everywhere=False
+    )
+    ik: IkMethod = option(
+        "hybrid",
+        "Inverse kinematics that tracks the tool pose: hybrid, or a method of [Danilov 2021], jacobian_free or plain.",
+        group="control",
+        everywhere=False,
+    )
+    published: tuple[PublishedMethod, ...] = option(
+        (),
+        "Methods as in [Konoplin 2022], in place of the default ones: force-law or normal-force-law, tip-force, "
+        "identification.",
+        group="control",
+        everywhere=False,
+    )
     elastic_gears: bool = False  # the softer joint servo for gears that twist under load
 
     def __post_init__(self) -> None:
@@ -130,6 +190,7 @@ class Task(ABC):
     spares: ClassVar[Collection[str]] = ()  # named parts of the vehicle that it does without
     schema: ClassVar[str] = "metrics"  # of metrics.json, in sim/schemas
     looks: ClassVar[bool] = False  # a camera or a sonar looks at the site, which takes a ray caster
+    heeds: ClassVar[Collection[str]] = ()  # words of further options of a scenario that mean something to it
 
     @property
     def tool(self) -> str | None:
@@ -266,7 +327,9 @@ class Scenario:
 
     name: str  # of the folder of results
     task: Task
-    seed: int = 0  # of everything random but the perturbations
+    seed: int = option(
+        0, "Seed of everything random: where the object lies, the noise of the sensors, the gusts."
+    )  # but the perturbations
     site: Site = field(default_factory=Site)
     vehicle: VehicleSetup = field(default_factory=VehicleSetup)
     belief: Belief = field(default_factory=Belief)

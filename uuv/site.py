@@ -18,6 +18,7 @@ from uuv.models.registry import Registry
 from uuv.models.site.seabed import Seabed, seabed
 from uuv.models.site.terrain_kinds import KINDS, Kind
 from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.options import DEGREE, MILLIMETRE, option
 from uuv.sim.interfaces.spatial import Array, checked_pose, exp_so3, finite_number, pose, shown
 
 ALTITUDE = 2.5  # [m] height of the hull above the seabed during the scan
@@ -50,8 +51,18 @@ class OpenWater(SiteObject):
 class Workpiece(SiteObject, ABC):
     """Object with tool paths on it; growth and dents lie along the path, and the vehicle knows the clean object."""
 
-    fouled: float = 0.0  # [m] largest height of growth
-    dented: float = 0.0  # [m] largest depth of dents
+    fouled: float = option(
+        0.0,
+        "Growth on the object, up to this height [m], along the path where there is one; the vehicle knows the clean "
+        "object only.",
+        group="object",
+    )
+    dented: float = option(
+        0.0,
+        "Dents in the object, up to this depth [m], along the path where there is one; the vehicle knows the undamaged "
+        "object only.",
+        group="object",
+    )
 
     def model(self) -> TargetModel:
         """Clean model, where no path is needed. Raises ConfigurationError if there is no such object."""
@@ -79,10 +90,20 @@ class Workpiece(SiteObject, ABC):
 class Barrel(Workpiece):
     """Barrel on its stand, with the paths "longitudinal", "transverse" and "corner"."""
 
-    length: float = 0.6  # [m] of the longitudinal path
+    length: float = option(0.6, "Length of the longitudinal path [m].", group="object")
     arc: float = float(np.pi)  # [rad] of the transverse path
-    azimuth: float = 0.0  # [rad] of the path around the barrel, from the top
-    corner: float = float(0.5 * np.pi)  # [rad] by which the path "corner" turns on the top
+    azimuth: float = option(
+        0.0,
+        "Azimuth of the path around the barrel [deg], from the top; a large one is out of reach.",
+        group="object",
+        unit=DEGREE,
+    )
+    corner: float = option(
+        float(0.5 * np.pi),
+        "Angle [deg] by which the path corner turns, on the barrel's top.",
+        group="object",
+        unit=DEGREE,
+    )
 
     def target(self, path: str | None) -> tuple[TargetModel, str]:
         """The barrel, and the path's name; default longitudinal."""
@@ -115,11 +136,18 @@ class Block(Workpiece):
 class Pile(Workpiece):
     """Vertical pile with a flange, and one path on it: "vertical", "ring" or "helix"."""
 
-    length: float = 0.5  # [m] of the vertical path
+    length: float = option(0.5, "Length of the vertical path [m].", group="object")
     arc: float = float(np.radians(100.0))  # [rad] of ring and helix
     rise: float = 0.3  # [m] of the helix
-    azimuth: float = 0.0  # [rad] of the path's middle, from the side that the vehicle approaches
-    height: float = -0.15  # [m] of the path's middle above the pile's
+    azimuth: float = option(
+        0.0,
+        "Azimuth of the path's middle [deg], from the side that the vehicle approaches.",
+        group="object",
+        unit=DEGREE,
+    )
+    height: float = option(
+        -0.15, "Height of the path's middle above the pile's [m]; the flange is 0.2 to 0.3 m above it.", group="object"
+    )
 
     def target(self, path: str | None) -> tuple[TargetModel, str]:
         """The pile with that path alone, default vertical."""
@@ -143,10 +171,15 @@ class Pile(Workpiece):
 class KnownObject(Workpiece):
     """Object of the library by name, those of other packages included, or a mesh file with a line laid over its top."""
 
-    object: str = "rock"  # a name of uuv.models.objects.targets.available(), or a mesh file
-    scale: float | None = None  # [m] unit of a mesh file; None: metres
-    length: float = 0.3  # [m] of the line over a mesh
-    line: tuple[float, float, float, float] | None = None  # [m] x, y of both ends of a path over it; None: its own
+    object: str = option("rock", "A name of `uuv list objects`, a mesh file, or MODULE:FUNCTION.", group="object")
+    scale: float | None = option(None, "Unit of a mesh file [m]: 0.001 for one in mm; default: metres.", group="object")
+    length: float = option(0.3, "Length of the line over a mesh [m].", group="object", everywhere=False)
+    line: tuple[float, float, float, float] | None = option(
+        None,
+        "A path of one's own instead: x0 y0 x1 y1 [m] in the object's frame, straight over it, projected from above.",
+        group="object",
+        everywhere=False,
+    )
 
     def __post_init__(self) -> None:
         if self.line is None:
@@ -164,6 +197,8 @@ class KnownObject(Workpiece):
 
     def target(self, path: str | None) -> tuple[TargetModel, str]:
         """The object and the path's name; "over", from above, is `line`, or along x on a mesh without paths."""
+        if self.line is not None and path not in (None, OVER):
+            raise ConfigurationError(f"task.path {shown(path)} and site.object.line: one of the two")
         made = self.model()
         if self.line is not None or not made.paths:
             above, path = float(made.center[2] + made.radius), OVER if self.line is not None else path
@@ -199,9 +234,9 @@ def _first_laid(made: TargetModel, lines: Iterable[tuple[float, float, float, fl
 class HoleManifold(SiteObject):
     """Subsea manifold with two holes, "a" and "b"."""
 
-    clearance: float = 2e-3  # [m] radial, between tool and hole
+    clearance: float = option(2e-3, "Radial clearance between sampler and hole [mm].", unit=MILLIMETRE)
     depth: float = 0.08  # [m] of the holes
-    chamfer: float = 2e-3  # [m] of their mouths
+    chamfer: float = option(2e-3, "Chamfer of the hole's mouth [mm].", unit=MILLIMETRE)
 
     def __post_init__(self) -> None:
         finite_number(self.clearance, "site.object.clearance [m]", above=0.0)
@@ -220,8 +255,8 @@ class HoleManifold(SiteObject):
 class Ground(SiteObject):
     """Terrain of the seabed, drawn anew by each seed, and its soil."""
 
-    terrain: Kind | Literal["any"] = "ripples"  # any: the kinds in turn, by the seed
-    soil: str = "sand"  # of uuv.models.site.soil.SOILS
+    terrain: Kind | Literal["any"] = option("ripples", "Kind of terrain, drawn from the seed; any: the kinds in turn.")
+    soil: str = option("sand", "Kind of soil, of `uuv list soils`.")
 
     def draw(self, seed: int, rng: np.random.Generator) -> Seabed:
         """The terrain, ALTITUDE below the origin."""
@@ -250,10 +285,14 @@ class Site:
 
     object: SiteObject = field(default_factory=Barrel)
     X_WT: Pose | None = None  # true pose of the object; None: drawn from the seed
-    current: tuple[float, float, float] = (0.15, 0.0, 0.0)  # [m/s] steady, in W
-    gust: float = 0.03  # [m/s] standard deviation per axis
-    wave: tuple[float, float, float] = (0.0, 0.0, 0.0)  # [m/s] amplitude of a regular wave, in W
-    wave_frequency: float = 0.1  # [Hz]
+    current: tuple[float, float, float] = option(
+        (0.15, 0.0, 0.0), "Steady current [m/s], world axes; gusts come on top.", group="water"
+    )
+    gust: float = option(0.03, "Standard deviation of the gusts [m/s] per axis.", group="water")
+    wave: tuple[float, float, float] = option(
+        (0.0, 0.0, 0.0), "Amplitude [m/s] of a regular wave, world axes.", group="water"
+    )
+    wave_frequency: float = option(0.1, "Frequency of the wave [Hz].", group="water")
 
     def __post_init__(self) -> None:
         if self.X_WT is not None:

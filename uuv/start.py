@@ -3,7 +3,7 @@
 import sys
 from types import TracebackType
 
-from uuv.sim.runs.command_line import ScenarioOptions, parse, run_scenario
+from uuv.sim.runs.command_line import parse, run_scenario
 from uuv.sim.runs.process import refuse_foreign_system
 from uuv.sim.runs.run_folder import new_folder
 
@@ -21,4 +21,4 @@ def _in_one_line(kind: type[BaseException], error: BaseException, trace: Traceba
 refuse_foreign_system()
 sys.excepthook = _in_one_line
 
-__all__ = ["ScenarioOptions", "new_folder", "parse", "run_scenario"]
+__all__ = ["new_folder", "parse", "run_scenario"]

@@ -11,6 +11,7 @@ import numpy as np
 
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.messages import Promise, StateEstimate, Target
+from uuv.sim.interfaces.options import option
 from uuv.sim.interfaces.spatial import Array, finite_number
 
 WANTED = 0.98  # chance from which on there is nothing to wait for
@@ -24,7 +25,14 @@ _QUANTILES = 512  # of the normal distribution, at which the constant part is su
 class StopLimits:
     """When a pressed tool stops on its path, and how well it then stands (`uuv.controllers.tasks.stops`)."""
 
-    every: float = 3.0  # [s] of motion between two stops
+    every: float = option(
+        3.0,
+        "The pressed tool stands still for a moment after so many seconds of motion [s], and its joints then tell "
+        "navigation how the hull moves; 0: it does not stop.",
+        group="work",
+        word="stop_every",
+        closed=0.0,
+    )
     lasting: float = 0.5  # [s] that the tool stands
     settle: float = 0.3  # [s] from the end of the motion, after which it may count as standing
     hold: float = 0.15  # force across the tool, as a share of that along it, up to which friction holds it still
@@ -33,13 +41,13 @@ class StopLimits:
     below: float = 0.98  # chance promised before contact, below which the tool stops; without a promise it does
 
     def __post_init__(self) -> None:
-        finite_number(self.every, "stops: time of motion between two (--stop-every) [s]", least=0.5)
-        finite_number(self.lasting, "stops: time that one lasts [s]", above=0.0, most=10.0)
-        finite_number(self.settle, "stops: time to come to rest [s]", least=0.0, most=10.0)
-        finite_number(self.hold, "stops: share of the force across", above=0.0, most=1.0)
-        finite_number(self.patience, "stops: time to wait for rest [s]", least=self.settle, most=60.0)
-        finite_number(self.creep, "stops: speed at which the tool creeps [m/s]", above=0.0)
-        finite_number(self.below, "stops: chance below which the tool stops", above=0.0, most=1.0)
+        finite_number(self.every, "task.promise.stops.every [s]", least=0.5)
+        finite_number(self.lasting, "task.promise.stops.lasting [s]", above=0.0, most=10.0)
+        finite_number(self.settle, "task.promise.stops.settle [s]", least=0.0, most=10.0)
+        finite_number(self.hold, "task.promise.stops.hold, a share", above=0.0, most=1.0)
+        finite_number(self.patience, "task.promise.stops.patience [s]", least=self.settle, most=60.0)
+        finite_number(self.creep, "task.promise.stops.creep [m/s]", above=0.0)
+        finite_number(self.below, "task.promise.stops.below, a chance", above=0.0, most=1.0)
 
     def help(self, promise: Promise | None) -> bool:
         """True if navigation is poor enough for stops to be worth their time and their forces."""
@@ -51,8 +59,13 @@ class PromiseLimits:
     """What is promised, from which chance on, and what is done for it."""
 
     tolerance: float = 0.003  # [m] from the path, along it and across it
-    wanted: float = WANTED  # chance from which on the work begins at once
-    least: float = 0.0  # chance below which the work is refused; 0: never
+    wanted: float = WANTED  # chance from which on the work begins at once; `least`, where that is higher
+    least: float = option(
+        0.0,
+        "Chance to keep the path within 3 mm, below which the work is refused before contact; 0: it is only said.",
+        group="work",
+        word="least_chance",
+    )
     patience: float = 15.0  # [s] of waiting for a better estimate, at most
     interval: float = 1.0  # [s] between two looks at the chance
     gain: float = 0.01  # rise of the chance in that time, from which on it is worthwhile to wait on
@@ -60,15 +73,15 @@ class PromiseLimits:
     most_thrust: float = MOST_THRUST  # share of full thrust that push and steady current may take; beyond it: refused
 
     def __post_init__(self) -> None:
-        finite_number(self.tolerance, "promise tolerance [m]", above=0.0)
-        finite_number(self.least, "promise least, a chance", least=0.0, most=1.0)
-        finite_number(self.wanted, "promise wanted, a chance", least=self.least, most=1.0)
-        finite_number(self.patience, "promise patience [s]", least=0.0)
-        finite_number(self.interval, "promise interval [s]", above=0.0)
-        finite_number(self.gain, "promise gain", least=0.0)
+        finite_number(self.tolerance, "task.promise.tolerance [m]", above=0.0)
+        finite_number(self.least, "task.promise.least, a chance", least=0.0, most=1.0)
+        finite_number(self.wanted, "task.promise.wanted, a chance", least=0.0, most=1.0)
+        finite_number(self.patience, "task.promise.patience [s]", least=0.0)
+        finite_number(self.interval, "task.promise.interval [s]", above=0.0)
+        finite_number(self.gain, "task.promise.gain", least=0.0)
         if not self.most_thrust > 0.0:
             raise ConfigurationError(
-                f"promise most_thrust, a share of full thrust: must be > 0, got {self.most_thrust}"
+                f"task.promise.most_thrust, a share of full thrust: must be > 0, got {self.most_thrust}"
             )
 
 

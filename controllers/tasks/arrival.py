@@ -265,7 +265,7 @@ class CertainPlace(Phase):
         chance, first = held.promise.chance, not np.isfinite(state.asked)
         rising = first or chance > state.chance + limits.gain
         state.asked, state.chance = now.time, chance
-        if chance < limits.wanted and rising and now.time - state.tared < limits.patience:
+        if chance < max(limits.wanted, limits.least) and rising and now.time - state.tared < limits.patience:
             return None
         held.note = f"{held.note}; {held.promise}" if held.note else str(held.promise)
         if chance < limits.least:

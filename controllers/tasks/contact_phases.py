@@ -5,10 +5,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 from uuv.controllers.planning.path_poses import stretches
-from uuv.controllers.planning.promise import StopLimits
-from uuv.controllers.planning.trajectories import BEND, Progress, SpeedLaw, progress_along
+from uuv.controllers.planning.trajectories import Progress, SpeedLaw, progress_along
 from uuv.controllers.tasks.approach_limits import ApproachLimits
 from uuv.controllers.tasks.arrival import Since
+from uuv.controllers.tasks.follow_limits import FollowLimits
 from uuv.controllers.tasks.phase import (
     ZERO,
     Abort,
@@ -183,19 +183,6 @@ class Dwell(Phase):
         """The tool at rest under force control."""
         del state, now
         return Setpoint(X_WG=held.tool()[0], force=held.force, force_control=True)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class FollowLimits:
-    """Motion along the path."""
-
-    speed: float = 0.02  # [m/s] along the path
-    ramp: float = 1.0  # [s] time from rest to that speed
-    bend: float = BEND  # [m/s^2] largest acceleration across the path: bends are taken as slowly as that asks
-    linger: float = 0.5  # [s] at its end
-    paused_force: float = 0.5  # share of the set force during a pause
-    pace_time: float = 0.5  # [s] for motion along the path to stop, and to resume
-    stops: StopLimits | None = None  # of a pressed tool, for navigation; None: it does not stop
 
 
 @dataclass(slots=True)

@@ -61,6 +61,24 @@ class Settle(Phase):
         return PhaseEvent.DONE if estimate.time - state.quiet_since > limits.time else None
 
 
+class KeepStation(Phase):
+    """Station keeping for a set time, from a hull at rest."""
+
+    def __init__(self, seconds: float) -> None:
+        """Set up the phase; it lasts `seconds` [s]."""
+        self._seconds = seconds
+
+    def enter(self, held: Held, now: Context) -> float:
+        """Time [s] of its begin."""
+        del held
+        return now.time
+
+    def step(self, state: float, held: Held, now: Context) -> Outcome:
+        """Done once the time has passed."""
+        del held
+        return PhaseEvent.DONE if now.time - state >= self._seconds else None
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HullMotion:
     """Limits of a hull move."""

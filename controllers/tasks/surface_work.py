@@ -21,7 +21,6 @@ from uuv.controllers.planning.work_vehicle import WorkVehicle
 from uuv.controllers.tasks.arrival import ArrivalLimits, CertainPlace, TareSensors, WorkSite, around, arrival
 from uuv.controllers.tasks.contact_phases import (
     ApproachLimits,
-    FollowLimits,
     FollowPath,
     GuardedApproach,
     NextStretch,
@@ -30,6 +29,7 @@ from uuv.controllers.tasks.contact_phases import (
     Retreat,
     Unload,
 )
+from uuv.controllers.tasks.follow_limits import FollowLimits
 from uuv.controllers.tasks.hull_phases import Escape, EscapeLimits, Halt, HoldAway, PullBack
 from uuv.controllers.tasks.monitors import (
     BEFORE_CONTACT,

@@ -5,6 +5,7 @@ from itertools import pairwise
 
 from uuv.controllers.tasks import contact_phases as contact
 from uuv.controllers.tasks.arrival import WorkSite, arrival
+from uuv.controllers.tasks.follow_limits import FollowLimits
 from uuv.controllers.tasks.phase import Context, Decide, Held, Phase, PhaseEvent
 from uuv.controllers.tasks.surface_work import BREAK_OFF, SurfaceTaskConfig, retreat_rows, surface_monitors
 from uuv.controllers.tasks.task import TaskPlanner, TaskRow, at_once
@@ -50,7 +51,7 @@ def tap(
         )
         for name, phase, state, then in table:
             yield name, TaskRow(phase, state, {ends.DONE: then}, BREAK_OFF)
-        move = contact.NextPoint(points, contact.FollowLimits(speed=job.speed), clear)
+        move = contact.NextPoint(points, FollowLimits(speed=job.speed), clear)
         yield "next", TaskRow(move, states.CLOSE_IN, {ends.MORE: "approach", ends.DONE: "parked"}, BREAK_OFF)
         yield from retreat_rows(site, job)
 

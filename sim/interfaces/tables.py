@@ -160,6 +160,10 @@ class TableReader:
             _check_bounds(allowed[key], value, _inside(where, key))
         return chosen(**made)
 
+    def value(self, hint: Any, given: Any, where: str) -> Any:
+        """`given`, a value of a document, as the type `hint` asks for; `where` begins the message of an error."""
+        return self._value(hint, given, where)
+
     def _value(self, hint: Any, given: Any, where: str) -> Any:
         """`given` as the type `hint` asks for."""
         origin, args = get_origin(hint), get_args(hint)

@@ -22,7 +22,7 @@ from typing import Any, ClassVar, NoReturn, TypeVar, cast
 from uuv.sim.interfaces.errors import UuvError, did_you_mean, one_line
 from uuv.sim.interfaces.extras import missing
 from uuv.sim.runs.process import BAD_INPUT, keep_children_from_the_working_folder, quiet_pipe, reader_is_gone
-from uuv.sim.runs.run_folder import give_back, new_folder
+from uuv.sim.runs.run_folder import give_back
 
 ROOMS = ("models", "sim", "perception", "controllers", "calib")  # packages of `uuv`, folders of a checkout
 INTERNAL = 70  # exit code of an error of the program: EX_SOFTWARE of BSD's sysexits
@@ -50,40 +50,6 @@ class RunOptions:
     """Write run.rrd and report.html (--no-record: the figures alone, faster)."""
     longest: float | None = None
     """Limit of the simulated time [s]; default: 1.5 times what the job needs, and at least 400."""
-
-
-@dataclass(kw_only=True)
-class ScenarioOptions(RunOptions):
-    """Options of every scenario."""
-
-    groups: ClassVar[Mapping[str, str]] = {"water": "current gust wave wave_frequency"}
-
-    seed: int = 0
-    """Seed of everything random: where the object lies, the noise of the sensors, the gusts."""
-    current: tuple[float, float, float] = (0.15, 0.0, 0.0)
-    """Steady current [m/s], world axes; gusts come on top."""
-    gust: float = 0.03
-    """Standard deviation of the gusts [m/s] per axis."""
-    wave: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    """Amplitude [m/s] of a regular wave, world axes."""
-    wave_frequency: float = 0.1
-    """Frequency of the wave [Hz]."""
-    quick: bool = False
-    """A shorter job, for a first look within a minute; options that are given keep their values."""
-
-    def usual(self, given: float | None, usual: float, *, quick: float) -> float:
-        """An option's value: the one that was given, else the usual one, or that of a quick job."""
-        if given is not None:
-            return given
-        return quick if self.quick else usual
-
-    def folder(self, scenario: str) -> Path:
-        """New folder for results.
-
-        Raises:
-            ConfigurationError: It is in use, or cannot be created.
-        """
-        return new_folder(scenario, self.out, self.seed)
 
 
 _typed: type[Any] = RunOptions  # class of the options that this process read last: the words of its command line
@@ -190,10 +156,13 @@ def with_options(message: str, kind: type[Any]) -> str:
         known.add(key)
         return f"{option} ({key})"
 
-    # An option that changes no figure is in no scenario: its bare name begins the message.
+    # An option that is in no scenario, of every run or of a job's own, begins the message by its bare name.
+    bare = {field.name for field in fields(RunOptions)} | (set(vars(kind).get("abouts", {})) - set(keys))
     head = re.match(r"[a-z]\w*(?= \[|:| \d)", message)
-    of_run = {field.name for field in fields(RunOptions)}
-    return ("--" if head and head[0] in names & of_run else "") + _KEY.sub(named, message)
+    text = _KEY.sub(named, message)
+    if head and head[0] in names & bare:
+        text = f"--{head[0].replace('_', '-')}{text[head.end() :]}"
+    return text
 
 
 def run_scenario(main: Callable[[], int | None]) -> NoReturn:

@@ -25,7 +25,7 @@ from uuv.calib.verification import kabsch
 from uuv.clouds.object_scenes import object_scene
 from uuv.controllers.mkps import Chain, solve
 from uuv.experiment.local_processes import run_all
-from uuv.jobs import InsertionOptions, InspectionOptions, ObjectOptions, PileOptions, SeabedOptions, barrel
+from uuv.jobs import clean_barrel, clean_object, clean_pile, insert_sampler, inspect_object, sample_seabed
 from uuv.models.arms import published_arms
 from uuv.perception import identify
 from uuv.runner import Run, run
@@ -53,7 +53,7 @@ def ran(scenario: Scenario) -> Figures:
 @lru_cache(maxsize=1)
 def barrel_longitudinal_run(seed: int) -> Run:
     """The main job; the last run is kept, for its trajectory is compared too."""
-    return run(assemble(barrel(seed=seed, quick=True)))
+    return run(assemble(clean_barrel(seed=seed, quick=True)))
 
 
 def barrel_longitudinal(seed: int) -> Figures:
@@ -61,21 +61,21 @@ def barrel_longitudinal(seed: int) -> Figures:
 
 
 def barrel_transverse(seed: int) -> Figures:
-    return ran(barrel(seed=seed, quick=True, path="transverse"))
+    return ran(clean_barrel(seed=seed, quick=True, path="transverse"))
 
 
 def pile(seed: int) -> Figures:
-    return ran(PileOptions(seed=seed, quick=True).scenario())
+    return ran(clean_pile(seed=seed, quick=True))
 
 
 def rock(seed: int) -> Figures:
-    return ran(ObjectOptions(seed=seed, quick=True, object="rock").scenario())
+    return ran(clean_object(seed=seed, quick=True, object="rock"))
 
 
 def force_steps(seed: int) -> Figures:
     """The mean of three abrupt steps of the set force from 60 to 90 N while the tool moves along the barrel."""
     low, high, steps = 60.0, 90.0, 3
-    scenario = barrel(seed=seed, length=0.36, forces=(low, high) * steps)
+    scenario = clean_barrel(seed=seed, length=0.36, forces=(low, high) * steps)
     assert isinstance(scenario.task, SurfaceWorkTask)
     recording = run(assemble(replace(scenario, task=replace(scenario.task, force_rate=1e6)))).recording
     responses = steps_up(recording, low, high)["true"]
@@ -90,20 +90,20 @@ def force_steps(seed: int) -> Figures:
 
 
 def insertion(seed: int) -> Figures:
-    return ran(InsertionOptions(seed=seed, quick=True, error=(2.5, 0.0)).scenario())
+    return ran(insert_sampler(seed=seed, quick=True, error=(2.5, 0.0)))
 
 
 def core(seed: int) -> Figures:
-    return ran(SeabedOptions(seed=seed, push=40.0).scenario())
+    return ran(sample_seabed(seed=seed, push=40.0))
 
 
 def drag(seed: int) -> Figures:
-    return ran(SeabedOptions(seed=seed, work="drag").scenario())
+    return ran(sample_seabed(seed=seed, work="drag"))
 
 
 def inspection(seed: int) -> Figures:
     """Once around a rock, fast."""
-    return ran(InspectionOptions(seed=seed, object="rock", speed=0.25).scenario())
+    return ran(inspect_object(seed=seed, object="rock", speed=0.25))
 
 
 def identification(name: str, seed: int) -> Figures:

@@ -36,8 +36,10 @@ from uuv.calib.arm_files import read_arm
 from uuv.calib.touch_files import read_touches
 from uuv.cli import main as verbs
 from uuv.cli.completion import options_class, options_in
-from uuv.cli.run_job import job_options, with_those_of_run
+from uuv.cli.job_command_line import options_class as options_of_job
+from uuv.cli.job_command_line import typed
 from uuv.controllers.mkps import Chain, IkOptions, Tracker, solve, solve_many
+from uuv.jobs import BY_NAME
 from uuv.models.arms import published_arms
 from uuv.models.objects import deformed, targets
 from uuv.models.objects.target_model import ModelPath, Symmetry, TargetModel
@@ -767,20 +769,19 @@ def _python_doors() -> Iterator[Door]:
 # Options
 
 
-def _options_stage(script: str, options: Any) -> Any:
-    """What a script makes of its options before anything runs, where that is cheap."""
-    scenario = getattr(options, "scenario", None)
-    if scenario is None:
+def _options_stage(name: str, options: Any, args: list[str]) -> Any:
+    """The scenario that a job makes of its options; nothing of another command, which is not cheap."""
+    if name not in BY_NAME:
         return None
-    made = scenario()
+    job, words = BY_NAME[name], typed(args)
+    made = job(**{word: getattr(options, word) for word in job.options() if word in words})
     again = scenario_file.from_dict(tomllib.loads(scenario_file.to_toml(made)))
     if again != made:
-        raise FindingError(f"{script}: its scenario's file reads as another one: {again}")
+        raise FindingError(f"{name}: its scenario's file reads as another one: {again}")
     return made.site.pose(np.random.default_rng(0))
 
 
 VERBS = ("calibrate", "plan-seabed", "identify object", "identify friction", "identify water", "campaign", "benchmark")
-JOBS = ("clean-barrel", "clean-object", "clean-pile", "inspect-object", "insert-sampler", "sample-seabed")
 SCRIPTS = (
     "experiments.contact.step_response",
     "experiments.contact.contact",
@@ -832,8 +833,8 @@ VALUES = (
 
 def _options_of(name: str) -> type[Any]:
     """Class of the options of a job, a verb or a script."""
-    if name in JOBS:
-        return with_those_of_run(job_options(name))
+    if name in BY_NAME:
+        return options_of_job(BY_NAME[name])
     if name in VERBS:
         return options_class(verbs.VERBS[name])
     return importlib.import_module(name).Options
@@ -858,7 +859,7 @@ def _options_door(name: str) -> Door:
             if stop.code != startup.BAD_INPUT or text.count("\n") != 1 or len(text) > LONGEST_MESSAGE + 10:
                 raise FindingError(f"options {args}: code {stop.code}, {text!r}") from stop
             raise RefusedError(text.strip()) from None
-        return _options_stage(name, options)
+        return _options_stage(name, options, args)
 
     return Door(f"options: {name}", throw, 0.25, lambda: _options_of(name))
 
@@ -866,7 +867,7 @@ def _options_door(name: str) -> Door:
 DOORS: tuple[Door, ...] = (
     *(_file_door(name) for name in VALID),
     *_python_doors(),
-    *(_options_door(name) for name in (*JOBS, *VERBS, *SCRIPTS)),
+    *(_options_door(name) for name in (*BY_NAME, *VERBS, *SCRIPTS)),
 )
 
 

@@ -74,7 +74,7 @@ def short_armed() -> str:
 
 
 UNCERTAIN = "tests/unit/controllers/tasks/test_arrival.py::test_too_small_a_chance_is_refused_with_its_figures"
-KNOWN = ("--target-pose", "known")  # nothing is scanned before the refusal
+KNOWN = ("--sensor", "survey")  # nothing is scanned before the refusal
 NAMELESS = """
 <mujoco>
   <worldbody>

@@ -15,7 +15,7 @@ from uuv.sim.evaluation.bounds import Bounds
 from uuv.sim.evaluation.metrics import schema
 
 BOUNDS = Bounds()
-RUNS = {"ring": ("--path", "ring"), "contactless": ("--contactless", "0.03", "--target-pose", "known")}
+RUNS = {"ring": ("--path", "ring"), "contactless": ("--contactless", "0.03", "--sensor", "survey")}
 
 
 def clean_pile(root: Path, out: Path, *options: str) -> subprocess.CompletedProcess[str]:

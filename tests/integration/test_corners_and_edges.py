@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from uuv.jobs import BarrelOptions
+from uuv.jobs import clean_barrel
 from uuv.models.objects.block import over_edge
 from uuv.runner import run
 from uuv.scenario_file import with_values
@@ -18,7 +18,7 @@ pytestmark = pytest.mark.long
     ids=["round tool", "turns in the corner", "blended", "dwells"],
 )
 def test_a_corner_of_90_degrees_on_the_barrel_is_worked(turn, blend, dwell):
-    ran = run(BarrelOptions(path="corner", turn=turn, blend=blend, dwell=dwell, seed=1, forces=(60.0,)).scenario())
+    ran = run(clean_barrel(path="corner", turn=turn, blend=blend, dwell=dwell, seed=1, forces=(60.0,)))
     recording = ran.recording
     assert ran.assessment.accepted
     assert ran.assessment.metrics["path"]["true_deviation_max_m"] < 0.003
@@ -31,7 +31,7 @@ def test_a_corner_of_90_degrees_on_the_barrel_is_worked(turn, blend, dwell):
 
 @pytest.mark.parametrize(("radius", "tilt"), [(0.05, 4.0), (0.02, 12.0), (0.005, 30.0)])
 def test_rounded_edge_of_a_block_is_worked(radius, tilt):
-    base = BarrelOptions(seed=1, forces=(60.0,)).scenario()
+    base = clean_barrel(seed=1, forces=(60.0,))
     ran = run(with_values(base, ("site.object.kind=Block", f"site.object.radius={radius}", "task.path=edge")))
     contact, tool = ran.assessment.metrics["contact"], ran.assessment.metrics["tool"]
     assert ran.recording.final.state is WorkState.DONE

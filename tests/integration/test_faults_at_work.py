@@ -17,9 +17,9 @@ def scripts(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_a_frozen_torque_sensor_is_ridden_through_and_a_lost_thruster_ends_in_a_retreat():
 
     from experiments.faults.fault_cases import Trace, run_branched
-    from uuv import barrel
+    from uuv import jobs
 
-    scenario = barrel(seed=0, forces=(90.0,), quick=True, sensor="survey")
+    scenario = jobs.clean_barrel(seed=0, forces=(90.0,), quick=True, sensor="survey")
     traces: dict[str, Trace] = {}
 
     def keep(trace: Trace) -> None:
@@ -49,10 +49,10 @@ def test_a_frozen_torque_sensor_is_ridden_through_and_a_lost_thruster_ends_in_a_
 def test_without_an_estimate_the_hull_leaves_and_does_not_come_back():
     """With the thrusters merely stopped the current holds the tool on the object, here for 2.4 s."""
     from experiments.faults.fault_cases import Trace, run_branched
-    from uuv import barrel
+    from uuv import jobs
 
     traces: list[Trace] = []
-    scenario = barrel(path="transverse", seed=0, forces=(90.0,), quick=True)
+    scenario = jobs.clean_barrel(path="transverse", seed=0, forces=(90.0,), quick=True)
     run_branched(scenario, ("IMU silent",), traces.append)
     (trace,) = traces
     left = next(time for time, state, _ in trace.states if state is WorkState.RETREAT)

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from uuv import assemble, barrel, run, saved
+from uuv import assemble, jobs, run, saved
 from uuv.perturbations.loop import SensorFailure
 from uuv.runner import run_through
 from uuv.sim.evaluation.metrics import path_error
@@ -32,7 +32,9 @@ SHORT = "tests/integration/test_gyro_faults.py::test_before_the_contact_a_gyro_i
     ids=["gyro", "attitude"],
 )
 def test_before_the_contact_a_gyro_is_done_without(failure, kind, state, code):
-    result = run_through(assemble(replace(barrel(quick=True, seed=2), perturbations=(failure,))), longest=2.4)
+    result = run_through(
+        assemble(replace(jobs.clean_barrel(quick=True, seed=2), perturbations=(failure,))), longest=2.4
+    )
     faults = result.last.command.faults
     assert [fault.kind for fault in faults] == [kind]
     assert 2.0 < faults[0].time < 2.1
@@ -44,7 +46,7 @@ def test_before_the_contact_a_gyro_is_done_without(failure, kind, state, code):
 @pytest.mark.parametrize("path", ["longitudinal", "transverse"])
 def test_at_work_a_gyro_that_jumps_leaves_the_tool_on_its_path(path: str):
     """About z 0.1 rad/s took it 164 mm off, about x 0.03 rad/s 82 mm, and no fault was named."""
-    at_work = saved(barrel(quick=True, path=path, forces=(90.0,)), "work")
+    at_work = saved(jobs.clean_barrel(quick=True, path=path, forces=(90.0,)), "work")
     onset = at_work.time + 3.0
     for axis, size in ((2, 0.1), (0, 0.03), (1, -0.03)):
         jump = SensorFailure(sensor="imu", effect="offset", field="w_WB_B", index=axis, value=size, at=onset)

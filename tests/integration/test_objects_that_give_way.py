@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from uuv.assembly import assemble
-from uuv.jobs import barrel
+from uuv.jobs import clean_barrel
 from uuv.perturbations.target import MountedObject, MovingObject
 from uuv.runner import Run, run
 from uuv.sim.interfaces.errors import ConfigurationError
@@ -14,7 +14,7 @@ from uuv.sim.interfaces.messages import AbortCode, WorkState
 
 
 def work_on(*perturbations, **options) -> Run:
-    return run(assemble(replace(barrel(seed=1, quick=True, **options), perturbations=perturbations)))
+    return run(assemble(replace(clean_barrel(seed=1, quick=True, **options), perturbations=perturbations)))
 
 
 @pytest.mark.long(guarded_by="tests/unit/controllers/tasks/test_arrival.py::test_what_does_not_agree_is_left_out")
@@ -56,4 +56,4 @@ def test_bad_input():
     with pytest.raises(ConfigurationError, match="MovingObject frequency"):
         MovingObject(frequency=-1.0)
     with pytest.raises(ConfigurationError, match="another perturbation moves the object already"):
-        assemble(replace(barrel(seed=1), perturbations=(MovingObject(), MountedObject())))
+        assemble(replace(clean_barrel(seed=1), perturbations=(MovingObject(), MountedObject())))

@@ -7,8 +7,7 @@ import pytest
 
 from experiments.toolpath import path_deviation as paths
 from surface_distance import signed_distance
-from uuv.jobs import ObjectOptions
-from uuv.jobs import barrel as barrel_scenario
+from uuv.jobs import clean_barrel, clean_object
 from uuv.models.meshes.closed_shells import sphere
 from uuv.models.meshes.ply_files import write_ply
 from uuv.models.objects.targets import TargetModel, barrel, rock
@@ -83,7 +82,7 @@ BOTH = pytest.mark.long(guarded_by="tests/integration/test_path_scripts.py::test
 @pytest.mark.parametrize(("fouled", "dented"), [(0.03, 0.0), (0.0, 0.03), pytest.param(0.02, 0.02, marks=BOTH)])
 def test_work_on_what_the_sea_has_left(fouled: float, dented: float):
     """The vehicle knows the clean barrel; what stands there lies off it along the path, both ways where both are."""
-    work = placed(barrel_scenario(seed=1, fouled=fouled, dented=dented))
+    work = placed(clean_barrel(seed=1, fouled=fouled, dented=dented))
     there = work.truth.model
     off = signed_distance(work.target.vertices, work.target.triangles, there.vertices)
     off, near = off[np.abs(off) > 0.004], there.vertices[np.abs(off) > 0.004]
@@ -94,18 +93,18 @@ def test_work_on_what_the_sea_has_left(fouled: float, dented: float):
 
 
 def test_clean_job_has_nothing_else_there():
-    work = placed(barrel_scenario(seed=1))
+    work = placed(clean_barrel(seed=1))
     assert work.truth.model is work.target
     with pytest.raises(ConfigurationError, match=r"site\.object\.fouled"):
-        placed(barrel_scenario(fouled=-0.01))
+        placed(clean_barrel(fouled=-0.01))
     with pytest.raises(ConfigurationError, match=r"sensing\.looks"):
-        barrel_scenario(looks=0)
+        clean_barrel(looks=0)
 
 
 def test_mesh_file_gets_a_path_over_its_top(tmp_path: Path, within):
     known, file = barrel(), tmp_path / "drum.ply"
     write_ply(file, known.vertices, known.triangles)
-    work = placed(ObjectOptions(object=str(file)).scenario())
+    work = placed(clean_object(object=str(file)))
     path = work.target.path(work.truth.path)
     within("on the top [m]", path.p[:, 2] - 0.3, 1e-4)
     within("length [m]", np.ptp(path.p[:, 0]) - 0.3, 1e-6)
@@ -113,8 +112,8 @@ def test_mesh_file_gets_a_path_over_its_top(tmp_path: Path, within):
 
 
 def test_rock_is_worked_along_its_own_path():
-    work = placed(ObjectOptions(path="across").scenario())
+    work = placed(clean_object(path="across"))
     assert work.target.name == "rock"
     assert work.truth.path == "across"
     with pytest.raises(ConfigurationError, match="no path 'under'"):
-        placed(ObjectOptions(path="under").scenario())
+        placed(clean_object(path="under"))

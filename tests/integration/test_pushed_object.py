@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from uuv.assembly import assemble
-from uuv.jobs import barrel
+from uuv.jobs import clean_barrel
 from uuv.perturbations.target import PushedObject
 from uuv.runner import assessed, run, run_through
 from uuv.sim.interfaces.errors import ConfigurationError
@@ -29,7 +29,7 @@ IN_FRAMES = pytest.mark.long(
     ],
 )
 def test_push_is_noticed_within_a_second_and_measured(by, within):
-    scenario = replace(barrel(seed=1, follow=True), perturbations=(PushedObject(at=AT, by=by, ramp=RAMP),))
+    scenario = replace(clean_barrel(seed=1, follow=True), perturbations=(PushedObject(at=AT, by=by, ramp=RAMP),))
     assembly = assemble(scenario)
     ran = run_through(assembly, longest=UNTIL)
     assert ran.part_by_part
@@ -50,7 +50,7 @@ def test_push_is_noticed_within_a_second_and_measured(by, within):
 @pytest.mark.long
 def test_an_object_that_rests_raises_no_alarm():
     """Twelve seconds of a hull that is held in the current, 60 frames."""
-    recording = run_through(assemble(barrel(seed=2, follow=True)), longest=17.0).recording
+    recording = run_through(assemble(clean_barrel(seed=2, follow=True)), longest=17.0).recording
     assert len(recording.motions) > 40
     assert not any(motion.moved for motion in recording.motions)
 
@@ -58,7 +58,7 @@ def test_an_object_that_rests_raises_no_alarm():
 @pytest.mark.long
 def test_push_at_work_is_noticed_by_the_camera_on_the_arm():
     """Without it the tool goes on 2 cm beside its path, unnoticed."""
-    scenario = barrel(seed=1, quick=True, arm_camera=True)
+    scenario = clean_barrel(seed=1, quick=True, arm_camera=True)
     push = PushedObject(by=(0.0, 0.02, 0.0), state="work", after=2.0)
     recording = run(assemble(replace(scenario, perturbations=(push,)))).recording
     assert recording.final.abort is AbortCode.OBJECT_MOVES
@@ -74,4 +74,4 @@ def test_bad_input():
     with pytest.raises(ConfigurationError, match="stays where it was pushed"):
         PushedObject(at=1.0, duration=2.0)
     with pytest.raises(ConfigurationError, match=r"sensing\.follow: takes depth frames; the sensor is 'sonar'"):
-        assemble(barrel(sensor="sonar", follow=True))
+        assemble(clean_barrel(sensor="sonar", follow=True))

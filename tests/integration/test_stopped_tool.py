@@ -8,7 +8,7 @@ import pytest
 
 from uuv.assembly import assemble
 from uuv.controllers.planning.promise import StopLimits
-from uuv.jobs import barrel
+from uuv.jobs import clean_barrel
 from uuv.perception.navigation.strapdown_filter import Navigation, NavigationState
 from uuv.runner import run
 from uuv.scenario import Sensing
@@ -35,7 +35,7 @@ class Listening(Navigation):
 )
 def test_a_stopped_tool_does_not_creep_and_the_path_goes_on():
     poor = Sensing(sensor="survey", vision_noise=5e-3, vision_period=0.2, vision_delay=0.2)
-    assembly = assemble(replace(barrel(seed=2, quick=True, stop_every=2.0), sensing=poor))
+    assembly = assemble(replace(clean_barrel(seed=2, quick=True, stop_every=2.0), sensing=poor))
     own = assembly.parts.estimator
     assert isinstance(own, Navigation)
     listening = Listening(standing=own.standing)
@@ -80,7 +80,7 @@ class Failing(Listening):
 @pytest.mark.long
 def test_a_fault_while_the_tool_stands_ends_the_work_without_harm():
     poor = Sensing(vision_noise=5e-3, vision_period=0.2, vision_delay=0.2)
-    assembly = assemble(replace(barrel(seed=2, quick=True, stop_every=1.0), sensing=poor))
+    assembly = assemble(replace(clean_barrel(seed=2, quick=True, stop_every=1.0), sensing=poor))
     own = assembly.parts.estimator
     assert isinstance(own, Navigation)
     failing = Failing(standing=own.standing)
@@ -107,4 +107,4 @@ def test_a_fault_while_the_tool_stands_ends_the_work_without_harm():
 )
 def test_stops_that_would_tell_nothing_are_refused(options, why):
     with pytest.raises(ConfigurationError, match=f"task.promise.stops .*{why}"):
-        assemble(barrel(stop_every=2.0, **options))
+        assemble(clean_barrel(stop_every=2.0, **options))

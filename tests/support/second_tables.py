@@ -35,8 +35,8 @@ class Table:
 def lists() -> Mapping[str, frozenset[str]]:
     """Names of each list of the product, as its registries have them."""
     from uuv import methods, models
-    from uuv.catalogue import JOBS
     from uuv.cli.main import VERBS
+    from uuv.jobs import BY_NAME
     from uuv.kinds import SENSORS
     from uuv.models.arms import published_arms
     from uuv.models.objects.targets import OBJECTS
@@ -47,7 +47,7 @@ def lists() -> Mapping[str, frozenset[str]]:
     from uuv.tasks import registry as tasks
 
     named: Mapping[str, Iterable[str]] = {
-        "job": [*JOBS, *JOBS.values()],
+        "job": [*BY_NAME, *(job.function.__name__ for job in BY_NAME.values())],
         "verb": VERBS,
         "task": tasks.registry().names(),
         "perturbation": perturbation.registry().names(),

@@ -31,7 +31,6 @@ from uuv.arm_identification.touching import touching_scenario
 from uuv.calib import Calibration, report
 from uuv.calib.results import write_results
 from uuv.calib.touch_files import write_touches
-from uuv.jobs import site_of
 from uuv.scenario import VehicleSetup
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import finite_number, whole_number
@@ -109,7 +108,7 @@ def case_of(options: CalibrationOptions, folder: Path, rng: np.random.Generator)
         return logs[0]
 
     hovering = options.touching == "hovering"
-    site = site_of(options, OpenWater())
+    site = replace(options.site(), object=OpenWater())
     scenario = touching_scenario(
         VehicleSetup(vehicle=options.arm, arm_errors=errors),
         site if hovering else Site(object=OpenWater(), current=(0.0, 0.0, 0.0), gust=0.0),

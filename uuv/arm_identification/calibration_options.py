@@ -1,21 +1,38 @@
 """Options of the calibration of an arm, and its inputs, which are read before anything is compiled."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Literal
+from typing import ClassVar, Literal
 
 from uuv.catalogue import things
 from uuv.sim.interfaces.errors import ConfigurationError, did_you_mean
-from uuv.sim.runs.command_line import ScenarioOptions
+from uuv.sim.interfaces.options import option_of
+from uuv.sim.runs.command_line import RunOptions
+from uuv.sim.runs.run_folder import new_folder
+from uuv.site import Site
 
 COMMAND = "calibrate"  # name in the results
 Touching = Literal["noise", "clamped", "hovering"]
 
 
 @dataclass(kw_only=True)
-class CalibrationOptions(ScenarioOptions):
+class CalibrationOptions(RunOptions):
     """Calibrate an arm by touching fixed points."""
 
+    groups: ClassVar[Mapping[str, str]] = {"water": "current gust wave wave_frequency"}
+    abouts: ClassVar[Mapping[str, str]] = {
+        field.name: of_site.about for field in fields(Site) for of_site in (option_of(field),) if of_site is not None
+    }
+
+    seed: int = 0
+    """Seed of everything random: workshop errors, the noise of hand and sensors, the gusts."""
+    quick: bool = False
+    """Fewer touches by contact; options that are given keep their values."""
+    current: tuple[float, float, float] = Site.current
+    gust: float = Site.gust
+    wave: tuple[float, float, float] = Site.wave
+    wave_frequency: float = Site.wave_frequency
     arm: str = "ur10e"
     """A published arm (ur10e, panda, ...), the arm of a vehicle (uuv_puma), or a file: .csv, .yaml, .urdf, .xml
     (MJCF)."""
@@ -69,6 +86,18 @@ class CalibrationOptions(ScenarioOptions):
     """map: maximum a posteriori fit; paper: three iterations on all parameters [Yukhimets 2023]."""
     plan: int | None = None
     """Plan this number of touches instead: those that would tell most, after those of --touches or from the start."""
+
+    def folder(self, name: str) -> Path:
+        """New folder for results.
+
+        Raises:
+            ConfigurationError: It is in use, or cannot be created.
+        """
+        return new_folder(name, self.out, self.seed)
+
+    def site(self) -> Site:
+        """The water; its object is none of a calibration."""
+        return Site(current=self.current, gust=self.gust, wave=self.wave, wave_frequency=self.wave_frequency)
 
 
 def check_inputs(options: CalibrationOptions) -> None:

@@ -14,7 +14,7 @@ import numpy as np
 from uuv.campaigns.contact_study import Ranges, RunTask, draw
 from uuv.controllers.planning.promise import MOST_THRUST
 from uuv.experiment.harness import as_json, key_of
-from uuv.jobs import BarrelOptions, InsertionOptions, ObjectOptions, PileOptions
+from uuv.jobs import clean_barrel, clean_object, clean_pile, insert_sampler
 from uuv.perturbations.loop import MisplacedSurface
 from uuv.perturbations.pad import Pad
 from uuv.scenario import Control, Scenario
@@ -66,36 +66,36 @@ class BenchmarkCase:
 def _barrel(rng: np.random.Generator) -> Scenario:
     """Along the barrel's top or around it."""
     if rng.random() < 0.5:
-        return BarrelOptions(path="longitudinal", quick=True).scenario()
-    return BarrelOptions(path="transverse", quick=True).scenario()
+        return clean_barrel(path="longitudinal", quick=True)
+    return clean_barrel(path="transverse", quick=True)
 
 
 def _pile(rng: np.random.Generator) -> Scenario:
     """Up the pile, around it, or both."""
     choices = (
-        PileOptions(path="vertical", quick=True),
-        PileOptions(path="ring", quick=True),
-        PileOptions(path="helix", quick=True),
+        clean_pile(path="vertical", quick=True),
+        clean_pile(path="ring", quick=True),
+        clean_pile(path="helix", quick=True),
     )
-    return choices[rng.integers(len(choices))].scenario()
+    return choices[rng.integers(len(choices))]
 
 
 def _rock(_: np.random.Generator) -> Scenario:
-    return ObjectOptions(object="rock", quick=True).scenario()
+    return clean_object(object="rock", quick=True)
 
 
 def _plate(rng: np.random.Generator) -> Scenario:
     """Over the free middle of a stiffened plate, along or across it, or beside a stiffener."""
     paths = ("middle", "along_bar", "across")
-    return ObjectOptions(object="plate", path=paths[rng.integers(len(paths))], quick=True).scenario()
+    return clean_object(object="plate", path=paths[rng.integers(len(paths))], quick=True)
 
 
 def _insertion(rng: np.random.Generator) -> Scenario:
     """A sampler into one of two holes, with a drawn clearance."""
     clearance = float(rng.uniform(*_CLEARANCE))
     if rng.random() < 0.5:
-        return InsertionOptions(hole="a", clearance=clearance, quick=True).scenario()
-    return InsertionOptions(hole="b", clearance=clearance, quick=True).scenario()
+        return insert_sampler(hole="a", clearance=clearance, quick=True)
+    return insert_sampler(hole="b", clearance=clearance, quick=True)
 
 
 INSERTION = "insertion"

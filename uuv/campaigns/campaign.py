@@ -1,7 +1,7 @@
 """Campaign: a base scenario, distributions of its parameters, and the metrics of each run; as a value and as a file.
 
     name = "contact_quick"
-    base = "barrel"                 # or a scenario file, relative to this one
+    base = "clean-barrel"           # or a scenario file, relative to this one
     quick = true
     cases = 4
 
@@ -28,26 +28,18 @@ from typing import Any
 
 import numpy as np
 
+from uuv import jobs
 from uuv.campaigns.distributions import DESIGNS, Design, Distribution, drawn
 from uuv.experiment.worker import Limits
-from uuv.jobs import BarrelOptions, InsertionOptions, InspectionOptions, ObjectOptions, PileOptions, SeabedOptions
 from uuv.scenario import Scenario
 from uuv.scenario_file import as_dict, assigned, from_dict, put, read_scenario, refuse_code
 from uuv.sim.evaluation import schema_files
-from uuv.sim.interfaces.errors import ConfigurationError, UuvError
+from uuv.sim.interfaces.errors import ConfigurationError, UuvError, did_you_mean
 from uuv.sim.interfaces.files import folder_name
 from uuv.sim.interfaces.spatial import finite_number, shown, whole_number
 from uuv.sim.interfaces.tables import TableReader, toml_of
 from uuv.sim.runs.run_folder import FORMAT_KEY
 
-BASES: Mapping[str, Any] = {
-    "barrel": BarrelOptions,
-    "pile": PileOptions,
-    "object": ObjectOptions,
-    "insertion": InsertionOptions,
-    "seabed": SeabedOptions,
-    "inspection": InspectionOptions,
-}
 _MOST_CASES = 10_000_000  # runs of a campaign: 10 GB of rows
 _TRACE = 2000  # characters of a traceback that a row keeps
 FAILED, CRASHED = "not set up", "crashed"  # states of a run that ended with an error
@@ -304,10 +296,15 @@ def _table(given: Mapping[str, Any], key: str) -> dict[str, Any]:
 def _base(given: Any, quick: Any, beside: Path, *, trust: bool) -> Scenario:
     if not isinstance(quick, bool):
         raise ConfigurationError(f"quick: must be true or false, got {shown(quick)}")
-    if isinstance(given, str) and given in BASES:
-        return BASES[given](quick=quick).scenario()
-    if not isinstance(given, str) or not given.endswith(".toml"):
-        raise ConfigurationError(f"base: allowed {', '.join(BASES)} or a scenario file (.toml), got {shown(given)}")
+    earlier = {job.earlier: name for name, job in jobs.BY_NAME.items() if job.earlier}
+    name = earlier.get(given, given) if isinstance(given, str) else ""
+    if name in jobs.JOBS:
+        job = jobs.named(name)
+        return job(quick=True) if quick else job()
+    if not name.endswith(".toml"):
+        known = jobs.JOBS.names()
+        allowed, meant = ", ".join(known), did_you_mean(name, known)
+        raise ConfigurationError(f"base: allowed {allowed} or a scenario file (.toml), got {shown(given)}{meant}")
     if quick:
-        raise ConfigurationError("quick: only with a base by name; a scenario file says itself how long its job is")
+        raise ConfigurationError("quick: only with a job as base; a scenario file says itself how long its job is")
     return read_scenario(beside / given, trust=trust)

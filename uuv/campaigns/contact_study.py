@@ -8,7 +8,7 @@ import numpy as np
 
 from uuv.assembly import assemble
 from uuv.controllers.planning.promise import StopLimits
-from uuv.jobs import barrel
+from uuv.jobs import clean_barrel
 from uuv.methods import Method
 from uuv.perturbations.loop import MisplacedSurface
 from uuv.perturbations.pad import Pad
@@ -137,7 +137,7 @@ def draw(task: RunTask) -> Scenario:
     perturbation_seed, seed = int(rng.integers(2**31)), int(rng.integers(2**31))
     if task.path not in PATHS:
         raise ConfigurationError(f"path: allowed {', '.join(PATHS)}, got {task.path!r}")
-    scenario = barrel(
+    scenario = clean_barrel(
         seed=seed,
         current=tuple(current.tolist()),
         gust=gust,

@@ -23,7 +23,7 @@ from uuv.check.statics import (
     trim_of,
     weight_of,
 )
-from uuv.jobs import BarrelOptions
+from uuv.jobs import clean_barrel
 from uuv.models import hydrodynamics as coefficients
 from uuv.models.completing.complete import complete, computed
 from uuv.models.completing.postures import PostureSearch
@@ -239,7 +239,7 @@ class _Check:
         if wet:
             ready = np.array(vehicle.q_ready)
             force = tip_force(model, vehicle, ready)
-            task = BarrelOptions().scenario().task_of(SurfaceWorkTask)
+            task = clean_barrel().task_of(SurfaceWorkTask)
             self._figure(
                 "tip force",
                 f"in ready {force.along:.0f} N along the tool ({force.by}), {force.weakest:.0f} N in the weakest "

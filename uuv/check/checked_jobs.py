@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from uuv.jobs import BarrelOptions, InsertionOptions, PileOptions, SeabedOptions
+from uuv.jobs import clean_barrel, clean_pile, insert_sampler, sample_seabed
 from uuv.sim.interfaces.errors import ConfigurationError, did_you_mean
 
 if TYPE_CHECKING:
@@ -17,11 +17,11 @@ CURRENT = (0.3 * float(np.cos(np.pi / 6)), 0.3 * float(np.sin(np.pi / 6)), 0.0) 
 
 
 def _barrel(path: Literal["longitudinal", "transverse"], **given: Any) -> "Scenario":
-    return BarrelOptions(path=path, **given).scenario()
+    return clean_barrel(path=path, **given)
 
 
 def _pile(**given: Any) -> "Scenario":
-    return PileOptions(**given).scenario()
+    return clean_pile(**given)
 
 
 def _tap(**given: Any) -> "Scenario":
@@ -30,17 +30,17 @@ def _tap(**given: Any) -> "Scenario":
     from uuv.tasks.tapping import TappingTask
 
     options: dict[str, Any] = {"length": TAPPED[-1], "forces": (TAP_FORCE,)} | given
-    scenario = BarrelOptions(**options).scenario()
+    scenario = clean_barrel(**options)
     task = scenario.task_of(SurfaceWorkTask)
     return replace(scenario, task=TappingTask(path=task.path, forces=task.forces, range=task.range))
 
 
 def _insertion(**given: Any) -> "Scenario":
-    return InsertionOptions(**given).scenario()
+    return insert_sampler(**given)
 
 
 def _core(**given: Any) -> "Scenario":
-    return SeabedOptions(**given).scenario()
+    return sample_seabed(**given)
 
 
 ARM_JOBS: "dict[str, Callable[..., Scenario]]" = {

@@ -7,10 +7,12 @@ from typing import Annotated, Any, get_type_hints
 
 from tyro.conf import Positional, arg
 
-from uuv.catalogue import JOBS, SHELVES
+from uuv import jobs
+from uuv.catalogue import SHELVES
+from uuv.cli.job_command_line import options_class as options_of_job
 from uuv.cli.main import VERBS, Verb, objects_of
 from uuv.cli.past.past_runs import Run
-from uuv.cli.run_job import FileOptions, job_options, with_those_of_run
+from uuv.cli.run_job import file_options
 from uuv.cli.skeletons import SKELETONS
 from uuv.sim.interfaces.errors import ConfigurationError, did_you_mean
 from uuv.sim.runs.command_line import parse
@@ -61,16 +63,17 @@ def script() -> str:
     """Completion for bash."""
     firsts = dict.fromkeys(name.partition(" ")[0] for name in VERBS)
     groups = {first: objects_of(first) for first in firsts if objects_of(first)}
-    jobs = {job: options_in(with_those_of_run(job_options(job))) for job in JOBS}
-    jobs["*.toml"] = options_in(with_those_of_run(FileOptions))
+    names = jobs.JOBS.names()
+    by_job = {name: options_in(options_of_job(jobs.named(name))) for name in names}
+    by_job["*.toml"] = options_in(file_options())
 
     return _SCRIPT.format(
         verbs=" ".join(firsts),
         groups=_cases((f'"2 {first} "*', objects) for first, objects in groups.items()),
-        jobs=" ".join(JOBS),
+        jobs=" ".join(names),
         skeletons=" ".join(SKELETONS),
         shells=" ".join(_SHELLS),
-        by_job=_cases((f'*" run "{job}', words) for job, words in jobs.items()),
+        by_job=_cases((f'*" run "{job}', words) for job, words in by_job.items()),
         by_verb=_cases((_pattern(name), words_of(name, verb)) for name, verb in VERBS.items()),
     )
 
@@ -81,7 +84,7 @@ def words_of(name: str, verb: Verb) -> list[str]:
     hints = get_type_hints(kind, include_extras=True)
     takes_runs = Run in hints.values()
 
-    names = list(JOBS) if takes_runs else []  # the latest run of a job
+    names = list(jobs.JOBS.names()) if takes_runs else []  # the latest run of a job
     if name == "list":
         names = [shelf.kind for shelf in SHELVES]
     return [*names, *options_in(kind)]

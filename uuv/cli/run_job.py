@@ -1,16 +1,18 @@
-"""A job or a scenario file: `uuv run NAME [OPTIONS]`, `uuv run FILE.toml [OPTIONS]`."""
+"""A job or a scenario file: `uuv run NAME [OPTIONS]`, `uuv run MODULE:FUNCTION [OPTIONS]`, `uuv run FILE.toml`."""
 
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, make_dataclass, replace
-from typing import TYPE_CHECKING, Annotated, Any, TypeVar
+from itertools import pairwise
+from typing import TYPE_CHECKING, Annotated, Any
 
 from tyro.conf import Positional, arg
 
 from uuv import jobs
-from uuv.catalogue import JOBS
-from uuv.cli.carry_out import Assignments, Output, run_printed, values_of
+from uuv.cli.carry_out import run_printed, values_of
+from uuv.cli.job_command_line import EveryJob, parsed, run_options
 from uuv.cli.main import VERBS, present_spelling
+from uuv.kinds import SURVEY
 from uuv.sim.interfaces.errors import ConfigurationError, did_you_mean
 from uuv.sim.runs.command_line import RunOptions, as_base, parse
 
@@ -18,19 +20,7 @@ if TYPE_CHECKING:  # a help text does without
     from uuv.scenario import Scenario
 
 TASK = "--task"
-Options = TypeVar("Options")
-
-
-@dataclass(kw_only=True)
-class EveryJob(Output):
-    """Options of `uuv run` beside those of the job."""
-
-    set: Assignments = ()
-    """KEY=VALUE, repeatable: values by the keys of a scenario file, in its units, such as
-    task.speed=0.03 or perturbations.MountedObject.stiffness=1e4."""
-    task: str | None = None
-    """MODULE:CLASS of a task of one's own, with its defaults, in place of the job's (`uuv new
-    task NAME`)."""
+TARGET_POSE = "--target-pose"  # of earlier versions
 
 
 @dataclass(kw_only=True)
@@ -41,7 +31,8 @@ class RunVerb(EveryJob):
         Positional[str],
         arg(
             metavar="NAME",
-            help=f"{', '.join(JOBS)}, or a scenario, FILE.toml, such as the scenario.toml in the folder of every run.",
+            help=f"{', '.join(jobs.JOBS.names())}, a job of one's own, MODULE:FUNCTION, or a scenario, FILE.toml, such "
+            "as the scenario.toml in the folder of every run.",
         ),
     ]
 
@@ -62,59 +53,83 @@ def main(verb: str, args: Sequence[str]) -> int:
     del verb
     started = time.perf_counter()
     name, rest = (args[0], args[1:]) if args else ("", ())
-    if name in JOBS:
-        options, of_run = parsed(job_options(name), rest)
-        scenario = options.scenario()
-    elif name.endswith(".toml"):
-        options, of_run = parsed(FileOptions, rest)
-        scenario = _of_file(name, options)
-    elif name in ("", "-h", "--help"):
+    if name in ("", "-h", "--help"):
         parse(RunVerb, args)  # ends the command, by the help or the refusal
         return 0
-    elif name.startswith("-"):
+    if name.endswith(".toml"):
+        return _run_file(name, rest, started)
+    if TARGET_POSE in args:
+        raise ConfigurationError(f"{TARGET_POSE}: a known pose is now --sensor {SURVEY}")
+    if name.startswith("-"):
         raise ConfigurationError(f"{name}: the name of a job comes first: uuv run NAME [OPTIONS]")
-    else:
+    if name not in jobs.JOBS:
         raise ConfigurationError(_no_job(name))
-
-    changed = [(_of_task(of_run.task), TASK)] if of_run.task is not None else []
-    changed += [(values_of(of_run.set), "--set")] if of_run.set else []
-    if changed:
-        from uuv.scenario_file import with_values
-
-        for values, option in changed:
-            scenario = with_values(scenario, values, option)
-    return run_printed(scenario, options, of_run, started)
+    return run(jobs.named(name), rest, started)
 
 
-def job_options(job: str) -> type[Any]:
-    """Class of the options of a job."""
-    return getattr(jobs, JOBS[job])
+def run(job: jobs.Job, args: Sequence[str], started: float) -> int:
+    """Runs a job as its options say; returns the exit code.
+
+    Args:
+        job: The job.
+        args: Its options, as typed.
+        started: [s] time.perf_counter() at the start of the command.
+    """
+    task = _task_in(args)
+    if task is None:
+        given, options = parsed(job, args)
+        scenario = job.scenario(given)
+    else:  # its own fields are options in place of those of the job's task
+        given, options = parsed(job, args, base=_with_task(job(), task))
+        scenario = job.scenario(given, lambda base: _with_task(base, task))
+    every = as_base(options, EveryJob)
+    return run_printed(_with_set(scenario, every), as_base(options, run_options(job)), every, started)
 
 
-def with_those_of_run(kind: type[Options]) -> type[Any]:
-    """Class of the options of `kind` and those of every job, with the docstring of `kind`."""
-    names = " ".join(option.name for option in fields(EveryJob))
-    about = {"__doc__": kind.__doc__, "groups": {"run": names}}
-    return make_dataclass(kind.__name__, [], bases=(EveryJob, kind), namespace=about, kw_only=True)
-
-
-def parsed(kind: type[Options], args: Sequence[str]) -> tuple[Options, EveryJob]:
-    """Options of `kind`, and those of every job beside them."""
-    both = parse(with_those_of_run(kind), args)
-    return as_base(both, kind), as_base(both, EveryJob)
-
-
-def _of_file(name: str, options: FileOptions) -> "Scenario":
+def _run_file(name: str, args: Sequence[str], started: float) -> int:
+    """Runs a scenario from its file; returns the exit code."""
     from uuv.scenario_file import read_scenario
 
-    scenario = read_scenario(name, trust=options.trust)
-    return scenario if options.seed is None else replace(scenario, seed=options.seed)
+    options = parse(file_options(), args)
+    of_file, every = as_base(options, FileOptions), as_base(options, EveryJob)
+    scenario = read_scenario(name, trust=of_file.trust)
+    scenario = scenario if of_file.seed is None else replace(scenario, seed=of_file.seed)
+    scenario = scenario if every.task is None else _with_task(scenario, every.task)
+    return run_printed(_with_set(scenario, every), of_file, every, started)
 
 
-def _of_task(task: str) -> list[str]:
-    """Assignments that put in the task MODULE:CLASS; the scenario gets the name of the module."""
+def file_options() -> type[Any]:
+    """Class of all options of a scenario file."""
+    names = " ".join(each.name for each in fields(EveryJob))
+    about = {"__doc__": FileOptions.__doc__, "groups": {"run": names}}
+    return make_dataclass("FileCommandLine", [], bases=(EveryJob, FileOptions), namespace=about, kw_only=True)
+
+
+def _task_in(args: Sequence[str]) -> str | None:
+    """Value of --task, which is needed before the other options are known."""
+    for option, value in pairwise([*args, ""]):
+        if option == TASK and not value.startswith("--"):
+            return value or None
+        if option.startswith(f"{TASK}="):
+            return option.partition("=")[2]
+    return None
+
+
+def _with_task(scenario: "Scenario", task: str) -> "Scenario":
+    """The scenario with the task MODULE:CLASS; it gets the name of the module."""
+    from uuv.scenario_file import with_values
+
     module = task.partition(":")[0]
-    return [f'task.kind="{task}"', f'name="{module.rpartition(".")[2]}"']
+    return with_values(scenario, [f'task.kind="{task}"', f'name="{module.rpartition(".")[2]}"'], TASK)
+
+
+def _with_set(scenario: "Scenario", every: EveryJob) -> "Scenario":
+    """The scenario with the values of --set."""
+    if not every.set:
+        return scenario
+    from uuv.scenario_file import with_values
+
+    return with_values(scenario, values_of(every.set), "--set")
 
 
 def _no_job(name: str) -> str:
@@ -122,4 +137,5 @@ def _no_job(name: str) -> str:
     verb = name if name in VERBS else present_spelling(name)
     if verb and verb != "run":
         return f"{name} is no job, but a verb of its own: `uuv {verb}`"
-    return f"no job {name!r}; there are {', '.join(JOBS)}, or a scenario file (.toml){did_you_mean(name, JOBS)}"
+    known = jobs.JOBS.names()
+    return f"no job {name!r}; there are {', '.join(known)}, or a scenario file (.toml){did_you_mean(name, known)}"

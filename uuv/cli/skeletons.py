@@ -47,11 +47,11 @@ def NAME(model, *, water_error=0.0):
 ''',
     test="""from dataclasses import replace
 
-from uuv import barrel, run
+from uuv import jobs, run
 
 
 def test_the_main_job_is_done():
-    scenario = barrel(seed=0, quick=True)
+    scenario = jobs.clean_barrel(seed=0, quick=True)
     ran = run(replace(scenario, control=replace(scenario.control, controller="NAME:NAME")))
     contact = ran.assessment.metrics["contact"]
     assert ran.recording.final.state == "done"
@@ -184,11 +184,11 @@ def NAME(model, X_BS):
 ''',
     test="""from dataclasses import replace
 
-from uuv import assemble, barrel, run
+from uuv import assemble, jobs, run
 
 
 def test_the_barrel_is_found_with_it():
-    scenario = barrel(seed=0, quick=True)
+    scenario = jobs.clean_barrel(seed=0, quick=True)
     built = assemble(replace(scenario, sensing=replace(scenario.sensing, sensor="NAME:NAME")))
     targets = run(built, longest=8.0).recording.targets
     assert targets
@@ -287,14 +287,14 @@ class PlacedCircle(PlacedTask):
 ''',
     test="""from dataclasses import replace
 
-from uuv import barrel, run
+from uuv import jobs, run
 from uuv.site import OpenWater, Site
 
 from NAME import Circle
 
 
 def test_the_circle_is_drawn():
-    scenario = replace(barrel(seed=0), task=Circle(radius=0.05), site=Site(object=OpenWater()))
+    scenario = replace(jobs.clean_barrel(seed=0), task=Circle(radius=0.05), site=Site(object=OpenWater()))
     ran = run(scenario)
     assert ran.assessment.accepted, ran.assessment.failed
 """,

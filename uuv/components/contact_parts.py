@@ -100,7 +100,7 @@ def sonar(model: mujoco.MjModel, X_BS: Array) -> tuple[Sensor, SensorModel | Non
 
 
 def survey(model: mujoco.MjModel, X_BS: Array) -> tuple[Sensor, SensorModel | None]:
-    """None: the object's pose is known (--target-pose known)."""
+    """None: the object's pose is known (--sensor survey)."""
     del X_BS  # nothing looks
     return Survey(model), None
 

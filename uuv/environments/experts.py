@@ -23,6 +23,7 @@ from uuv.controllers.mkps import solve
 from uuv.controllers.planning.trajectories import PoseMove
 from uuv.controllers.tasks import contact_phases as contact
 from uuv.controllers.tasks import insertion
+from uuv.controllers.tasks.follow_limits import FollowLimits
 from uuv.controllers.tasks.hull_phases import HullMotion, RestLimits, Settle
 from uuv.controllers.tasks.monitors import Reaction
 from uuv.controllers.tasks.phase import Context, Decide, Held, HoldTool, Outcome, Phase, PhaseEvent, Setpoint
@@ -260,7 +261,7 @@ def _press(task: PressPoint) -> Policy:
 
 @_expert.register
 def _wipe(task: WipePath) -> Policy:
-    follow = contact.FollowPath(contact.FollowLimits(), (task.force,), FORCE_RATE)
+    follow = contact.FollowPath(FollowLimits(), (task.force,), FORCE_RATE)
     ends = {PhaseEvent.DONE: "let go", PhaseEvent.MORE: "let go"}
     work = TaskRow(follow, WorkState.WORK, ends, _OFF)
     return WorkExpert(task, _wants(task, ToolTwist), [*_pressing(task, "work"), ("work", work), *_leaving("parked")])
@@ -274,7 +275,7 @@ def _tap(task: TapPoints) -> Policy:
         held.places = (*held.places, tip(now.estimate))
 
     done = PhaseEvent.DONE
-    move = contact.NextPoint(task.points, contact.FollowLimits(), STANDOFF)
+    move = contact.NextPoint(task.points, FollowLimits(), STANDOFF)
     ends = {PhaseEvent.MORE: "approach", done: "parked"}
     rows = [
         *_pressing(task, "dwell"),

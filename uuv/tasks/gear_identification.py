@@ -17,6 +17,7 @@ from uuv.sim.evaluation.friction_metrics import FrictionMetrics, FrictionParamet
 from uuv.sim.evaluation.metrics import Assessment, Requirement
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.messages import WorkState
+from uuv.sim.interfaces.options import option
 from uuv.sim.interfaces.protocols import Sensor
 from uuv.sim.interfaces.spatial import Array, finite_number, pose
 from uuv.sim.loop.rollout import Moment
@@ -88,7 +89,7 @@ class GearIdentificationTask(Task):
 
     schema: ClassVar[str] = "friction"
     spares: ClassVar[Collection[str]] = (CAMERA_SITE, TOOL_GEOM)
-    seconds: float = 30.0  # [s] of the swings
+    seconds: float = option(30.0, "Duration of the swings [s], after 4 s of unfolding.")
 
     def __post_init__(self) -> None:
         finite_number(self.seconds, "task.seconds [s]", least=SHORTEST, most=LONGEST)

@@ -1,7 +1,7 @@
 """Insertion: a sampler is put into a hole of a subsea manifold, and withdrawn."""
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, ClassVar, Literal
 
 import mujoco
 import numpy as np
@@ -19,6 +19,7 @@ from uuv.sim.evaluation.insertion_metrics import AT_THE_HOLE, TrueHole, assess_i
 from uuv.sim.evaluation.metrics import Assessment
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.messages import WorkState
+from uuv.sim.interfaces.options import MILLIMETRE, option
 from uuv.sim.interfaces.protocols import Sensor
 from uuv.sim.interfaces.spatial import Array, pose
 from uuv.site import HoleManifold
@@ -36,11 +37,16 @@ class InsertionTask(Task):
 
     schema: ClassVar[str] = "insertion"
     looks: ClassVar[bool] = True
-    hole: str = "a"
+    hole: Literal["a", "b"] = option("a", "Hole of the manifold.")
     depth: float = 0.06  # [m] to reach below the mouth
-    error: tuple[float, float] = (0.0, 0.0)  # [m] added to the identified hole along its x and y
-    compliance: bool = True  # to side forces
-    range: float = 1.25  # [m] from camera to manifold at the scan
+    error: tuple[float, float] = option(
+        (0.0, 0.0),
+        "Error added to the identified hole position along the hole's x and y [mm]; search and compliance must correct "
+        "it.",
+        unit=MILLIMETRE,
+    )
+    compliance: bool = option(True, "Compliance to side forces (--no-compliance: none, for ablation).")
+    range: float = option(1.25, "Range from camera to manifold at the scan [m].")
 
     def __post_init__(self) -> None:
         if not np.all(np.isfinite(self.error)):

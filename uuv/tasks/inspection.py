@@ -19,6 +19,7 @@ from uuv.sensors.coarse_detection import coarse_detection
 from uuv.sim.evaluation.inspection_metrics import InspectionBounds, TrueInspection, assess_inspection
 from uuv.sim.evaluation.metrics import Assessment
 from uuv.sim.interfaces.messages import WorkState
+from uuv.sim.interfaces.options import option
 from uuv.sim.interfaces.protocols import Sensor
 from uuv.sim.interfaces.spatial import Array, pose, transform_points
 from uuv.sim.loop.rollout import Observer
@@ -46,11 +47,15 @@ class InspectionTask(Task):
     schema: ClassVar[str] = "inspection"
     looks: ClassVar[bool] = True
     spares: ClassVar[Collection[str]] = (TOOL_GEOM,)
-    distance: float = 1.4  # [m] from the camera to the object's outline
-    clearance: float = 0.3  # [m] of hull and folded arm to the object and the seabed
-    speed: float = 0.15  # [m/s] of the hull
-    cover: bool = False  # further levels, until all that can be seen is seen
-    mesh: bool = False  # leave a mesh of what was seen, by Open3D
+    distance: float = option(1.4, "Distance from the camera to the object's outline [m].")
+    clearance: float = option(0.3, "Least clearance of hull and folded arm to the object and the seabed [m].")
+    speed: float = option(0.15, "Speed of the hull [m/s].")
+    cover: bool = option(
+        False, "Fly further orbits, at other heights and distances, until all that can be seen is seen."
+    )
+    mesh: bool = option(
+        False, "Leave mesh.ply, a mesh of what was seen in the colours of its deviation from the model (extra open3d)."
+    )
 
     def check_inputs(self, scenario: Scenario) -> None:
         """Refuses an object that there is not, and a mesh without Open3D."""

@@ -16,5 +16,6 @@ def registry() -> Registry[Task]:
         "Inspection": "uuv.tasks.inspection:InspectionTask",
         "SeabedSampling": "uuv.tasks.seabed_sampling:SeabedSamplingTask",
         "GearIdentification": "uuv.tasks.gear_identification:GearIdentificationTask",
+        "StationKeeping": "uuv.tasks.station_keeping:StationKeepingTask",
     }
     return Registry("task", kinds)

@@ -20,6 +20,7 @@ from uuv.sim.evaluation.metrics import Assessment
 from uuv.sim.evaluation.seabed_metrics import TrueGround, assess_seabed_work
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.messages import WorkState
+from uuv.sim.interfaces.options import option
 from uuv.sim.interfaces.protocols import Estimator, Sensor
 from uuv.sim.interfaces.spatial import Array, exp_so3, pose, transform_points
 from uuv.sim.loop.rollout import Moment
@@ -53,11 +54,19 @@ class SeabedSamplingTask(Task):
     schema: ClassVar[str] = "seabed_work"
     looks: ClassVar[bool] = True
     spares: ClassVar[Collection[str]] = (CAMERA_SITE,)
+    heeds: ClassVar[Collection[str]] = ("dead_beams",)
     drag: bool = False  # False: push a core tube in and withdraw it
-    push: float = 50.0  # [N] set force on the core tube
+    push: float = option(50.0, "Set force on the core tube [N].")
     depth: float = 0.18  # [m] of the box; of a core: depth at which the tube is full
-    cloud: str | None = None  # file; replaces the scan; in axes of a level hull ALTITUDE above the terrain's middle
-    targets: str | None = None  # file with points B_i and z, in the same axes
+    cloud: str | None = option(
+        None,
+        "Text, PLY or PCD, in the axes of a level hull 2.5 m above the terrain's middle: replaces the scan, and is "
+        "judged before the vehicle approaches.",
+    )
+    targets: str | None = option(
+        None,
+        "Text file: points B_i over the seabed and a line `z X Y Z`, in the same axes; default: ahead of the hull.",
+    )
 
     @property
     def tool(self) -> str:

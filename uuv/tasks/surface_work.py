@@ -1,5 +1,6 @@
 """Surface work: a tool is pressed on an object, or held above it, along a path."""
 
+from collections.abc import Collection
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, ClassVar
 
@@ -9,7 +10,7 @@ import numpy as np
 from uuv.controllers.planning.promise import PromiseLimits
 from uuv.controllers.planning.trajectories import FASTEST, SLOWEST
 from uuv.controllers.tasks.approach_limits import ApproachLimits
-from uuv.controllers.tasks.contact_phases import FollowLimits
+from uuv.controllers.tasks.follow_limits import FollowLimits
 from uuv.kinds import SURVEY
 from uuv.models.objects.targets import TargetModel
 from uuv.models.site import scenes
@@ -21,6 +22,7 @@ from uuv.sensors.coarse_detection import coarse_detection
 from uuv.sim.evaluation.bounds import Bounds
 from uuv.sim.evaluation.metrics import AskedWork, Assessment, TrueObject, assess
 from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.options import DEGREE, option
 from uuv.sim.interfaces.protocols import Sensor
 from uuv.sim.interfaces.spatial import Array, finite_number, shown
 from uuv.site import Workpiece
@@ -46,9 +48,25 @@ _MOST_FORCE = 1e3  # [N] beyond the capability of any vehicle here
 class ToolTurn:
     """How a tool that is not round is turned about its axis."""
 
-    angle: float = 0.0  # [rad] of its x axis from the path, kept along it
-    blend: float = 0.0  # [m] of the path over which it turns at a corner; at least 0.04
-    dwell: bool = False  # it stops at a corner and turns there
+    angle: float = option(
+        0.0,
+        "Angle [deg] of the tool's x axis from the path, about the tool axis, that a tool which is not round keeps; "
+        "default: the tool is round.",
+        group="work",
+        word="turn",
+        unit=DEGREE,
+        closed=None,
+    )
+    blend: float = option(
+        0.0,
+        "Length [m] of the path over which a tool that is not round turns at a corner; at least 0.04.",
+        group="work",
+    )
+    dwell: bool = option(
+        False,
+        "A tool that is not round stops at a corner and turns there, pressing on, in place of blending.",
+        group="work",
+    )
 
     def __post_init__(self) -> None:
         finite_number(self.angle, "task.turn.angle [rad]", least=-np.pi, most=np.pi)
@@ -63,14 +81,30 @@ class SurfaceWorkTask(Task):
     """Press a tool along a path of an object with set forces."""
 
     looks: ClassVar[bool] = True
-    path: str | None = None  # of the object; None: its first
+    heeds: ClassVar[Collection[str]] = (
+        *("length", "line"),
+        *("arm_errors", "calibrated", "arm"),
+        *("sensor", "looks", "follow", "arm_camera"),
+        *("without", "ik", "published"),
+    )
+    path: str | None = option(None, "Name of one of the object's paths; default: the first.", group="object")
     turn: ToolTurn | None = None  # of a tool that is not round; None: it is round
-    forces: tuple[float, ...] = (60.0, 90.0, 60.0)  # [N] set forces on equal parts of the path
-    speed: float = 0.02  # [m/s] of the tool along the path
+    forces: tuple[float, ...] = option(
+        (60.0, 90.0, 60.0),
+        "Set forces [N] on equal parts of the path, by default fewer on a path around the object.",
+        group="work",
+    )
+    speed: float = option(0.02, "Speed of the tool along the path [m/s].", group="work")
     force_rate: float = 60.0  # [N/s] rate of change of the set force
-    contactless: float | None = None  # [m] distance to keep from the surface; None: press [Konoplin 2019]
-    least: float = 1.0  # share of the path that must be within reach
-    range: float = 1.25  # [m] from camera to object at the scan
+    contactless: float | None = option(
+        None, "Keep the tool at this distance [m] from the surface instead of pressing [Konoplin 2019].", group="work"
+    )
+    least: float = option(
+        1.0,
+        "Least share of the path that must be within reach; the rest is dropped at both ends, and reported.",
+        group="object",
+    )
+    range: float = option(1.25, "Range from camera to object at the scan [m].", group="work")
     approach: ApproachLimits = field(default_factory=ApproachLimits)
     promise: PromiseLimits = field(default_factory=PromiseLimits)
 
@@ -86,6 +120,7 @@ class SurfaceWorkTask(Task):
         """Refuses an object without surface, a path that it has not, and options that exclude each other."""
         workpiece: Workpiece = object_of(scenario, Workpiece)
         self._check_stops(scenario)
+        _check_survey(scenario)
         if scenario.sensing.follow:
             check_follows(scenario)
         self.time(*workpiece.target(self.path), self.force_rate).check()
@@ -302,6 +337,18 @@ class PlacedSurfaceWork(PlacedTask):
         from uuv.sim.reporting.report_figures import object_as_found
 
         return object_as_found(ran.recording, self.truth)
+
+
+def _check_survey(scenario: Scenario) -> None:
+    """Refuses what looks for an object whose pose is known."""
+    if scenario.sensing.sensor != SURVEY:
+        return
+    if scenario.sensing.looks != 1:
+        raise ConfigurationError(
+            f"sensing.sensor {SURVEY}: nothing looks for the object, so no sensing.looks, got {scenario.sensing.looks}"
+        )
+    if "identification" in scenario.control.published:
+        raise ConfigurationError(f"sensing.sensor {SURVEY} and control.published identification: one of the two")
 
 
 def check_follows(scenario: Scenario) -> None:

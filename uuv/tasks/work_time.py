@@ -6,7 +6,7 @@ from typing import Self
 import numpy as np
 
 from uuv.controllers.planning.trajectories import SLOWEST, Progress
-from uuv.controllers.tasks.contact_phases import FollowLimits
+from uuv.controllers.tasks.follow_limits import FollowLimits
 from uuv.sim.evaluation.bounds import Bounds
 from uuv.sim.evaluation.force_levels import JUDGED, levels, long_enough, unsettled
 from uuv.sim.evaluation.tool_speed import AT_SPEED

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from uuv.assembly import assemble
-from uuv.jobs import barrel
+from uuv.jobs import clean_barrel
 from uuv.perturbations.pad import Pad
 from uuv.runner import run
 from uuv.scenario import Scenario
@@ -44,7 +44,7 @@ def responses(task: StepTask) -> dict[str, Any]:
 
 def scenario_of(task: StepTask) -> Scenario:
     """Scenario of a run with steps."""
-    scenario = barrel(
+    scenario = clean_barrel(
         seed=task.seed,
         current=task.current,
         gust=task.gust,

@@ -8,7 +8,7 @@ import numpy as np
 
 from uuv.assembly import assemble
 from uuv.experiment import Row, Summary, Table
-from uuv.jobs import barrel
+from uuv.jobs import clean_barrel
 from uuv.runner import run as run_job
 from uuv.sim.interfaces.errors import UuvError
 
@@ -60,7 +60,7 @@ def run(case: VersionCase) -> Row:
     row: Row = {"version": case.version, "path": case.path, "seed": case.seed, "accepted": False}
     row |= dict.fromkeys((*_FIGURES, "wall_s"))
     try:
-        scenario = barrel(path=case.path, seed=case.seed, quick=case.quick, **VERSIONS[case.version])
+        scenario = clean_barrel(path=case.path, seed=case.seed, quick=case.quick, **VERSIONS[case.version])
         outcome = run_job(assemble(scenario, full=False))
     except UuvError as error:
         return row | {"ended": str(error)}

@@ -8,7 +8,7 @@ import numpy as np
 from uuv.assembly import assemble
 from uuv.campaigns.contact_study import DAMAGED, KEPT, PathName, StudyBounds, classify, figures_of
 from uuv.experiment import Row, Summary, Table
-from uuv.jobs import barrel
+from uuv.jobs import clean_barrel
 from uuv.runner import run
 from uuv.sim.interfaces.messages import AbortCode
 
@@ -31,7 +31,7 @@ class WaveTask:
 
 def one_run(task: WaveTask) -> Row:
     """Row of a run: its outcome, and its figures."""
-    scenario = barrel(seed=task.seed, path=task.path, quick=task.quick)
+    scenario = clean_barrel(seed=task.seed, path=task.path, quick=task.quick)
     heading = assemble(scenario).X_WB[:3, :3] @ _OF[task.direction]
     wave = tuple((task.amplitude * heading).tolist())
     site = replace(scenario.site, wave=wave, wave_frequency=task.frequency)

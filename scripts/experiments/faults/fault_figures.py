@@ -8,7 +8,7 @@ import numpy as np
 
 from experiments.faults.fault_cases import ASCENT, PUSH, Trace, run_branched
 from experiments.faults.fault_picture import draw
-from uuv import barrel
+from uuv import jobs
 from uuv.campaigns.contact_study import DAMAGE
 from uuv.experiment import Row, Summary, Table
 from uuv.sim.interfaces.messages import WorkState
@@ -97,7 +97,7 @@ def run(case: BranchedCase, folder: Path, picture: str) -> Row:
         folder: Folder of the study.
         picture: Part of the names of the cases that are drawn.
     """
-    asked = barrel(path=case.path, seed=case.seed, forces=(PUSH,))
+    asked = jobs.clean_barrel(path=case.path, seed=case.seed, forces=(PUSH,))
     found: list[FaultFigures] = []
 
     def keep(trace: Trace) -> None:

@@ -13,7 +13,7 @@ from typing import Literal
 
 from uuv.campaigns.contact_study import PATHS, PathName
 from uuv.experiment.options import StudyOptions
-from uuv.jobs import BarrelOptions
+from uuv.jobs import clean_barrel
 from uuv.sim.runs.run_folder import RUNS
 
 NAME = "study_faults"
@@ -49,7 +49,7 @@ def main() -> int:
     from uuv.models.vehicle import Vehicle
     from uuv.sim import hydrodynamics
 
-    vehicle = Vehicle.of(models.load(BarrelOptions().vehicle).compile())
+    vehicle = Vehicle.of(models.load(clean_barrel().vehicle.vehicle).compile())
     chosen_cases(vehicle.thruster_names, options.only)  # refuses words that match no case
     cases = [
         BranchedCase(path, options.seed + k, options.only, options.phases)

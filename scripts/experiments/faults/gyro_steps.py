@@ -8,7 +8,7 @@ from typing import Any, Literal
 import numpy as np
 
 from uuv.experiment import Row, Summary, Table
-from uuv.jobs import barrel
+from uuv.jobs import clean_barrel
 from uuv.perturbations.loop import SensorFailure
 from uuv.runner import run, saved
 from uuv.saved_run import SavedRun
@@ -50,7 +50,7 @@ def cases(paths: Iterable[Path], seeds: Iterable[int], sizes: Iterable[float]) -
 @lru_cache(maxsize=1)
 def _at_work(path: Path, seed: int) -> SavedRun:
     """The job at the first step of its work, from which its cases branch."""
-    return saved(barrel(path=path, quick=True, seed=seed, forces=(90.0,)), "work")
+    return saved(clean_barrel(path=path, quick=True, seed=seed, forces=(90.0,)), "work")
 
 
 class FirstFault:

@@ -15,6 +15,7 @@ import numpy as np
 from uuv.assembly import assemble
 from uuv.check.checked_jobs import ARM_JOBS
 from uuv.experiment import Row, Summary, Table
+from uuv.kinds import SURVEY
 from uuv.runner import run
 from uuv.scenario import Scenario
 from uuv.sim.interfaces.errors import UuvError
@@ -80,7 +81,7 @@ def draw(case: SoundCase) -> tuple[str, str, Scenario]:
         "wave_frequency": rng.uniform(*FREQUENCY),
     }
     if job not in SEARCHING:
-        options["target_pose"] = "known"
+        options["sensor"] = SURVEY
     return worker.name, job, ARM_JOBS[job](vehicle=worker.name, quick=True, **options, **worker.options)
 
 

@@ -16,7 +16,7 @@ from typing import Any
 
 from numba.core import event
 
-from uuv import assemble, barrel
+from uuv import assemble, jobs
 from uuv.first_start import CALLS, LIST, PACKAGE, Job, decoded, encoded, kernels
 from uuv.runner import run_through
 from uuv.sim.interfaces.errors import UuvError
@@ -58,7 +58,7 @@ def listed() -> list[Job]:
     with event.install_listener("numba:compile", watch):
         for name, given, *_ in CALLS:
             Job(name, None, given, (), 0.0).do()
-        run_through(assemble(barrel(quick=True)))
+        run_through(assemble(jobs.clean_barrel(quick=True)))
     made = [
         (name, args, kernel)
         for name, kernel in kernels()

@@ -10,12 +10,13 @@ shares. Both must end with the same bits. The printed digest of the recording sh
 changes the results. Writes bench_loop.json into --out.
 """
 
-from uuv.start import parse, run_scenario  # first: it tells BLAS to use one thread
+from uuv.start import new_folder, run_scenario  # first: it tells BLAS to use one thread
 
 # isort: split
 import copy
 import hashlib
 import os
+import sys
 import time
 from array import array
 from collections.abc import Callable, Mapping
@@ -28,12 +29,15 @@ from rich.console import Console
 from rich.table import Table
 
 from uuv.assembly import Assembly, assemble
-from uuv.jobs import BarrelOptions
+from uuv.cli.job_command_line import parsed
+from uuv.jobs import clean_barrel
 from uuv.runner import Run, rehearse, run
+from uuv.scenario import Scenario
 from uuv.sim.interfaces.errors import UuvError
 from uuv.sim.interfaces.messages import WorkState
 from uuv.sim.loop.recording import Recorder
 from uuv.sim.loop.rollout import Moment
+from uuv.sim.runs.command_line import RunOptions
 from uuv.sim.runs.saving import write_json
 from uuv.sim.sensors.depth_camera import DepthCamera
 
@@ -43,11 +47,19 @@ SLOWEST = 0.01  # share of a part's slowest calls that is left out: in those the
 
 
 @dataclass(kw_only=True)
-class Options(BarrelOptions):
-    """Cost of every part of the loop, in the job of clean_barrel.py without recording."""
+class Options(RunOptions):
+    """Options of the benchmark beside those of the job."""
 
     record: bool = False
     """Keep also what the report needs; no log is written."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MeasuredJob:
+    """The job of clean_barrel.py, and whether what the report needs is recorded."""
+
+    scenario: Scenario
+    record: bool
 
 
 class Stopwatch:
@@ -154,9 +166,9 @@ class Instants:
         return 1e-3 * float(np.mean(best))
 
 
-def fresh(options: Options) -> Assembly:
+def fresh(job: MeasuredJob) -> Assembly:
     """The job assembled from the seed, with its code loaded."""
-    built = assemble(options.scenario(), full=options.record)
+    built = assemble(job.scenario, full=job.record)
     rehearse(built)
     return built
 
@@ -169,9 +181,9 @@ def digest(outcome: Run) -> str:
     return word.hexdigest()[:12]
 
 
-def as_it_is(options: Options) -> tuple[Run, dict[str, float], Instants]:
+def as_it_is(job: MeasuredJob) -> tuple[Run, dict[str, float], Instants]:
     """Runs the unchanged job; returns outcome, processor times [s] (whole, identification, placement) and instants."""
-    built = fresh(options)
+    built = fresh(job)
     seeing, placing, planning = (Stopwatch(time.process_time_ns) for _ in range(3))
     parts = built.parts
     parts = replace(
@@ -187,15 +199,15 @@ def as_it_is(options: Options) -> tuple[Run, dict[str, float], Instants]:
     return outcome, spent, instants
 
 
-def by_part(options: Options) -> tuple[Run, dict[str, Stopwatch], Stopwatch]:
+def by_part(job: MeasuredJob) -> tuple[Run, dict[str, Stopwatch], Stopwatch]:
     """Runs the job with a stopwatch around every part; returns outcome, stopwatches and the one for the rest."""
-    built = fresh(options)
+    built = fresh(job)
     watches: dict[str, Stopwatch] = {}
 
     def watch(name: str) -> Stopwatch:
         return watches.setdefault(name, Stopwatch(time.perf_counter_ns))
 
-    parts, plant, recorder = built.parts, built.plant, Recorder(built.plant.model, full=options.record)
+    parts, plant, recorder = built.parts, built.plant, Recorder(built.plant.model, full=job.record)
     timed = replace(
         parts,
         sensors=[Part(s, "step", watch(f"sensor {type(s).__name__}")) for s in parts.sensors],
@@ -214,13 +226,14 @@ def by_part(options: Options) -> tuple[Run, dict[str, Stopwatch], Stopwatch]:
 
 def main() -> int:
     """Runs the benchmark and writes its file; exit code 0 if both goals are reached."""
-    options = parse(Options)
+    given, options = parsed(clean_barrel, sys.argv[1:], beside=Options)
+    job = MeasuredJob(scenario=clean_barrel(**given), record=options.record)
     if hasattr(os, "sched_setaffinity"):  # Linux: one core, as the goals say
         os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
-    folder = options.folder("bench_loop")
+    folder = new_folder("bench_loop", options.out, job.scenario.seed)
     console = Console()
-    outcome, spent, instants = as_it_is(options)
-    again, watches, rest_watch = by_part(options)
+    outcome, spent, instants = as_it_is(job)
+    again, watches, rest_watch = by_part(job)
     if digest(outcome) != digest(again):
         raise UuvError(f"the two runs differ: {digest(outcome)} and {digest(again)}")
     steps = outcome.result.last.tick + 1

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from untyped import untyped
-from uuv import assemble, barrel, models
+from uuv import assemble, jobs, models
 from uuv.cli.skeletons import SENSOR
 from uuv.controllers.arm.inverse_dynamics import ArmDynamics
 from uuv.models.vehicle import Vehicle
@@ -102,7 +102,7 @@ def test_the_fault_of_the_documents_reaches_the_thruster(root, monkeypatch):
     monkeypatch.setitem(sys.modules, "of_the_documents", ModuleType("of_the_documents"))  # dataclasses look there
     names = names_of(root, "class SwingingPlant", "docs/own_task.md")
     fault = names["Swinging"](thruster="heave_front")
-    plant = assemble(replace(barrel(quick=True), perturbations=(fault,))).loop.plant
+    plant = assemble(replace(jobs.clean_barrel(quick=True), perturbations=(fault,))).loop.plant
     given = np.linspace(0.1, 0.6, 6)
     sent = []
     monkeypatch.setattr(type(untyped(plant).plant), "step", lambda _, command: sent.append(command.thrusters))

@@ -13,8 +13,8 @@ from pathlib import Path
 import pytest
 import yaml
 
-from uuv.catalogue import JOBS
 from uuv.cli.main import chosen
+from uuv.jobs import JOBS
 from uuv.sim.runs.command_line import ROOMS
 
 ROOT = Path(__file__).resolve().parents[3]

@@ -10,7 +10,7 @@ import pytest
 
 from run_records import every_run
 from uuv.cli.past.compare_runs import numbers
-from uuv.jobs import barrel
+from uuv.jobs import clean_barrel
 from uuv.kinds import where_moved
 from uuv.scenario_file import read_scenario, to_toml, write_scenario
 from uuv.sim.evaluation.run_metrics import EveryRun
@@ -18,7 +18,7 @@ from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.reporting.series_tables import PastRun
 from uuv.sim.runs.run_folder import FORMAT
 
-SCENARIO = barrel(seed=4, quick=True)
+SCENARIO = clean_barrel(seed=4, quick=True)
 
 
 def test_a_scenario_has_the_format_of_its_file_and_is_read_without_one(tmp_path: Path):

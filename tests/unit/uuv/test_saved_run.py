@@ -7,8 +7,8 @@ from typing import Any
 
 import pytest
 
-from uuv import SavedRun, Scenario, assemble, barrel, run, saved
-from uuv.jobs import InsertionOptions, InspectionOptions, ObjectOptions, PileOptions, SeabedOptions
+from uuv import SavedRun, Scenario, assemble, jobs, run, saved
+from uuv.jobs import clean_object, clean_pile, insert_sampler, inspect_object, sample_seabed
 from uuv.perturbations.loop import Failure, SensorFailure, ThrusterFailure
 from uuv.perturbations.perturbation import Loop, Perturbation
 from uuv.perturbations.sensing import DriftingTorque
@@ -35,7 +35,7 @@ def early(scenario: Scenario | SavedRun) -> Recording:
     return run_through(assemble(scenario), longest=EARLY).recording
 
 
-GUSTY = barrel(quick=True, gust=0.05, sensor="survey")
+GUSTY = jobs.clean_barrel(quick=True, gust=0.05, sensor="survey")
 
 
 @pytest.fixture(scope="module")
@@ -183,13 +183,13 @@ def test_an_observer_that_cannot_be_saved_is_refused():
 @pytest.mark.parametrize(
     ("scenario", "phase"),
     [
-        (barrel(quick=True, gust=0.05, seed=3), "approach"),
-        (barrel(quick=True, gust=0.05, seed=3), "work"),
-        (PileOptions(quick=True).scenario(), "close-in"),
-        (ObjectOptions().scenario(), "press"),
-        (InsertionOptions().scenario(), "insert"),
-        (InspectionOptions().scenario(), "work"),
-        (SeabedOptions(work="core").scenario(), "withdraw"),
+        (jobs.clean_barrel(quick=True, gust=0.05, seed=3), "approach"),
+        (jobs.clean_barrel(quick=True, gust=0.05, seed=3), "work"),
+        (clean_pile(quick=True), "close-in"),
+        (clean_object(), "press"),
+        (insert_sampler(), "insert"),
+        (inspect_object(), "work"),
+        (sample_seabed(work="core"), "withdraw"),
     ],
     ids=["barrel", "barrel at work", "pile", "object", "insertion", "inspection", "core"],
 )
@@ -205,7 +205,7 @@ def test_every_job_goes_on_to_the_bits_of_the_whole_run(scenario: Scenario, phas
 @pytest.mark.long(guarded_by="tests/unit/uuv/test_saved_run.py::test_what_has_begun_goes_on")
 def test_a_thruster_lost_at_work_is_that_of_the_whole_run():
     lost = ThrusterFailure(thruster="heave_front", state="work", after=1.0)
-    scenario = barrel(quick=True, sensor="survey")
+    scenario = jobs.clean_barrel(quick=True, sensor="survey")
     whole = run(replace(scenario, perturbations=(lost,)))
     assert whole.recording.final.state is WorkState.ABORT
     start = saved(scenario, "press").with_failures(lost)

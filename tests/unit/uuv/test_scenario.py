@@ -13,10 +13,9 @@ import numpy as np
 import pytest
 
 from untyped import untyped
-from uuv import Perturbation, Scenario, assemble, barrel, models, read_scenario, run, write_scenario
+from uuv import Perturbation, Scenario, assemble, jobs, models, read_scenario, run, write_scenario
 from uuv.cli.carry_out import values_of
-from uuv.cli.run_job import FileOptions, parsed
-from uuv.jobs import GearOptions, InsertionOptions, InspectionOptions, ObjectOptions, PileOptions, SeabedOptions
+from uuv.jobs import clean_object, clean_pile, identify_friction, insert_sampler, inspect_object, sample_seabed
 from uuv.models.objects.targets import OBJECTS
 from uuv.own_vehicle import OwnVehicle, vehicle_spec
 from uuv.perturbations import perturbation
@@ -47,16 +46,16 @@ ALL = (
 
 
 def scenarios() -> Iterator[Scenario]:
-    yield barrel(seed=2, arc=77.7, without=("fusion", "compensation"), arm_errors=3, fouled=0.031)
-    yield replace(barrel(), perturbations=ALL, perturbation_seed=5)
-    pose = assemble_pose(barrel(seed=4))
-    yield replace(barrel(seed=4), site=Site(X_WT=tuple(map(tuple, pose.tolist()))))
-    yield PileOptions(path="helix", quick=True, arm=Path('a "b"/ä.yaml')).scenario()
-    yield ObjectOptions(contactless=0.05, arm_camera=True, least_chance=0.7).scenario()
-    yield InsertionOptions(error=(1.0, -0.3), compliance=False).scenario()
-    yield SeabedOptions(work="drag", dead_beams=(1, 4), terrain="any", cloud=Path("c.ply")).scenario()
-    yield InspectionOptions(object="valve").scenario()
-    yield GearOptions(seed=3).scenario()
+    yield jobs.clean_barrel(seed=2, arc=77.7, without=("fusion", "compensation"), arm_errors=3, fouled=0.031)
+    yield replace(jobs.clean_barrel(), perturbations=ALL, perturbation_seed=5)
+    pose = assemble_pose(jobs.clean_barrel(seed=4))
+    yield replace(jobs.clean_barrel(seed=4), site=Site(X_WT=tuple(map(tuple, pose.tolist()))))
+    yield clean_pile(path="helix", quick=True, arm=Path('a "b"/ä.yaml'))
+    yield clean_object(contactless=0.05, arm_camera=True, least_chance=0.7)
+    yield insert_sampler(error=(1.0, -0.3), compliance=False)
+    yield sample_seabed(work="drag", dead_beams=(1, 4), terrain="any", cloud=Path("c.ply"))
+    yield inspect_object(object="valve")
+    yield identify_friction(seed=3)
 
 
 def assemble_pose(scenario: Scenario) -> np.ndarray:
@@ -73,7 +72,7 @@ def test_random_numbers_keep_all_their_bits(rng):
     for _ in range(50):
         numbers = rng.standard_normal(3) * 10.0 ** rng.integers(-12, 12, 3)
         site = Site(current=tuple(numbers.tolist()), gust=float(np.abs(rng.normal())))
-        scenario = replace(barrel(), site=site, seed=int(rng.integers(2**31)))
+        scenario = replace(jobs.clean_barrel(), site=site, seed=int(rng.integers(2**31)))
         assert from_dict(tomllib.loads(to_toml(scenario))) == scenario
 
 
@@ -145,20 +144,25 @@ def test_a_bad_file_is_one_line_that_says_what_is_allowed(text, said, tmp_path):
 
 def test_values_are_set_by_the_keys_of_the_file():
     scenario = with_values(
-        barrel(seed=3), ["seed=5", "task.speed = 0.03", "site.current=[0, 0.2, 0]", "belief.arm=a=b.yaml"]
+        jobs.clean_barrel(seed=3), ["seed=5", "task.speed = 0.03", "site.current=[0, 0.2, 0]", "belief.arm=a=b.yaml"]
     )
     assert isinstance(scenario.task, SurfaceWorkTask)
     assert (scenario.seed, scenario.task.speed, scenario.site.current) == (5, 0.03, (0.0, 0.2, 0.0))
     assert scenario.belief.arm == "a=b.yaml"  # absent in the file of the base
-    back = replace(scenario, seed=3, task=barrel().task, site=barrel().site, belief=barrel().belief)
-    assert back == barrel(seed=3)
+    back = replace(
+        scenario,
+        seed=3,
+        task=jobs.clean_barrel().task,
+        site=jobs.clean_barrel().site,
+        belief=jobs.clean_barrel().belief,
+    )
+    assert back == jobs.clean_barrel(seed=3)
 
 
 def test_set_may_be_repeated_and_takes_several():
-    _, of_run = parsed(FileOptions, ["--set", "seed=5", "--set", "task.speed=1", "seed=6"])
-    assert values_of(of_run.set) == ("seed=5", "task.speed=1", "seed=6")
-    _, of_run = parsed(FileOptions, [])
-    assert values_of(of_run.set) == ()
+    typed = ["--set", "seed=5", "--set", "task.speed=1", "seed=6"]
+    assert values_of(parse(file_options(), typed).set) == ("seed=5", "task.speed=1", "seed=6")
+    assert values_of(parse(file_options(), []).set) == ()
 
 
 @pytest.mark.parametrize(
@@ -173,11 +177,11 @@ def test_set_may_be_repeated_and_takes_several():
 )
 def test_a_value_that_cannot_be_set_is_refused(assignment, said):
     with pytest.raises(ConfigurationError, match=f"--set: {said}"):
-        with_values(barrel(), [assignment])
+        with_values(jobs.clean_barrel(), [assignment])
 
 
 def test_a_task_at_the_wrong_site_is_refused():
-    scenario = replace(barrel(), site=SeabedOptions().scenario().site)
+    scenario = replace(jobs.clean_barrel(), site=sample_seabed().site)
     with pytest.raises(ConfigurationError, match="task SurfaceWorkTask: needs a Workpiece at the site, got Ground"):
         assemble(scenario)
 
@@ -189,7 +193,7 @@ def placed(scenario: Scenario) -> PlacedSurfaceWork:
 
 
 def test_a_set_pose_is_the_true_one_and_moves_no_later_draw():
-    drawn = barrel(seed=7)
+    drawn = jobs.clean_barrel(seed=7)
     pose = np.eye(4)
     pose[:3, 3] = [0.1, 0.2, -1.4]
     given = replace(drawn, site=replace(drawn.site, X_WT=tuple(map(tuple, pose.tolist()))))
@@ -224,7 +228,7 @@ def test_a_new_perturbation_acts_and_changes_no_draw_of_others():
     assert 1.0 < drawn["pad_mass"] < 1.5
     assert np.array_equal(alone.compile().body_user, now.body_user)
     assert perturb(models.load("uuv_puma"), [HeavyPad()], seed=4)["pad_mass"] != drawn["pad_mass"]
-    run(assemble(replace(barrel(quick=True), perturbations=(HeavyPad(),))), longest=0.01)
+    run(assemble(replace(jobs.clean_barrel(quick=True), perturbations=(HeavyPad(),))), longest=0.01)
 
 
 # An object of another package, whole: its module, and the entry point that a wheel of it would bring.
@@ -249,7 +253,9 @@ def test_an_object_of_another_package_is_worked_on(tmp_path, monkeypatch):
     monkeypatch.syspath_prepend(str(tmp_path))
     monkeypatch.setattr(OBJECTS, "_found", None)  # what is installed is looked up once
     monkeypatch.delitem(sys.modules, "buoys", raising=False)
-    scenario = replace(barrel(), site=Site(object=KnownObject(object="buoy")), task=SurfaceWorkTask(least=0.5))
+    scenario = replace(
+        jobs.clean_barrel(), site=Site(object=KnownObject(object="buoy")), task=SurfaceWorkTask(least=0.5)
+    )
     work = placed(scenario)
     assert (work.target.name, work.truth.path) == ("buoy", "over")
     assert from_dict(as_dict(scenario)) == scenario
@@ -267,9 +273,9 @@ def test_failures_compose_on_one_plant_and_wait_for_their_event():
         ThrusterFailure(thruster="heave_back", state="work", share=0.5),
         SensorFailure(sensor="vision", at=0.5, duration=1.0),
     )
-    names = assemble(barrel(quick=True)).plant.vehicle.thruster_names
+    names = assemble(jobs.clean_barrel(quick=True)).plant.vehicle.thruster_names
     failures = (failures[0], replace(failures[1], thruster=names[-1]), failures[2])
-    built = assemble(replace(barrel(quick=True), perturbations=failures))
+    built = assemble(replace(jobs.clean_barrel(quick=True), perturbations=failures))
     assert isinstance(built.loop.plant, FaultyPlant)
     assert [fault.thruster for fault in built.loop.plant.faults] == [names.index("heave_front"), len(names) - 1]
     assert [fault.onset.began for fault in built.loop.plant.faults] == [1.0, np.inf]
@@ -296,7 +302,7 @@ def test_a_failure_that_cannot_be_is_refused(make, said):
 
 
 def test_an_unknown_thruster_is_named_with_those_there_are():
-    scenario = replace(barrel(quick=True), perturbations=(ThrusterFailure(thruster="stern", at=0.0),))
+    scenario = replace(jobs.clean_barrel(quick=True), perturbations=(ThrusterFailure(thruster="stern", at=0.0),))
     with pytest.raises(ConfigurationError, match=r"allowed .*heave_front.*got 'stern'"):
         assemble(scenario)
 
@@ -307,7 +313,7 @@ def test_a_scenario_is_no_more_than_a_run_needs():
 
 
 def test_perturbations_can_be_appended_to_a_file_that_has_none(tmp_path):
-    write_scenario(barrel(), tmp_path / "a.toml")
+    write_scenario(jobs.clean_barrel(), tmp_path / "a.toml")
     with (tmp_path / "a.toml").open("a") as written:
         written.write('\n[[perturbations]]\nkind = "Water"\nspread = 0.3\n')
     assert read_scenario(tmp_path / "a.toml").perturbations == (Water(spread=0.3),)
@@ -318,13 +324,15 @@ def test_a_thruster_cannot_fail_inside_a_plant_of_ones_own():
         def on_loop(self, loop):
             return replace(loop, plant=untyped(SimpleNamespace(plant=loop.plant, timestep=loop.plant.timestep)))
 
-    scenario = replace(barrel(quick=True), perturbations=(Wrapped(), ThrusterFailure(thruster="sway", at=0.0)))
+    scenario = replace(
+        jobs.clean_barrel(quick=True), perturbations=(Wrapped(), ThrusterFailure(thruster="sway", at=0.0))
+    )
     with pytest.raises(ConfigurationError, match="comes before perturbations that wrap the plant"):
         assemble(scenario)
 
 
 def test_a_task_of_another_kind_is_refused():
-    scenario = barrel()
+    scenario = jobs.clean_barrel()
     assert scenario.task_of(SurfaceWorkTask) is scenario.task
     with pytest.raises(ConfigurationError, match="'clean_barrel': needs InsertionTask, has SurfaceWorkTask"):
         scenario.task_of(InsertionTask)

@@ -5,7 +5,8 @@ import pytest
 
 from at_rest import at_rest
 from uuv.controllers.planning.placement import Placement
-from uuv.controllers.tasks.contact_phases import FollowLimits, FollowPath
+from uuv.controllers.tasks.contact_phases import FollowPath
+from uuv.controllers.tasks.follow_limits import FollowLimits
 from uuv.controllers.tasks.phase import Context, Held, PhaseEvent, ToolLine
 from uuv.sim.interfaces.messages import ToolPath
 from uuv.sim.interfaces.spatial import exp_so3, pose

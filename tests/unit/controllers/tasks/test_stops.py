@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from uuv.controllers.planning.promise import StopLimits
-from uuv.controllers.tasks.contact_phases import FollowLimits
+from uuv.controllers.tasks.follow_limits import FollowLimits
 from uuv.controllers.tasks.phase import Context
 from uuv.controllers.tasks.stops import Stops
 from uuv.sim.interfaces.errors import ConfigurationError
@@ -108,10 +108,10 @@ def test_it_stops_only_where_navigation_is_poor():
 @pytest.mark.parametrize(
     ("wrong", "said"),
     [
-        ({"every": 0.1}, "--stop-every"),
-        ({"lasting": 20.0}, "lasts"),
-        ({"creep": 0.0}, "creeps"),
-        ({"below": 2.0}, "chance"),
+        ({"every": 0.1}, "task.promise.stops.every"),
+        ({"lasting": 20.0}, "lasting"),
+        ({"creep": 0.0}, "creep "),
+        ({"below": 2.0}, "a chance"),
     ],
 )
 def test_stops_that_cannot_be(wrong, said):

@@ -6,7 +6,7 @@ import numpy as np
 
 from experiments.faults.quiet_runs import CURRENT, GUST, WAVE, WORKERS, SoundCase, draw, summarise
 from untyped import untyped
-from uuv import assemble, barrel
+from uuv import assemble, jobs
 from uuv.sim.interfaces.messages import FaultKind
 
 
@@ -44,7 +44,7 @@ def test_a_gyro_or_an_attitude_that_is_named_fails_the_study_and_another_fault_i
 
 
 def test_navigation_does_without_the_check_where_it_is_left_out():
-    scenario = barrel(quick=True, seed=4)
+    scenario = jobs.clean_barrel(quick=True, seed=4)
     without = replace(scenario, control=replace(scenario.control, without=("gyro-check",)))
     estimators = [untyped(assemble(each).parts.estimator) for each in (scenario, without)]
     assert [estimator.check_gyro for estimator in estimators] == [True, False]

@@ -8,12 +8,14 @@ from typing import ClassVar
 import pytest
 import tyro
 
-from uuv.jobs import BarrelOptions, InsertionOptions, PileOptions, SeabedOptions
+from uuv.cli.job_command_line import options_class
+from uuv.jobs import Job, clean_barrel, clean_pile, insert_sampler, sample_seabed
 from uuv.sim.runs.option_groups import cli
 
 
-@pytest.mark.parametrize("kind", [BarrelOptions, PileOptions, InsertionOptions, SeabedOptions])
-def test_same_options_as_without_groups(kind: type, capsys: pytest.CaptureFixture[str]):
+@pytest.mark.parametrize("job", [clean_barrel, clean_pile, insert_sampler, sample_seabed], ids=lambda job: job.name)
+def test_same_options_as_without_groups(job: Job, capsys: pytest.CaptureFixture[str]):
+    kind = options_class(job)
     args = ["--seed", "3", "--current", "0", "0.2", "0", "--no-record", "--out", "there"]
     assert cli(kind, args) == tyro.cli(kind, args=args)
     assert cli(kind, []) == kind()

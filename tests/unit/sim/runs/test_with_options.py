@@ -4,10 +4,13 @@ from dataclasses import dataclass
 
 import pytest
 
-from uuv.jobs import ContactOptions, ObjectOptions
+from uuv.cli.job_command_line import options_class
+from uuv.jobs import clean_object, identify_friction
 from uuv.scenario import Sensing
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.runs.command_line import RunOptions, parse, run_scenario, with_options
+
+OBJECT = options_class(clean_object)
 
 
 @dataclass(kw_only=True)
@@ -33,7 +36,7 @@ class LookOptions(RunOptions):
     ],
 )
 def test_the_option_is_named_beside_the_key(message: str, words: str):
-    assert with_options(message, ObjectOptions) == words
+    assert with_options(message, OBJECT) == words
 
 
 @pytest.mark.parametrize(
@@ -49,11 +52,16 @@ def test_the_option_is_named_beside_the_key(message: str, words: str):
     ],
 )
 def test_other_messages_stay_as_they_are(message: str):
-    assert with_options(message, ObjectOptions) == message
+    assert with_options(message, OBJECT) == message
+
+
+def test_an_argument_of_the_job_alone_is_named_by_its_option():
+    message = "gear_spread: must be finite, >= 0, got -1"
+    assert with_options(message, options_class(identify_friction)) == message.replace("gear_spread", "--gear-spread")
 
 
 def test_a_key_with_an_option_of_another_name_does_not_lend_it_to_others():
-    assert with_options("task.turn [rad]", ContactOptions) == "task.turn [rad]"
+    assert with_options("task.turn [rad]", OBJECT) == "task.turn [rad]"
 
 
 def test_the_command_says_it_and_a_script_gets_the_key(capsys: pytest.CaptureFixture[str]):

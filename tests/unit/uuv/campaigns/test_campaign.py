@@ -16,7 +16,7 @@ from uuv.campaigns.campaign import Campaign, CampaignRun, one_run, read_campaign
 from uuv.campaigns.distributions import DESIGNS, Design, Distribution, drawn
 from uuv.experiment import Summary
 from uuv.experiment.row_table import SCHEMA_VERSION, RowTable
-from uuv.jobs import barrel
+from uuv.jobs import clean_barrel
 from uuv.perturbations.pad import Pad
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.runs.provenance import versions
@@ -115,7 +115,7 @@ def test_a_file_gives_the_scenarios_of_its_runs(tmp_path):
         assert one.belief.water_error == 0.0
         assert one.perturbation(Pad).stiffness == run.values["perturbations.Pad.stiffness"]
         assert list(one.site.current) == run.values["site.current"]
-        assert one.site.object == barrel(quick=True).site.object
+        assert one.site.object == clean_barrel(quick=True).site.object
     assert campaign.name == scenarios[0].name == "mine"
     assert campaign.runs(2) == runs[:2]
 
@@ -123,9 +123,9 @@ def test_a_file_gives_the_scenarios_of_its_runs(tmp_path):
 def test_a_scenario_file_may_be_the_base(tmp_path):
     from uuv import write_scenario
 
-    write_scenario(barrel(quick=True, path="transverse"), tmp_path / "base.toml")
+    write_scenario(clean_barrel(quick=True, path="transverse"), tmp_path / "base.toml")
     text = FILE.replace('"barrel"', '"base.toml"').replace("quick = true\n", "")
-    assert read(tmp_path, text).runs()[0].scenario().task == barrel(quick=True, path="transverse").task
+    assert read(tmp_path, text).runs()[0].scenario().task == clean_barrel(quick=True, path="transverse").task
 
 
 @pytest.mark.parametrize("name", ["contact", "contact_quick"])
@@ -157,8 +157,8 @@ def test_examples_can_be_read(root, name):
         ("cases = 4", "cases = 4\nworkers = 2", r"no key 'workers'; there are"),
         ("cases = 4", 'cases = 4\ndesign = "grid"', r"design: allowed random, sobol, latin-hypercube, got 'grid'"),
         ("cases = 4", "cases = 4\nkept = 2.0", r"kept"),
-        ('"barrel"', '"ship"', r"base: allowed barrel, .* got 'ship'"),
-        ('"barrel"', '"gone.toml"', r"quick: only with a base by name"),
+        ('"barrel"', '"ship"', r"base: allowed clean-barrel, .* got 'ship'"),
+        ('"barrel"', '"gone.toml"', r"quick: only with a job as base"),
         ("[set]", "[limits]\ntime = 3\n[set]", r"limits: no key 'time'; there are time_s"),
         ("[set]", "[set", r"cannot be read"),
     ],
@@ -313,8 +313,8 @@ def test_two_commands_do_not_share_a_folder(verb, tmp_path):
 
 def test_each_task_names_the_figures_of_its_runs():
     from uuv.campaigns.campaign import metric_names
-    from uuv.jobs import GearOptions, InspectionOptions
+    from uuv.jobs import identify_friction, inspect_object
 
-    friction, inspection = (metric_names(kind().scenario()) for kind in (GearOptions, InspectionOptions))
+    friction, inspection = (metric_names(job()) for job in (identify_friction, inspect_object))
     assert any(name.startswith("friction.") for name in friction - inspection), sorted(friction)
     assert any(name.startswith("inspection.") for name in inspection - friction), sorted(inspection)

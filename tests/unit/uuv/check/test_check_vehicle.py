@@ -18,7 +18,7 @@ from uuv.check.jobs import restless
 from uuv.check.preflight import preflight
 from uuv.check.table import print_check
 from uuv.cli import check_vehicle as command
-from uuv.jobs import barrel
+from uuv.jobs import clean_barrel
 from uuv.models import hydrodynamics
 from uuv.models.naming import CAMERA_SITE, HULL_BODY, TIP_SITE
 from uuv.own_vehicle import OwnVehicle, vehicle_spec
@@ -232,7 +232,7 @@ def test_a_fault_refuses_jobs(sound: dict[str, mujoco.MjSpec]) -> None:
         verdict = check_vehicle(spec, jobs=("barrel-longitudinal",)).verdict("barrel-longitudinal")
         assert (verdict.promised, verdict.code) == (False, code)
         with pytest.raises(ConfigurationError, match=r"the work was not begun: .* uuv check"):
-            preflight(barrel(), OwnVehicle.of(spec))
+            preflight(clean_barrel(), OwnVehicle.of(spec))
     assert check_vehicle(servo, jobs=("hover",)).verdict("hover").promised
     with pytest.raises(ConfigurationError, match="hammer"):
         check_vehicle(sound["uuv_puma"], tool="hammer", jobs=())
@@ -293,7 +293,7 @@ def test_findings_are_printed_with_their_codes(sound: dict[str, mujoco.MjSpec]) 
 
 def test_a_job_far_beyond_a_vehicle_is_not_begun(sound: dict[str, mujoco.MjSpec]) -> None:
     """And one that is beyond `ready` alone is begun with a line about it, a sound one without."""
-    job, own = barrel(), OwnVehicle.of(sound["uuv_puma"].copy())
+    job, own = clean_barrel(), OwnVehicle.of(sound["uuv_puma"].copy())
     assert preflight(job, own) == []
     weak = sound["uuv_puma"].copy()
     arm_too_weak(weak)
@@ -306,10 +306,10 @@ def test_a_job_far_beyond_a_vehicle_is_not_begun(sound: dict[str, mujoco.MjSpec]
     ):
         preflight(job, OwnVehicle.of(blind))
     small = OwnVehicle.of(sound["bluerov2_heavy_alpha5"].copy())
-    (said,) = preflight(barrel(vehicle="bluerov2_heavy_alpha5", forces=(80.0,)), small)
+    (said,) = preflight(clean_barrel(vehicle="bluerov2_heavy_alpha5", forces=(80.0,)), small)
     assert re.fullmatch(r"doubtful: .* the job sets 80 N; --forces \d+ may do|doubtful: 80 N .* of a thruster.*", said)
     with pytest.raises(ConfigurationError, match="the tool's spring is at its end at 100 N, the job sets 110 N"):
-        preflight(barrel(vehicle="bluerov2_heavy_alpha5", forces=(110.0,)), small)
+        preflight(clean_barrel(vehicle="bluerov2_heavy_alpha5", forces=(110.0,)), small)
 
 
 def test_gravity_that_points_up_is_said(sound: dict[str, mujoco.MjSpec]) -> None:

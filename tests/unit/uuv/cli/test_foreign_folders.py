@@ -18,7 +18,7 @@ from uuv.campaigns.distributions import Distribution
 from uuv.cli.main import main
 from uuv.cli.past import compare_runs
 from uuv.experiment.row_log import RowLog
-from uuv.jobs import barrel
+from uuv.jobs import clean_barrel
 from uuv.scenario_file import read_scenario, to_toml
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.messages import WorkState
@@ -28,7 +28,7 @@ from uuv.sim.reporting.series_files import Column, write_table
 from uuv.sim.runs.run_folder import alone_in
 from uuv.sim.runs.saving import write_whole
 
-SCENARIO = to_toml(barrel(seed=4, quick=True))
+SCENARIO = to_toml(clean_barrel(seed=4, quick=True))
 CODE = SCENARIO.replace('kind = "SurfaceWork"', 'kind = "stranger:Task"')
 
 

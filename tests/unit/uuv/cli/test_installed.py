@@ -12,9 +12,9 @@ import pytest
 TWICE = """
 import os
 import sys
-from uuv import assemble, barrel, read_scenario, run, show
+from uuv import assemble, jobs, read_scenario, run, show
 from uuv.scenario_file import from_dict, as_dict
-assert from_dict(as_dict(barrel(seed=1))) == barrel(seed=1)
+assert from_dict(as_dict(jobs.clean_barrel(seed=1))) == jobs.clean_barrel(seed=1)
 names = {}
 for name, module in list(sys.modules.items()):
     if getattr(module, "__file__", None):
@@ -24,8 +24,8 @@ assert len(ours) > 100, len(ours)
 print({file: found for file, found in ours.items() if len(found) > 1})
 """
 MAIN_JOB = """
-from uuv import barrel, run, show
-r = run(barrel(seed=0, quick=True))
+from uuv import jobs, run, show
+r = run(jobs.clean_barrel(seed=0, quick=True))
 show(r, "my_run")
 print(r.assessment.accepted, r.assessment.failed)
 """
@@ -193,7 +193,7 @@ print([each.get("text", "") for cell in notebook.cells for each in cell.outputs 
 LOGGED = """
 from uuv.sim.reporting.rerun_log import RerunLog
 from uuv import assemble
-made = assemble(barrel(seed=0, quick=True), full=True)
+made = assemble(jobs.clean_barrel(seed=0, quick=True), full=True)
 with RerunLog("run.rrd", made.plant.model, timestep=made.plant.timestep) as log:
     r = run(made, observers=[log], longest=1.0)
 print(r.assessment.accepted)

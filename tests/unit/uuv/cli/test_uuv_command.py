@@ -19,7 +19,7 @@ from uuv.cli.main import USAGE, VERBS
 from uuv.cli.past.compare_runs import alike
 from uuv.cli.past.picture import CLIP, STILL
 from uuv.cli.past.run_scene import FRAMES, HEIGHT, WIDTH
-from uuv.jobs import barrel
+from uuv.jobs import clean_barrel
 from uuv.scenario_file import write_scenario
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.reporting.series_tables import PastRun
@@ -77,12 +77,16 @@ def test_list_names_everything_that_the_registries_do_without_importing_them(uuv
         (["run", "clean-barel"], "(did you mean clean-barrel?)"),
         (["run", "clean-object", "--object", "baril"], "(did you mean barrel?)"),
         (["run", "nothing.toml"], "nothing.toml"),
-        (["run", "clean-barrel", "--blend", "0.1"], "--blend 0.1: a round tool does not turn"),
+        (
+            ["run", "clean-barrel", "--blend", "0.1"],
+            "--blend (task.turn.blend) 0.1: needs --turn (task.turn.angle) too",
+        ),
         (
             ["run", "clean-barrel", "--turn", "0", "--dwell", "--blend", "0.1"],
             "--dwell (task.turn.dwell) and --blend (task.turn.blend) 0.1",
         ),
-        (["run", "clean-barrel", "--target-pose", "known", "--sensor", "sonar"], "nothing looks for the object"),
+        (["run", "clean-barrel", "--target-pose", "known"], "--target-pose: a known pose is now --sensor survey"),
+        (["run", "clean-barrel", "--sensor", "survey", "--looks", "3"], "nothing looks for the object"),
         (["run", "clean-barrel", "--set"], "--set: KEY=VALUE is missing"),
         (["run", "clean-barrel", "--set", "task.sped=1"], "--set: "),
         (["run"], "NAME: missing"),
@@ -94,7 +98,10 @@ def test_list_names_everything_that_the_registries_do_without_importing_them(uuv
             "--line (site.object.line): must be at least 0.05 m long",
         ),
         (["run", "clean-object", "--line", "5", "5", "6", "6"], "rays miss it"),
-        (["run", "clean-object", "--line", "0", "0", "1", "1", "--path", "top"], "--path and --line: one of the two"),
+        (
+            ["run", "clean-object", "--line", "0", "0", "1", "1", "--path", "top"],
+            "--path (task.path) 'top' and --line (site.object.line): one of the two",
+        ),
         (["replay", "elsewhere"], "elsewhere: no run, a folder with metrics.json"),
         (["check", "no_module:hull"], "vehicle 'no_module:hull': cannot be imported"),
         (["new", "boat", "mine"], "no skeleton of a 'boat'; there are controller"),
@@ -114,13 +121,13 @@ WITHOUT_FIGURES = ("new", "completion", "report", "view", "picture")  # they lea
 LIGHT = """
 import contextlib, io, json, sys, time
 from uuv.cli.main import VERBS, main
-from uuv.catalogue import JOBS
+from uuv.jobs import JOBS
 told = {}
-for words in (*(name.split() for name in VERBS), *(["run", job] for job in JOBS)):
+for words in (*(name.split() for name in VERBS), *(["run", job] for job in JOBS.names())):
     sys.argv, begun, said = ["uuv", *words, "--help"], time.process_time(), io.StringIO()
     with contextlib.redirect_stdout(said), contextlib.suppress(SystemExit):
         main()
-    heavy = sorted({"mujoco", "numba", "scipy"} & sys.modules.keys())
+    heavy = sorted({"numba", "scipy"} & sys.modules.keys())
     told[" ".join(words)] = (time.process_time() - begun, heavy, said.getvalue())
 print(json.dumps(told))
 """
@@ -166,7 +173,6 @@ def test_every_verb_is_completed_and_prints_its_figures_as_json(name: str):
         (["show_models"], "show_models: that is now `uuv models`"),
         (["validate-physics"], "validate-physics: that is now `uuv validate`"),
         (["contact-score"], "contact-score: that is now `uuv benchmark`"),
-        (["run", "identify_friction"], "identify_friction is no job, but a verb of its own: `uuv identify friction`"),
         (["run", "campaign"], "campaign is no job, but a verb of its own: `uuv campaign`"),
         (["identify"], "identify: needs one of object, friction, water, got none"),
         (["identify", "watr"], "identify: needs one of object, friction, water, got watr (did you mean water?)"),
@@ -215,7 +221,7 @@ def test_pictures_ask_for_egl_only_where_it_is(uuv, monkeypatch: pytest.MonkeyPa
 
 
 def test_a_run_is_repeated_compared_and_read_back(uuv, tmp_path: Path):
-    job = barrel(seed=1, quick=True, target_pose="known")
+    job = clean_barrel(seed=1, quick=True, sensor="survey")
     write_scenario(job, tmp_path / "mine.toml")
     made = json.loads(uuv("run", "mine.toml", "--json", "--out", "first", "--set", "task.speed=0.04"))
     assert made["accepted"]

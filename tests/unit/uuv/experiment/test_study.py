@@ -14,7 +14,7 @@ import jsonschema
 import numpy as np
 import pytest
 
-from uuv import assemble, barrel, models
+from uuv import assemble, jobs, models
 from uuv import run as run_of
 from uuv.models.vehicle import Vehicle
 from uuv.perturbations.pad import Pad
@@ -102,7 +102,7 @@ def test_ranges_that_cannot_be_are_refused(study, given, said):
 
 
 def test_a_stiff_surface_costs_substeps_of_the_plant_and_no_steps_of_the_loop():
-    scenario = replace(barrel(quick=True), perturbations=(Pad(stiffness=3e5),))
+    scenario = replace(jobs.clean_barrel(quick=True), perturbations=(Pad(stiffness=3e5),))
     built = assemble(scenario)
     assert built.plant.timestep == pytest.approx(DT, rel=1e-12)
     assert built.plant.substeps > 4
@@ -283,7 +283,7 @@ def test_a_signal_after_the_run_costs_nothing_of_it(tmp_path, monkeypatch):
     said = StringIO()
     monkeypatch.setattr(whole_run, "PlainConsole", lambda: PlainConsole(file=said))
     with pytest.raises(Interrupted) as ended:
-        whole_run.command(barrel(quick=True), RunOptions(record=False, out=tmp_path / "out"), 0.0)
+        whole_run.command(jobs.clean_barrel(quick=True), RunOptions(record=False, out=tmp_path / "out"), 0.0)
     assert ended.value.code == 143
     assert {"metrics.json", "scenario.toml"} <= {file.name for file in (tmp_path / "out").iterdir()}
     assert "written to" in said.getvalue()

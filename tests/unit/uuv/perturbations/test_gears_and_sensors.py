@@ -10,7 +10,7 @@ import pytest
 from untyped import untyped
 from uuv import models
 from uuv.assembly import assemble
-from uuv.jobs import barrel
+from uuv.jobs import clean_barrel
 from uuv.models.files.keyframes import keyframes_kept
 from uuv.models.vehicle import Vehicle
 from uuv.perturbations.elastic_gears import TWIST, ElasticGears
@@ -125,7 +125,7 @@ def test_torque_sensors_drift_as_said_and_draw_as_without():
 
 
 def test_perturbed_sensors_reach_the_loop():
-    scenario = replace(barrel(), perturbations=(DriftingTorque(sigma=0.3), AttitudeError(sigma=2e-3)))
+    scenario = replace(clean_barrel(), perturbations=(DriftingTorque(sigma=0.3), AttitudeError(sigma=2e-3)))
     sensors = assemble(scenario).parts.sensors
     assert [type(sensor) for sensor in sensors].count(DriftingTorqueSensors) == 1
     (imu,) = (sensor for sensor in sensors if isinstance(sensor, Imu))

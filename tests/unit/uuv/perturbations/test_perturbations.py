@@ -8,7 +8,7 @@ import pytest
 
 from uuv import models
 from uuv.assembly import assemble
-from uuv.jobs import barrel
+from uuv.jobs import clean_barrel
 from uuv.models import hydrodynamics
 from uuv.models.site.sliding_contact import FRICTION_TIME, LONGEST, let_tool_slide
 from uuv.models.vehicle import Vehicle
@@ -44,8 +44,8 @@ def test_sensors_of_a_job_that_varies_nothing_are_the_ones_that_come_by_default(
 
 def test_wandering_vision_wanders_as_said_and_no_other_sensor_changes():
     """Assembled: white noise, rate and delay of the job stay, and so do its other sensors."""
-    plain = assemble(barrel()).parts.sensors
-    wandering = assemble(replace(barrel(), perturbations=(WanderingVision(sigma=3e-3, time=60.0),))).parts.sensors
+    plain = assemble(clean_barrel()).parts.sensors
+    wandering = assemble(replace(clean_barrel(), perturbations=(WanderingVision(sigma=3e-3, time=60.0),))).parts.sensors
     for one, other in zip(plain, wandering, strict=True):
         if isinstance(one, proprioception.VisionDrift):
             assert other == replace(one, bias=3e-3, bias_time=60.0)

@@ -6,9 +6,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from uuv import assemble, barrel
+from uuv import assemble, jobs
 from uuv.controllers.planning.trajectories import Progress
-from uuv.jobs import BarrelOptions, InsertionOptions, PileOptions, SeabedOptions
+from uuv.jobs import insert_sampler, sample_seabed
+from uuv.scenario import Scenario
 from uuv.sim.evaluation.force_levels import long_enough
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.site import Barrel, Pile
@@ -71,33 +72,33 @@ def test_it_is_refused_at_the_door():
     from uuv.inputs import check_inputs
 
     with pytest.raises(ConfigurationError, match=r"task\.speed 0\.08 over 0\.2 m: the set force of 90 N, 2 of 3"):
-        check_inputs(barrel(quick=True, speed=0.08))
+        check_inputs(jobs.clean_barrel(quick=True, speed=0.08))
     with pytest.raises(ConfigurationError, match=r"longest 100 s: the work alone takes 2002 s"):
-        check_inputs(barrel(speed=0.0003), longest=100.0)
+        check_inputs(jobs.clean_barrel(speed=0.0003), longest=100.0)
     with pytest.raises(ConfigurationError, match=r"longest \[s\]"):
-        check_inputs(barrel(), longest=-1.0)
+        check_inputs(jobs.clean_barrel(), longest=-1.0)
 
 
 def test_a_slow_job_has_the_time_that_it_needs():
-    task = barrel(speed=0.0005).task
+    task = jobs.clean_barrel(speed=0.0005).task
     assert isinstance(task, SurfaceWorkTask)
-    assert assemble(barrel(speed=0.0005)).placed.longest > 1.5 * 0.6 / 0.0005
-    assert assemble(barrel()).placed.longest == 400.0
+    assert assemble(jobs.clean_barrel(speed=0.0005)).placed.longest > 1.5 * 0.6 / 0.0005
+    assert assemble(jobs.clean_barrel()).placed.longest == 400.0
 
 
 def test_an_option_that_is_given_wins_over_a_quick_job():
-    def site(options: BarrelOptions | PileOptions) -> tuple[float, float]:
-        of = options.scenario().site.object
+    def site(scenario: Scenario) -> tuple[float, float]:
+        of = scenario.site.object
         assert isinstance(of, Barrel | Pile)
         return round(np.degrees(of.arc), 9), of.length
 
-    assert site(BarrelOptions(quick=True, path="transverse", arc=360.0)) == (360.0, 0.2)
-    assert site(BarrelOptions(quick=True, length=0.6)) == (60.0, 0.6)
-    assert site(BarrelOptions()) == (180.0, 0.6)
-    assert site(PileOptions(quick=True, arc=100.0, length=0.5)) == (100.0, 0.5)
-    deep = InsertionOptions(quick=True, depth=60.0).scenario().task
+    assert site(jobs.clean_barrel(quick=True, path="transverse", arc=360.0)) == (360.0, 0.2)
+    assert site(jobs.clean_barrel(quick=True, length=0.6)) == (60.0, 0.6)
+    assert site(jobs.clean_barrel()) == (180.0, 0.6)
+    assert site(jobs.clean_pile(quick=True, arc=100.0, length=0.5)) == (100.0, 0.5)
+    deep = insert_sampler(quick=True, depth=60.0).task
     assert isinstance(deep, InsertionTask)
     assert deep.depth == pytest.approx(0.06)
-    hard = SeabedOptions(quick=True, push=50.0).scenario().task
+    hard = sample_seabed(quick=True, push=50.0).task
     assert isinstance(hard, SeabedSamplingTask)
     assert hard.push == 50.0

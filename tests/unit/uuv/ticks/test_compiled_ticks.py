@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from untyped import untyped
-from uuv import Scenario, assemble, barrel
+from uuv import Scenario, assemble, jobs
 from uuv.assembly import Assembly
 from uuv.controllers.arm.kernel_force_law import KernelForceLaw
 from uuv.controllers.arm.position_force import ForceDisplacement
@@ -18,7 +18,7 @@ from uuv.controllers.safety.safety_wrapper import SafetyWrapper
 from uuv.controllers.tuning import FaultLimits
 from uuv.controllers.whole_body.tool_control import ForceLaw
 from uuv.controllers.whole_body.work_controller import WorkController
-from uuv.jobs import InsertionOptions, InspectionOptions, ObjectOptions, PileOptions, SeabedOptions
+from uuv.jobs import clean_object, clean_pile, insert_sampler, inspect_object, sample_seabed
 from uuv.perturbations.loop import SensorFailure, ThrusterFailure
 from uuv.perturbations.pad import Pad
 from uuv.perturbations.vehicle import Water
@@ -55,21 +55,21 @@ def digests(
 
 @pytest.mark.parametrize("full", [True, False])
 def test_a_run_with_gusts_has_the_same_bits(full):
-    one, other = digests(barrel(quick=True, gust=0.05), EARLY, full=full)
+    one, other = digests(jobs.clean_barrel(quick=True, gust=0.05), EARLY, full=full)
     assert one == other
 
 
 def test_a_recording_that_outgrows_its_table_has_the_same_bits(monkeypatch):
     """The table of rows grows in ticks of either kind."""
     monkeypatch.setattr(recording, "_ROWS", 61)
-    one, other = digests(barrel(quick=True), 0.6)
+    one, other = digests(jobs.clean_barrel(quick=True), 0.6)
     assert one == other
 
 
 def test_lost_vision_is_found_at_the_same_tick():
     """Vision falls silent; its age passes the limit between two slow ticks, and the fault ends the compiled ones."""
     silent = SensorFailure(sensor="vision", effect="lost", at=1.0)
-    scenario, found = replace(barrel(quick=True), perturbations=(silent,)), []
+    scenario, found = replace(jobs.clean_barrel(quick=True), perturbations=(silent,)), []
     for part_by_part in (True, False):
         result = run_through(assemble(scenario, full=True), longest=EARLY, part_by_part=part_by_part)
         assert bool(result.part_by_part) == part_by_part
@@ -90,7 +90,7 @@ def test_a_gyro_that_is_off_is_found_at_the_same_tick(monkeypatch):
     monkeypatch.setattr(Imu, "init", off)
     found = []
     for part_by_part in (True, False):
-        result = run_through(assemble(barrel(quick=True), full=True), longest=1.0, part_by_part=part_by_part)
+        result = run_through(assemble(jobs.clean_barrel(quick=True), full=True), longest=1.0, part_by_part=part_by_part)
         assert bool(result.part_by_part) == part_by_part
         assert (FaultKind.GYRO, 2) in {(fault.kind, fault.index) for fault in result.last.command.faults}
         found.append(result.recording.digest(result.recording.series))
@@ -104,7 +104,7 @@ def test_a_fix_between_two_ticks_of_the_planner_is_taken_at_its_own_tick():
         sensors = [replace(s, period=0.006) if isinstance(s, Dvl) else s for s in assembly.parts.sensors]
         return replace(assembly, loop=replace(assembly.loop, parts=replace(assembly.parts, sensors=sensors)))
 
-    one, other = digests(barrel(quick=True), 1.5, often)
+    one, other = digests(jobs.clean_barrel(quick=True), 1.5, often)
     assert one == other
 
 
@@ -118,13 +118,13 @@ def test_doubtful_residuals_are_looked_at_in_every_tick():
         wrapper = SafetyWrapper(wrapper.controller, assembly.plant.model, limits=limits)
         return replace(assembly, loop=replace(assembly.loop, parts=replace(assembly.parts, controller=wrapper)))
 
-    one, other = digests(barrel(quick=True), 1.5, narrow)
+    one, other = digests(jobs.clean_barrel(quick=True), 1.5, narrow)
     assert one == other
 
 
 def stopping() -> Scenario:
     """A tool that stops whatever is promised."""
-    plain = barrel(quick=True, gust=0.05, seed=3)
+    plain = jobs.clean_barrel(quick=True, gust=0.05, seed=3)
     assert isinstance(plain.task, SurfaceWorkTask)
     return replace(plain, task=replace(plain.task, promise=PromiseLimits(stops=StopLimits(every=1.0, below=1.0))))
 
@@ -140,7 +140,7 @@ def test_a_tool_that_stops_tells_navigation_at_the_same_ticks_in_every_way():
     """Part by part, and compiled around a controller without a kernel; that it stops shows in the time it takes."""
     one, other = digests(stopping(), LONGEST, bare)
     assert one == other
-    usual = run_through(bare(assemble(barrel(quick=True, gust=0.05, seed=3)))).recording.duration
+    usual = run_through(bare(assemble(jobs.clean_barrel(quick=True, gust=0.05, seed=3)))).recording.duration
     assert run_through(bare(assemble(stopping()))).recording.duration > usual + 4.0
 
 
@@ -148,17 +148,17 @@ def test_a_tool_that_stops_tells_navigation_at_the_same_ticks_in_every_way():
 @pytest.mark.parametrize(
     "scenario",
     [
-        barrel(quick=True, gust=0.05, seed=3),
-        barrel(quick=True, path="longitudinal", current=(0.3, 0.1, 0.0)),
-        barrel(quick=True, arm_errors=3, calibrated=True),
-        barrel(quick=True, vehicle="uuv_puma_side"),
-        replace(barrel(quick=True), perturbations=(Water(spread=0.3), Pad(stiffness=2e5))),
+        jobs.clean_barrel(quick=True, gust=0.05, seed=3),
+        jobs.clean_barrel(quick=True, path="longitudinal", current=(0.3, 0.1, 0.0)),
+        jobs.clean_barrel(quick=True, arm_errors=3, calibrated=True),
+        jobs.clean_barrel(quick=True, vehicle="uuv_puma_side"),
+        replace(jobs.clean_barrel(quick=True), perturbations=(Water(spread=0.3), Pad(stiffness=2e5))),
         stopping(),
-        PileOptions(quick=True).scenario(),
-        ObjectOptions().scenario(),
-        InsertionOptions().scenario(),
-        InspectionOptions().scenario(),
-        SeabedOptions(work="core").scenario(),
+        clean_pile(quick=True),
+        clean_object(),
+        insert_sampler(),
+        inspect_object(),
+        sample_seabed(work="core"),
     ],
     ids=[
         "gusts",
@@ -201,8 +201,8 @@ def with_force_law(law: ForceLaw) -> Callable[[Assembly], Assembly]:
 def test_a_force_law_of_ones_own_has_the_same_bits():
     """It runs compiled, and differs from the default one."""
     law = KernelForceLaw(law=integrate)
-    one, other = digests(barrel(quick=True), LONGEST, with_force_law(law), full=False)
-    usual = run_through(with_force_law(ForceDisplacement())(assemble(barrel(quick=True)))).recording
+    one, other = digests(jobs.clean_barrel(quick=True), LONGEST, with_force_law(law), full=False)
+    usual = run_through(with_force_law(ForceDisplacement())(assemble(jobs.clean_barrel(quick=True)))).recording
     assert one == other
     assert one != usual.digest(usual.series)
 
@@ -218,11 +218,11 @@ class EveryTick:
 
 
 def test_what_has_no_kernel_is_named():
-    built = assemble(barrel(quick=True))
+    built = assemble(jobs.clean_barrel(quick=True))
     plant, parts = built.loop.plant, built.parts
     assert reason(plant, parts, ()) == ""
     for ik in ("jacobian_free", "plain"):
-        other = assemble(barrel(quick=True, ik=ik)).loop
+        other = assemble(jobs.clean_barrel(quick=True, ik=ik)).loop
         assert reason(other.plant, other.parts, ()) == ""
     assert reason(plant, parts, (EveryTick(),)) == "observer EveryTick"
     assert "Encoders" in reason(plant, replace(parts, sensors=parts.sensors[1:]), ())
@@ -230,9 +230,9 @@ def test_what_has_no_kernel_is_named():
         (ThrusterFailure(thruster="sway", at=1.0), "plant FaultyPlant"),
         (SensorFailure(sensor="torque", effect="frozen", field="tau", index=1, at=1.0), "JointTorqueSensors"),
     ):
-        loop = assemble(replace(barrel(quick=True), perturbations=(perturbation,))).loop
+        loop = assemble(replace(jobs.clean_barrel(quick=True), perturbations=(perturbation,))).loop
         assert named in reason(loop.plant, loop.parts, ())
-    loop = assemble(barrel(quick=True, without=("fusion",))).loop
+    loop = assemble(jobs.clean_barrel(quick=True, without=("fusion",))).loop
     assert "RawNavigation" in reason(loop.plant, loop.parts, ())
 
 
@@ -242,12 +242,12 @@ def ticks_of(plant: Any, parts: Parts) -> type:
 
 
 def test_a_controller_without_a_kernel_has_the_rest_compiled_around_it():
-    built = assemble(barrel(quick=True))
+    built = assemble(jobs.clean_barrel(quick=True))
     assert ticks_of(built.plant, built.parts) is CompiledTicks
     bare = replace(built.parts, controller=untyped(built.parts.controller).controller)
     assert ticks_of(built.plant, bare) is TicksAround
     for without in ("force-control", "drift-correction"):
-        other = assemble(barrel(quick=True, without=(without,)))
+        other = assemble(jobs.clean_barrel(quick=True, without=(without,)))
         assert reason(other.loop.plant, other.parts, ()) == ""
         assert ticks_of(other.plant, other.parts) is TicksAround
 
@@ -269,14 +269,14 @@ GUARD = "tests/unit/uuv/ticks/test_compiled_ticks.py::test_a_run_around_a_contro
     ],
 )
 def test_a_run_around_a_controller_has_the_same_bits(control, full):
-    one, other = digests(replace(barrel(quick=True, gust=0.05), control=control), EARLY, full=full)
+    one, other = digests(replace(jobs.clean_barrel(quick=True, gust=0.05), control=control), EARLY, full=full)
     assert one == other
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("control", [Control(without=("drift-correction",)), JOINT_PD], ids=["ablated", "own"])
 def test_whole_runs_around_a_controller_have_the_same_bits(control):
-    one, other = digests(replace(barrel(quick=True, gust=0.05), control=control), LONGEST, full=False)
+    one, other = digests(replace(jobs.clean_barrel(quick=True, gust=0.05), control=control), LONGEST, full=False)
     assert one == other
 
 
@@ -298,7 +298,7 @@ class Wrong:
 def test_a_command_that_is_none_is_refused_as_part_by_part(change):
     said = []
     for part_by_part in (True, False):
-        built = assemble(barrel(quick=True))
+        built = assemble(jobs.clean_barrel(quick=True))
         controller = Wrong(untyped(built.parts.controller).controller, **change)
         loop = replace(built.loop, parts=replace(built.parts, controller=controller))
         with pytest.raises(ConfigurationError) as refused:
@@ -309,13 +309,13 @@ def test_a_command_that_is_none_is_refused_as_part_by_part(change):
 
 def test_an_observer_of_every_tick_sees_every_tick():
     counting = EveryTick()
-    result = run_through(assemble(barrel(quick=True)), observers=[counting], longest=0.2)
+    result = run_through(assemble(jobs.clean_barrel(quick=True)), observers=[counting], longest=0.2)
     assert (counting.calls, result.part_by_part) == (100, "observer EveryTick")
 
 
 def test_runs_in_threads_have_the_bits_of_runs_in_turn():
     def digest(seed: int) -> str:
-        return run_through(assemble(barrel(quick=True, seed=seed)), longest=1.0).recording.digest(EVERY_STEP)
+        return run_through(assemble(jobs.clean_barrel(quick=True, seed=seed)), longest=1.0).recording.digest(EVERY_STEP)
 
     in_turn = [digest(seed) for seed in (0, 1)]
     with ThreadPoolExecutor(2) as pool:

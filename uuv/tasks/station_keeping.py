@@ -1,0 +1,119 @@
+"""Station keeping: the hull holds its place in open water, the arm folded."""
+
+from collections.abc import Collection
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
+
+import mujoco
+import numpy as np
+
+from uuv.models.naming import CAMERA_SITE, TOOL_GEOM
+from uuv.outcome import NoFigures, RunResult
+from uuv.own_vehicle import OwnVehicle
+from uuv.scenario import PlacedTask, Scenario, Task
+from uuv.sim.evaluation.metrics import Assessment, Requirement
+from uuv.sim.interfaces.messages import WorkState
+from uuv.sim.interfaces.options import option
+from uuv.sim.interfaces.spatial import Array, finite_number, pose
+from uuv.site import OpenWater
+from uuv.tasks.approach import object_of
+
+if TYPE_CHECKING:
+    from uuv.controllers.tasks.task import TaskPlanner
+
+LONGEST = 3600.0  # [s] of station keeping
+DEPTH = 2.0  # [m] of the hull
+_TO_REST = 90.0  # [s] simulated before the hull must be at rest, with the rest at its end
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StationBounds:
+    """Acceptance bounds on the true hull, from the moment at which it has come to rest."""
+
+    drift: float = 0.06  # [m] from its place: as far off as a hull that counts as at rest
+    tilt: float = float(np.radians(5.0))  # [rad]
+
+
+@dataclass(frozen=True, kw_only=True)
+class StationKeepingTask(Task):
+    """Hold the hull at its place for some time, the arm folded."""
+
+    spares: ClassVar[Collection[str]] = (CAMERA_SITE, TOOL_GEOM)
+    heeds: ClassVar[Collection[str]] = ("without", "dead_beams")
+    seconds: float = option(30.0, "Time for which the hull holds its place [s], once it is at rest.")
+
+    def __post_init__(self) -> None:
+        finite_number(self.seconds, "task.seconds [s]", least=1.0, most=LONGEST)
+
+    def check_inputs(self, scenario: Scenario) -> None:
+        """Refuses a site with an object."""
+        super().check_inputs(scenario)
+        object_of(scenario, OpenWater)
+
+    def least_seconds(self, scenario: Scenario) -> float:
+        """Time [s] of holding."""
+        del scenario
+        return self.seconds
+
+    def place(self, scenario: Scenario, own: OwnVehicle, rng: np.random.Generator) -> "PlacedStationKeeping":
+        """The task; nothing is drawn."""
+        del rng
+        return PlacedStationKeeping(scenario=scenario, own=own, task=self)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PlacedStationKeeping(PlacedTask):
+    """Station keeping at its place."""
+
+    scenario: Scenario
+    own: OwnVehicle
+    task: StationKeepingTask
+
+    @property
+    def title(self) -> str:
+        """Title of log and report."""
+        return f"Station keeping of {self.scenario.vehicle.vehicle}, seed {self.scenario.seed}"
+
+    @property
+    def longest(self) -> float:
+        """Limit [s] of the simulated time: to come to rest, and to hold."""
+        return _TO_REST + self.task.seconds
+
+    @property
+    def X_WB(self) -> Array:
+        """Pose to hold, DEPTH below the origin."""
+        return pose(p=[0.0, 0.0, -DEPTH])
+
+    def scene(self, vehicle: mujoco.MjSpec) -> mujoco.MjSpec:
+        """The vehicle alone."""
+        return vehicle
+
+    def planner(self) -> "TaskPlanner":
+        """Rest, then hold."""
+        from uuv.controllers.tasks.hull_phases import KeepStation, RestLimits, Settle
+        from uuv.controllers.tasks.phase import Hold, PhaseEvent
+        from uuv.controllers.tasks.task import TaskPlanner, TaskRow
+
+        rows = {
+            "settle": TaskRow(Settle(RestLimits()), WorkState.SETTLE, {PhaseEvent.DONE: "keep"}),
+            "keep": TaskRow(KeepStation(self.task.seconds), WorkState.WORK, {PhaseEvent.DONE: "held"}),
+            "held": TaskRow(Hold(), WorkState.DONE),
+        }
+        return TaskPlanner(rows.items(), (), X_WB=self.X_WB, q=np.array(self.own.vehicle.q_home))
+
+    def assess(self, ran: RunResult, seed: int) -> Assessment:
+        """Largest distance from the place and largest tilt of the true hull while it holds."""
+        recording, bounds = ran.recording, StationBounds()
+        work = recording.within(WorkState.WORK)
+        drift = tilt = None
+        if work.any():
+            drift = float(np.linalg.norm(recording["p_WB"].value[work] - self.X_WB[:3, 3], axis=1).max())
+            x, y = recording["quat_WB_wxyz"].value[work, 1:3].T
+            tilt = float(np.arccos(np.clip(1.0 - 2.0 * (x * x + y * y), -1.0, 1.0)).max())
+        checks = [
+            Requirement(name="hull off its place, peak", value=drift, bound=bounds.drift, unit="mm", scale=1e3),
+            Requirement(
+                name="tilt of the hull, peak", value=tilt, bound=bounds.tilt, unit="deg", scale=float(np.degrees(1.0))
+            ),
+        ]
+        return Assessment.of(recording, NoFigures(), checks, seed=seed, wall_s=ran.wall_s)

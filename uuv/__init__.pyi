@@ -1,7 +1,6 @@
 from uuv.assembly import Assembly as Assembly
 from uuv.assembly import assemble as assemble
 from uuv.command import show as show
-from uuv.jobs import clean_barrel as clean_barrel
 from uuv.perturbations.perturbation import Loop as Loop
 from uuv.perturbations.perturbation import Perturbation as Perturbation
 from uuv.runner import Run as Run

@@ -51,7 +51,7 @@ SILENCE = 10.0  # [s] between two lines where there is no terminal
 
 
 @dataclass(frozen=True, slots=True)
-class Job:
+class KernelJob:
     """One kernel to compile, or a function to call that compiles some."""
 
     kernel: str  # module:name
@@ -80,10 +80,10 @@ class Job:
 
 
 @cache
-def jobs() -> list[Job]:
+def jobs() -> list[KernelJob]:
     """The list; those that a job calls stand before it."""
     rows = json.loads(LIST.read_text(encoding="utf-8"))
-    return [Job(**row | {"given": tuple(row["given"]), "after": tuple(row["after"])}) for row in rows]
+    return [KernelJob(**row | {"given": tuple(row["given"]), "after": tuple(row["after"])}) for row in rows]
 
 
 def encoded(kind: Any) -> Any:
@@ -267,7 +267,7 @@ def _say(message: str) -> None:
 
 
 def _in_order(
-    rows: Sequence[Job], wanted: Collection[int], submit: Callable[[int], Future[bool]], most: int
+    rows: Sequence[KernelJob], wanted: Collection[int], submit: Callable[[int], Future[bool]], most: int
 ) -> Iterator[tuple[int, bool]]:
     """Submit the wanted rows, each after those that it calls, at most `most` at once; the longest way to the end first.
 

@@ -190,6 +190,7 @@ class Task(ABC):
     spares: ClassVar[Collection[str]] = ()  # named parts of the vehicle that it does without
     schema: ClassVar[str] = "metrics"  # of metrics.json, in sim/schemas
     looks: ClassVar[bool] = False  # a camera or a sonar looks at the site, which takes a ray caster
+    over_seeds: ClassVar[bool] = False  # `uuv.campaigns.task_trials` sums its figures up over many seeds
     heeds: ClassVar[Collection[str]] = ()  # words of further options of a scenario that mean something to it
 
     @property

@@ -36,10 +36,10 @@ from uuv.calib.arm_files import read_arm
 from uuv.calib.touch_files import read_touches
 from uuv.cli import main as verbs
 from uuv.cli.completion import options_class, options_in
-from uuv.cli.job_command_line import options_class as options_of_job
-from uuv.cli.job_command_line import typed
 from uuv.controllers.mkps import Chain, IkOptions, Tracker, solve, solve_many
 from uuv.jobs import BY_NAME
+from uuv.jobs.command_line import options_class as options_of_job
+from uuv.jobs.command_line import typed
 from uuv.models.arms import published_arms
 from uuv.models.objects import deformed, targets
 from uuv.models.objects.target_model import ModelPath, Symmetry, TargetModel

@@ -296,8 +296,7 @@ def _table(given: Mapping[str, Any], key: str) -> dict[str, Any]:
 def _base(given: Any, quick: Any, beside: Path, *, trust: bool) -> Scenario:
     if not isinstance(quick, bool):
         raise ConfigurationError(f"quick: must be true or false, got {shown(quick)}")
-    earlier = {job.earlier: name for name, job in jobs.BY_NAME.items() if job.earlier}
-    name = earlier.get(given, given) if isinstance(given, str) else ""
+    name = given if isinstance(given, str) else ""
     if name in jobs.JOBS:
         job = jobs.named(name)
         return job(quick=True) if quick else job()

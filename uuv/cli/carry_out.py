@@ -1,15 +1,13 @@
 """Carries out what a command describes: one run, or trials over many seeds; and its output."""
 
 import itertools
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, ClassVar
+from typing import TYPE_CHECKING, Annotated
 
 from tyro.conf import UseAppendAction
 
 from uuv.cli.json_output import file_alone, folder_of
-from uuv.experiment.engines import EngineName
-from uuv.experiment.options import at_least
+from uuv.jobs.command_line import TrialOptions
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.runs.command_line import RunOptions
 
@@ -28,25 +26,6 @@ class Output:
     """Print the verdict and the folder alone."""
     json: bool = False
     """Print metrics.json alone."""
-
-
-@dataclass(kw_only=True)
-class TrialOptions(RunOptions):
-    """Options of a run that can be repeated over many seeds."""
-
-    groups: ClassVar[Mapping[str, str]] = {"trials": "trials engine workers anew"}
-
-    trials: int = 0
-    """Number of seeds to run, without recording; 0: one run with recording."""
-    engine: EngineName = "processes"
-    """processes: of this machine. ray: a Ray cluster, that of RAY_ADDRESS or one started here (extra cluster)."""
-    workers: int = 0
-    """Processes for the trials; 0: one for each core, 1: this one."""
-    anew: bool = False
-    """Delete the trials in the folder of an earlier command; without it they are resumed."""
-
-    def __post_init__(self) -> None:
-        at_least(self, trials=0, workers=0)
 
 
 def values_of(assignments: tuple[tuple[str, ...], ...]) -> tuple[str, ...]:

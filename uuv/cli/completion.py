@@ -9,11 +9,11 @@ from tyro.conf import Positional, arg
 
 from uuv import jobs
 from uuv.catalogue import SHELVES
-from uuv.cli.job_command_line import options_class as options_of_job
 from uuv.cli.main import VERBS, Verb, objects_of
 from uuv.cli.past.past_runs import Run
-from uuv.cli.run_job import file_options
+from uuv.cli.run_job import EveryJob, file_options
 from uuv.cli.skeletons import SKELETONS
+from uuv.jobs.command_line import options_class as options_of_job
 from uuv.sim.interfaces.errors import ConfigurationError, did_you_mean
 from uuv.sim.runs.command_line import parse
 
@@ -64,7 +64,7 @@ def script() -> str:
     firsts = dict.fromkeys(name.partition(" ")[0] for name in VERBS)
     groups = {first: objects_of(first) for first in firsts if objects_of(first)}
     names = jobs.JOBS.names()
-    by_job = {name: options_in(options_of_job(jobs.named(name))) for name in names}
+    by_job = {name: options_in(options_of_job(jobs.named(name), EveryJob)) for name in names}
     by_job["*.toml"] = options_in(file_options())
 
     return _SCRIPT.format(

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 from tyro.conf import Positional, arg
 
 from uuv import jobs
-from uuv.cli.carry_out import run_printed, values_of
-from uuv.cli.job_command_line import EveryJob, parsed, run_options
+from uuv.cli.carry_out import Assignments, Output, run_printed, values_of
 from uuv.cli.main import VERBS, present_spelling
+from uuv.jobs.command_line import parsed, run_options
 from uuv.kinds import SURVEY
 from uuv.sim.interfaces.errors import ConfigurationError, did_you_mean
 from uuv.sim.runs.command_line import RunOptions, as_base, parse
@@ -21,6 +21,18 @@ if TYPE_CHECKING:  # a help text does without
 
 TASK = "--task"
 TARGET_POSE = "--target-pose"  # of earlier versions
+
+
+@dataclass(kw_only=True)
+class EveryJob(Output):
+    """Options of `uuv run` beside those of the job."""
+
+    set: Assignments = ()
+    """KEY=VALUE, repeatable: values by the keys of a scenario file, in its units, such as
+    task.speed=0.03 or perturbations.MountedObject.stiffness=1e4."""
+    task: str | None = None
+    """MODULE:CLASS of a task of one's own, with its defaults, in place of the job's (`uuv new
+    task NAME`)."""
 
 
 @dataclass(kw_only=True)
@@ -77,10 +89,10 @@ def run(job: jobs.Job, args: Sequence[str], started: float) -> int:
     """
     task = _task_in(args)
     if task is None:
-        given, options = parsed(job, args)
+        given, options = parsed(job, args, EveryJob)
         scenario = job.scenario(given)
     else:  # its own fields are options in place of those of the job's task
-        given, options = parsed(job, args, base=_with_task(job(), task))
+        given, options = parsed(job, args, EveryJob, _with_task(job(), task))
         scenario = job.scenario(given, lambda base: _with_task(base, task))
     every = as_base(options, EveryJob)
     return run_printed(_with_set(scenario, every), as_base(options, run_options(job)), every, started)

@@ -1,9 +1,10 @@
 """The jobs: each a function with keyword arguments that returns a scenario (`uuv.jobs.job`).
 
-    scenario = jobs.clean_barrel(path="transverse", seed=3, current=(0.2, 0.0, 0.0), forces=(60.0, 80.0))
+    scenario = jobs.clean_barrel(path="transverse", seed=3, forces=(60.0, 80.0))
 
-Beside the arguments that stand here, a job takes the options of its scenario: seed, water, vehicle, sensors, object and
-task. Units are those of the command line: metres and newtons, angles in degrees, clearances in millimetres.
+Beside the arguments that stand here, a job takes the options of its scenario: seed, water, vehicle,
+sensors, object and task. Units are those of the command line: metres and newtons, angles in
+degrees, clearances in millimetres.
 """
 
 from typing import TYPE_CHECKING, Literal
@@ -16,8 +17,8 @@ from uuv.models.registry import Registry
 from uuv.sim.interfaces.options import MILLIMETRE
 from uuv.sim.interfaces.spatial import finite_number
 
-if TYPE_CHECKING:  # what a scenario is made of is imported when one is made: a list of jobs needs none of it
-    from uuv.scenario import Scenario
+if TYPE_CHECKING:  # a list of jobs needs none of what a scenario is made of
+    from uuv.scenario import Scenario, Task
     from uuv.site import Workpiece
 
 __all__ = [
@@ -36,10 +37,11 @@ __all__ = [
 ]
 
 BOTTOM = 0.02  # [m] by which a hole is deeper than the depth to reach
-ALONG, AROUND = (60.0, 90.0, 60.0), (60.0, 90.0)  # [N] set forces on a path along an object, and around it
+ALONG = (60.0, 90.0, 60.0)  # [N] set forces on a path along an object
+AROUND = (60.0, 90.0)  # [N] on one around it
 
 
-@job(earlier="barrel")
+@job
 def clean_barrel(
     *,
     path: Literal["longitudinal", "transverse", "corner"] = "longitudinal",
@@ -50,20 +52,23 @@ def clean_barrel(
 
     Args:
         path: Along the barrel's top, half around it, or first along and then off to a side.
-        arc: Arc of the transverse path [deg]; default 180, with --quick 60. Where the reach ends sooner, the largest
-            from 150 deg on is worked and reported.
+        arc: Arc of the transverse path [deg]; default 180, with --quick 60. Where the reach ends
+            sooner, the largest from 150 deg on is worked and reported.
         quick: As in every job.
     """
     from uuv.site import Barrel
+    from uuv.tasks.surface_work import SurfaceWorkTask
 
-    angle = arc if arc is not None else 60.0 if quick else 180.0
-    barrel = Barrel(length=0.2 if quick else 0.6, arc=float(np.radians(angle)))
+    around = arc if arc is not None else 60.0 if quick else 180.0  # [deg]
+    barrel = Barrel(length=0.2 if quick else 0.6, arc=float(np.radians(around)))
     if path == "transverse":
-        return _cleaning("clean_barrel", barrel, path, forces=AROUND, least=min(1.0, 150.0 / angle))
-    return _cleaning("clean_barrel", barrel, path, forces=ALONG, least=1.0)
+        task = SurfaceWorkTask(path=path, forces=AROUND, least=min(1.0, 150.0 / around))
+    else:
+        task = SurfaceWorkTask(path=path, forces=ALONG)
+    return _on_object("clean_barrel", barrel, task)
 
 
-@job(earlier="pile")
+@job
 def clean_pile(
     *,
     path: Literal["vertical", "ring", "helix"] = "vertical",
@@ -75,23 +80,26 @@ def clean_pile(
 
     Args:
         path: Up the pile, around it, or both at once.
-        arc: Arc of ring and helix [deg]; default 100, with --quick 40. Where the reach ends sooner, the largest
-            possible from 80 deg on is worked and reported.
+        arc: Arc of ring and helix [deg]; default 100, with --quick 40. Where the reach ends
+            sooner, the largest possible from 80 deg on is worked and reported.
         rise: Rise of the helix [m]; default 0.003 for each degree of its arc.
         quick: As in every job.
     """
     from uuv.site import Pile
+    from uuv.tasks.surface_work import SurfaceWorkTask
 
-    angle = arc if arc is not None else 40.0 if quick else 100.0
-    pile = Pile(
-        length=0.2 if quick else 0.5, arc=float(np.radians(angle)), rise=0.003 * angle if rise is None else rise
-    )
-    up = path == "vertical"
-    forces, least = (ALONG, 1.0) if up else (AROUND, min(1.0, 80.0 / angle))
-    return _cleaning("clean_pile", pile, path, forces=forces, least=least, scan_range=1.8, vehicle="uuv_puma_side")
+    around = arc if arc is not None else 40.0 if quick else 100.0  # [deg]
+    climb = 0.003 * around if rise is None else rise
+    pile = Pile(length=0.2 if quick else 0.5, arc=float(np.radians(around)), rise=climb)
+    if path == "vertical":
+        task = SurfaceWorkTask(path=path, forces=ALONG, range=1.8)
+    else:
+        least = min(1.0, 80.0 / around)
+        task = SurfaceWorkTask(path=path, forces=AROUND, least=least, range=1.8)
+    return _on_object("clean_pile", pile, task, vehicle="uuv_puma_side")
 
 
-@job(earlier="object")
+@job
 def clean_object(*, quick: bool = False) -> "Scenario":
     """Clean a known object with a set force.
 
@@ -99,51 +107,27 @@ def clean_object(*, quick: bool = False) -> "Scenario":
         quick: As in every job.
     """
     from uuv.site import KnownObject
-
-    return _cleaning(
-        "clean_object", KnownObject(), None, forces=ALONG[:1] if quick else ALONG, least=0.6, scan_range=1.2
-    )
-
-
-def _cleaning(
-    name: str,
-    workpiece: "Workpiece",
-    path: str | None,
-    *,
-    forces: tuple[float, ...],
-    least: float,
-    scan_range: float = 1.25,
-    vehicle: str = "uuv_puma",
-) -> "Scenario":
-    """Work on a path of an object.
-
-    Args:
-        name: Of the scenario.
-        workpiece: The object.
-        path: Name of one of its paths; None: the first.
-        forces: [N] set forces on equal parts of the path.
-        least: Share of the path that must be within reach.
-        scan_range: [m] from the camera to the object at the scan.
-        vehicle: That does the work.
-    """
-    from uuv.scenario import Scenario, VehicleSetup
-    from uuv.site import Site
     from uuv.tasks.surface_work import SurfaceWorkTask
 
-    return Scenario(
-        name=name,
-        site=Site(object=workpiece),
-        task=SurfaceWorkTask(path=path, forces=forces, least=least, range=scan_range),
-        vehicle=VehicleSetup(vehicle=vehicle),
-    )
+    task = SurfaceWorkTask(forces=ALONG[:1] if quick else ALONG, least=0.6, range=1.2)
+    return _on_object("clean_object", KnownObject(), task)
 
 
-@job(trials=True, earlier="insertion")
+def _on_object(name: str, workpiece: "Workpiece", task: "Task", vehicle: str = "uuv_puma") -> "Scenario":
+    """A task at an object."""
+    from uuv.scenario import Scenario, VehicleSetup
+    from uuv.site import Site
+
+    return Scenario(name=name, site=Site(object=workpiece), task=task, vehicle=VehicleSetup(vehicle=vehicle))
+
+
+@job
 def insert_sampler(*, depth: float | None = None, quick: bool = False) -> "Scenario":
     """Insert a sampler into a hole.
 
     Args:
-        depth: Depth to reach below the mouth [mm], default 60, with --quick 30; the hole is 20 mm deeper.
+        depth: Depth to reach below the mouth [mm], default 60, with --quick 30; the hole is 20 mm
+            deeper.
         quick: As in every job.
     """
     from uuv.scenario import Scenario
@@ -151,12 +135,12 @@ def insert_sampler(*, depth: float | None = None, quick: bool = False) -> "Scena
     from uuv.tasks.insertion import InsertionTask
 
     reached = MILLIMETRE * (depth if depth is not None else 30.0 if quick else 60.0)
-    return Scenario(
-        name="insert_sampler", site=Site(object=HoleManifold(depth=reached + BOTTOM)), task=InsertionTask(depth=reached)
-    )
+    manifold = HoleManifold(depth=reached + BOTTOM)
+    task = InsertionTask(depth=reached)
+    return Scenario(name="insert_sampler", site=Site(object=manifold), task=task)
 
 
-@job(trials=True, earlier="seabed")
+@job
 def sample_seabed(
     *,
     work: Literal["core", "drag"] = "core",
@@ -167,8 +151,10 @@ def sample_seabed(
     """Take a sample of the seabed.
 
     Args:
-        work: core: push a tube in and withdraw it; drag: drag a box along the profile between the targets.
-        depth: drag: depth of the box [mm], default 30; core: depth at which the tube is full [mm], default 180.
+        work: core: push a tube in and withdraw it; drag: drag a box along the profile between the
+            targets.
+        depth: drag: depth of the box [mm], default 30; core: depth at which the tube is full [mm],
+            default 180.
         without: Controller methods to leave out, e.g. compensation (ablation).
         quick: As in every job.
     """
@@ -189,7 +175,7 @@ def sample_seabed(
     )
 
 
-@job(earlier="inspection")
+@job
 def inspect_object(*, quick: bool = False) -> "Scenario":
     """Fly around a known object, once or until it is covered.
 
@@ -211,13 +197,15 @@ def inspect_object(*, quick: bool = False) -> "Scenario":
 def identify_friction(*, seed: int = 0, gear_spread: float = 0.3, quick: bool = False) -> "Scenario":
     """Identify the friction of the arm's gears.
 
-    The vehicle keeps station while its joints swing, slowly, then fast. Encoders, torque sensors at the gear outputs
-    and motor torques give the friction of each gear, which is compared with the true one. The true gears deviate from
-    those that the vehicle believes in. Rotor inertias are known. No other command reads the result.
+    The vehicle keeps station while its joints swing, slowly, then fast. Encoders, torque sensors at
+    the gear outputs and motor torques give the friction of each gear, which is compared with the
+    true one. The true gears deviate from those that the vehicle believes in. Rotor inertias are
+    known. No other command reads the result.
 
     Args:
         seed: Seed of everything random: the true gears, the noise of the sensors, the gusts.
-        gear_spread: Share in +- by which the true friction of each gear deviates from the controller's model.
+        gear_spread: Share in +- by which the true friction of each gear deviates from the
+            controller's model.
         quick: As in every job.
     """
     from uuv.perturbations.vehicle import Gears
@@ -251,7 +239,8 @@ def open_water(*, quick: bool = False) -> "Scenario":
     return Scenario(name="open_water", site=Site(object=OpenWater()), task=task)
 
 
-JOBS: Registry[Job] = Registry("job", {name: lambda made=made: made for name, made in BY_NAME.items()})
+_PLACES = {name: f"{__name__}:{BY_NAME[name].__name__}" for name in BY_NAME}
+JOBS: Registry[Job] = Registry("job", _PLACES)
 
 
 def named(name: str) -> Job:

@@ -2,18 +2,16 @@
 
     @job
     def sweep_rock(*, width: float = 0.2) -> Scenario:
-        \"\"\"Sweep a rock from side to side.
-
-Args:
-            width: Of the sweep [m].
-        \"\"\"
-        line = (0.0, -0.5 * width, 0.0, 0.5 * width)
-        return Scenario(name="sweep_rock", site=Site(object=KnownObject(line=line)), task=SurfaceWorkTask())
+        "Sweep a rock from side to side."
+        rock = KnownObject(line=(0.0, -0.5 * width, 0.0, 0.5 * width))
+        return Scenario(name="sweep_rock", site=Site(object=rock), task=SurfaceWorkTask())
 
     sweep_rock(width=0.3, seed=4, forces=(40.0,))
 
-It is called with its own arguments and with the options of the scenario that it returns. Command line, help, list,
-campaigns and notebooks read its signature: `uuv run my_module:sweep_rock --width 0.3 --seed 4 --forces 40`.
+It is called with its own arguments and with the options of the scenario that it returns. Command
+line, help, list, campaigns and notebooks read its signature:
+
+    uuv run my_module:sweep_rock --width 0.3 --seed 4 --forces 40
 """
 
 import inspect
@@ -21,7 +19,7 @@ from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, get_type_hints, overload
+from typing import TYPE_CHECKING, Any, get_type_hints
 
 from uuv.sim.interfaces.errors import ConfigurationError, did_you_mean
 from uuv.sim.interfaces.spatial import shown
@@ -31,8 +29,10 @@ if TYPE_CHECKING:  # a list of jobs does without what they are made of
     from uuv.jobs.scenario_options import ScenarioOption
     from uuv.scenario import Scenario
 
+    Change = Callable[[Scenario], Scenario]
+
 QUICK = "quick"  # argument of a job that has a shorter form, for a first look within a minute
-_ABOUT_QUICK = "A shorter job, for a first look within a minute; options that are given keep their values."
+_ABOUT_QUICK = "A shorter job, for a first look within a minute; what is given keeps its value."
 BY_NAME: "dict[str, Job]" = {}  # jobs that `job` has registered
 
 
@@ -51,24 +51,25 @@ class JobOption:
 class Job:
     """A job; called, it returns the scenario."""
 
-    def __init__(self, function: "Callable[..., Scenario]", *, trials: bool = False, earlier: str = "") -> None:
-        """Take a function whose arguments are keywords with defaults.
-
-        Args:
-            function: Returns the scenario.
-            trials: Its task has figures that are summed up over many seeds (`uuv.campaigns.task_trials`).
-            earlier: Its name in campaign files of earlier versions.
+    def __init__(self, function: "Callable[..., Scenario]") -> None:
+        """Take a function that returns the scenario, whose arguments are keywords with defaults.
 
         Raises:
             ConfigurationError: An argument has no default, or cannot be given by keyword.
         """
-        self.function, self.trials, self.earlier = function, trials, earlier
+        self.function = function
         self.name = function.__name__.replace("_", "-")
-        self.__name__, self.__module__ = function.__name__, function.__module__
         self.__doc__ = self._text = inspect.getdoc(function) or ""
-        for each in inspect.signature(function).parameters.values():
-            if each.kind not in (each.KEYWORD_ONLY, each.POSITIONAL_OR_KEYWORD) or each.default is each.empty:
-                raise ConfigurationError(f"job {self.name}: {each.name} must be a keyword argument with a default")
+
+        # As pydoc and editors know a function.
+        self.__name__ = function.__name__
+        self.__module__ = function.__module__
+
+        for parameter in inspect.signature(function).parameters.values():
+            by_keyword = parameter.kind in (parameter.KEYWORD_ONLY, parameter.POSITIONAL_OR_KEYWORD)
+            if not by_keyword or parameter.default is parameter.empty:
+                refused = f"{parameter.name} must be a keyword argument with a default"
+                raise ConfigurationError(f"job {self.name}: {refused}")
 
     @property
     def about(self) -> str:
@@ -81,127 +82,139 @@ class Job:
         return self._text.partition("\nArgs:\n")[0].strip()
 
     @property
+    def over_seeds(self) -> bool:
+        """Whether its figures can be summed up over many seeds."""
+        return self._base({}).task.over_seeds
+
+    @property
     def __signature__(self) -> inspect.Signature:
         """All keyword arguments, for help texts and editors."""
-        given = [
-            inspect.Parameter(each.word, inspect.Parameter.KEYWORD_ONLY, default=each.default, annotation=each.hint)
-            for each in self.options().values()
+        keyword = inspect.Parameter.KEYWORD_ONLY
+        listed = [
+            inspect.Parameter(option.word, keyword, default=option.default, annotation=option.hint)
+            for option in self.options().values()
         ]
-        return inspect.Signature(given, return_annotation="Scenario")
+        return inspect.Signature(listed, return_annotation="Scenario")
 
     @cached_property
-    def own(self) -> Mapping[str, JobOption]:
-        """Arguments of the function itself."""
-        hints, abouts = self._hints(), _arguments(self._text)
+    def arguments(self) -> Mapping[str, JobOption]:
+        """Arguments of the function itself, by name."""
+        hints = self._hints()
+        abouts = _arguments(self._text) | {QUICK: _ABOUT_QUICK}
         return {
-            name: JobOption(
-                word=name,
-                hint=hints.get(name, Any),
-                default=each.default,
-                about=_ABOUT_QUICK if name == QUICK else abouts.get(name, ""),
+            word: JobOption(
+                # An argument without an annotation takes anything.
+                word=word,
+                hint=hints.get(word, Any),
+                default=parameter.default,
+                about=abouts.get(word, ""),
             )
-            for name, each in inspect.signature(self.function).parameters.items()
+            for word, parameter in inspect.signature(self.function).parameters.items()
         }
-
-    def _hints(self) -> dict[str, Any]:
-        """Types of the function's arguments; that of what it returns may be a name for type checkers alone."""
-        of_arguments = {name: hint for name, hint in self.function.__annotations__.items() if name != "return"}
-        try:
-            return get_type_hints(type(self.name, (), {"__annotations__": of_arguments}), self.function.__globals__)
-        except NameError as error:
-            raise ConfigurationError(f"job {self.name}: type of an argument: {error}") from error
 
     def options(self, base: "Scenario | None" = None) -> dict[str, JobOption]:
         """All keyword arguments: those of the function, then those of the scenario that it returns.
 
         Args:
-            base: The scenario in place of that, for instance with a task of the user's own.
+            base: A scenario in place of that, for instance with a task of the user's own.
         """
-        of_scenario = self._scenario_options(base if base is not None else self._made({}))
-        short = self._scenario_options(self._made({QUICK: True})) if base is None and QUICK in self.own else {}
-        listed = dict(self.own)
-        for word, found in of_scenario.items():
-            default, about = found.value, found.declared.about
-            if word in short and short[word].value != default:
-                about += f" With --{QUICK} by default {_words(short[word].value)}."
+        listed = dict(self.arguments)
+        if base is None:
+            usual = self._scenario_options(self._base({}))
+            short = self._scenario_options(self._base({QUICK: True})) if QUICK in listed else usual
+        else:
+            usual = short = self._scenario_options(base)
+
+        for word, option in usual.items():
+            about = option.declared.about
+            if word in short and short[word].value != option.value:
+                about += f" With --{QUICK} by default {_typed(short[word].value)}."
             listed[word] = JobOption(
-                word=word, hint=found.hint, default=default, about=about, group=found.declared.group, key=found.key
+                word=word,
+                hint=option.hint,
+                default=option.value,
+                about=about,
+                group=option.declared.group,
+                key=option.key,
             )
         return listed
 
-    def __call__(self, **given: Any) -> "Scenario":
+    def __call__(self, **values: Any) -> "Scenario":
         """The scenario, with `options` by keyword.
 
         Raises:
-            ConfigurationError: There is no such option, or a value is of another type or out of range.
+            ConfigurationError: There is no such option, or a value is of another type or range.
         """
-        return self.scenario(given)
+        return self.scenario(values)
 
-    def scenario(self, given: Mapping[str, Any], change: "Callable[[Scenario], Scenario] | None" = None) -> "Scenario":
-        """As a call; `change` is applied to what the function returns, before the scenario's own options."""
+    def scenario(self, values: Mapping[str, Any], changed: "Change" = lambda base: base) -> "Scenario":
+        """The scenario, as by a call.
+
+        Args:
+            values: By keyword.
+            changed: Applied to what the function returns, before the scenario's own options.
+
+        Raises:
+            ConfigurationError: As a call.
+        """
         from uuv.jobs.scenario_options import with_options_set
 
-        own = {word: self._checked(self.own[word], value) for word, value in given.items() if word in self.own}
-        base = self._made(own)
-        base = base if change is None else change(base)
-        options = self._scenario_options(base)
-        self._refuse_unknown(given, options)
-
-        values = {
-            word: self._checked(JobOption(word=word, hint=options[word].hint, default=None, about=""), value)
-            for word, value in given.items()
-            if word not in self.own
+        # The function's own arguments give the base.
+        of_function = {
+            word: _checked(self.arguments[word].hint, value, word)
+            for word, value in values.items()
+            if word in self.arguments
         }
-        return with_options_set(base, options, values)
+        base = changed(self._base(of_function))
 
-    def _made(self, own: Mapping[str, Any]) -> "Scenario":
+        # The others are options of that base.
+        options = self._scenario_options(base)
+        known = (*self.arguments, *options)
+        for word in values:
+            if word not in known:
+                meant = did_you_mean(word, known)
+                unknown = f"job {self.name} has no {shown(word)}{meant}"
+                raise ConfigurationError(f"{unknown}; it has {', '.join(known)}")
+        of_scenario = {
+            word: _checked(options[word].hint, value, word)
+            for word, value in values.items()
+            if word not in self.arguments
+        }
+        return with_options_set(base, options, of_scenario)
+
+    def _base(self, values: Mapping[str, Any]) -> "Scenario":
         """What the function returns."""
         from uuv.scenario import Scenario
 
-        scenario = self.function(**own)
+        scenario = self.function(**values)
         if not isinstance(scenario, Scenario):
-            raise ConfigurationError(f"job {self.name}: must return a uuv.Scenario, got {type(scenario).__name__}")
+            kind = type(scenario).__name__
+            raise ConfigurationError(f"job {self.name}: must return a uuv.Scenario, got {kind}")
         return scenario
 
     def _scenario_options(self, base: "Scenario") -> "dict[str, ScenarioOption]":
         """Options of its scenario; an argument of the function hides one of the same name."""
         from uuv.jobs.scenario_options import scenario_options
 
-        return {word: found for word, found in scenario_options(base).items() if word not in self.own}
+        options = scenario_options(base)
+        return {word: options[word] for word in options if word not in self.arguments}
 
-    def _refuse_unknown(self, given: Mapping[str, Any], options: "Mapping[str, ScenarioOption]") -> None:
-        known = (*self.own, *options)
-        for word in given:
-            if word not in known:
-                meant = did_you_mean(word, known)
-                raise ConfigurationError(f"job {self.name} has no {shown(word)}{meant}; it has {', '.join(known)}")
-
-    def _checked(self, option: JobOption, value: Any) -> Any:
-        """A value of the option's type."""
-        if option.hint is Any:
-            return value
-        return TableReader().value(option.hint, _plain(value), option.word)
+    def _hints(self) -> dict[str, Any]:
+        """Types of the function's arguments; its result may be named for type checkers alone."""
+        annotations = dict(self.function.__annotations__)
+        annotations.pop("return", None)
+        holder = type(self.name, (), {"__annotations__": annotations})
+        try:
+            return get_type_hints(holder, self.function.__globals__)
+        except NameError as error:
+            raise ConfigurationError(f"job {self.name}: type of an argument: {error}") from error
 
 
-@overload
-def job(function: "Callable[..., Scenario]") -> Job: ...
-
-
-@overload
-def job(*, trials: bool = False, earlier: str = "") -> "Callable[[Callable[..., Scenario]], Job]": ...
-
-
-def job(
-    function: "Callable[..., Scenario] | None" = None, *, trials: bool = False, earlier: str = ""
-) -> "Job | Callable[[Callable[..., Scenario]], Job]":
-    """Registers a function as a job, under its own name with dashes; the arguments are those of `Job`."""
-
-    def registered(of: "Callable[..., Scenario]") -> Job:
-        made = Job(of, trials=trials, earlier=earlier)
-        BY_NAME[made.name] = made
-        return made
-
-    return registered if function is None else registered(function)
+def job(function: "Callable[..., Scenario]") -> Job:
+    """Registers a function as a job, under its own name with dashes."""
+    registered = Job(function)
+    BY_NAME[registered.name] = registered
+    return registered
 
 
 def as_job(thing: "Job | Callable[..., Any]", name: str) -> Job:
@@ -213,8 +226,14 @@ def as_job(thing: "Job | Callable[..., Any]", name: str) -> Job:
     if isinstance(thing, Job):
         return thing
     if not inspect.isfunction(thing):
-        raise ConfigurationError(f"job {shown(name)}: must be a function that returns a uuv.Scenario")
+        form = "a function that returns a uuv.Scenario"
+        raise ConfigurationError(f"job {shown(name)}: must be {form}")
     return Job(thing)
+
+
+def _checked(hint: Any, value: Any, word: str) -> Any:
+    """A value of an option's type; any, where it has none."""
+    return value if hint is Any else TableReader().value(hint, _plain(value), word)
 
 
 def _plain(value: Any) -> Any:
@@ -223,26 +242,27 @@ def _plain(value: Any) -> Any:
         return str(value)
     if hasattr(value, "tolist"):  # of numpy
         return value.tolist()
-    return [_plain(each) for each in value] if isinstance(value, tuple | list) else value
+    return [_plain(item) for item in value] if isinstance(value, tuple | list) else value
 
 
-def _words(value: Any) -> str:
+def _typed(value: Any) -> str:
     """A default as it is typed."""
     several: Collection[Any] = value if isinstance(value, tuple) else (value,)
-    return " ".join(f"{each:g}" if isinstance(each, float) else str(each) for each in several)
+    return " ".join(f"{item:g}" if isinstance(item, float) else str(item) for item in several)
 
 
 def _arguments(text: str) -> dict[str, str]:
     """What the section "Args:" of a docstring says of each argument."""
-    told: dict[str, str] = {}
-    _, _, section = text.partition("\nArgs:\n")
+    abouts: dict[str, str] = {}
     name = ""
-    for line in section.split("\n"):
+    for line in text.partition("\nArgs:\n")[2].split("\n"):
         if line and not line.startswith(" "):
             break
+
+        # An entry begins at four blanks, what follows of it further in.
         if line.startswith("    ") and line[4:5].strip():
-            name, _, rest = line.strip().partition(": ")
-            told[name] = rest
+            name, _, about = line.strip().partition(": ")
+            abouts[name] = about
         elif name and line.strip():
-            told[name] += f" {line.strip()}"
-    return told
+            abouts[name] += f" {line.strip()}"
+    return abouts

@@ -1,11 +1,12 @@
 """Options of a scenario: found in its tables, where they are declared, and set there.
 
-A field that `uuv.sim.interfaces.options.option` declares is an option of every job whose scenario has it. So a job's
-function has arguments of its own alone: seed, water, vehicle, sensors, object and task bring theirs.
+A field that `uuv.sim.interfaces.options.option` declares is an option of every job whose scenario
+has it. So a job's function has arguments of its own alone: seed, water, vehicle, sensors, object
+and task bring theirs.
 """
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, fields, is_dataclass, replace
+from dataclasses import Field, dataclass, fields, is_dataclass, replace
 from functools import cache
 from types import NoneType, UnionType
 from typing import Any, Union, get_args, get_origin, get_type_hints
@@ -27,22 +28,31 @@ class ScenarioOption:
     declared: Option
     hint: Any  # type of the option's value
     value: Any  # that of the scenario, in the option's unit
-    table: type | None = None  # class that a value of True or a table that is absent is made of
+    table: type | None = None  # class of the field's value, where true or false is the option's
 
     def in_field(self, value: Any) -> Any:
         """An option's value in the unit and type of the field."""
-        if self.hint is bool and self.table is not None:
+        if self.table is not None:
             return self.table() if value else None
         return _scaled(value, self.declared.unit)
+
+    def closes(self, value: Any) -> bool:
+        """True if the value means that the option's table is absent."""
+        return self.declared.closed is not KEPT and value == self.declared.closed
+
+
+Options = Mapping[str, ScenarioOption]  # by word
+Changes = Mapping[str, tuple[ScenarioOption, Any]]  # options and their values, by key below a table
 
 
 def scenario_options(scenario: Scenario) -> dict[str, ScenarioOption]:
     """Options by their words: those of every job, and those that the scenario's task heeds."""
-    heeded = scenario.task.heeds
-    return {each.word: each for each in _of_table(scenario, "") if each.declared.everywhere or each.word in heeded}
+    heeds = scenario.task.heeds
+    options = {option.word: option for option in _of_table(scenario, "")}
+    return {w: options[w] for w in options if options[w].declared.everywhere or w in heeds}
 
 
-def with_options_set(scenario: Scenario, options: Mapping[str, ScenarioOption], values: Mapping[str, Any]) -> Scenario:
+def with_options_set(scenario: Scenario, options: Options, values: Mapping[str, Any]) -> Scenario:
     """The scenario with other values of some options.
 
     Args:
@@ -58,46 +68,55 @@ def with_options_set(scenario: Scenario, options: Mapping[str, ScenarioOption], 
 
 
 def _of_table(table: Any, before: str) -> Iterator[ScenarioOption]:
-    """Options in a table and in the tables within it."""
-    hints = _hints(type(table) if not isinstance(table, type) else table)
+    """Options in a table and in the tables within it; of a class: in a table that is absent."""
+    absent = isinstance(table, type)
+    hints = _hints(table if absent else type(table))
     for field in fields(table):
-        hint, key, declared = hints[field.name], f"{before}{field.name}", option_of(field)
-        value = None if isinstance(table, type) else getattr(table, field.name)
+        key = f"{before}{field.name}"
+        hint = hints[field.name]
+        value = None if absent else getattr(table, field.name)
         inner = _table_class(hint)
 
-        if declared is not None:
-            word = declared.word or field.name
-            if inner is not None:
-                yield ScenarioOption(
-                    word=word, key=key, declared=declared, hint=bool, value=value is not None, table=inner
-                )
-                continue
-            opens = isinstance(table, type)  # the table is absent
-            yield ScenarioOption(
-                word=word,
-                key=key,
-                declared=declared,
-                hint=hint | None if opens and declared.closed is None else hint,
-                value=_absent(declared, field.default) if opens else _shown(value, declared.unit),
-            )
-        elif is_dataclass(value):
-            yield from _of_table(value, f"{key}.")
-        elif value is None and inner is not None:
-            yield from _of_table(inner, f"{key}.")
+        # A field without an option may be a table that has some.
+        declared = option_of(field)
+        if declared is None:
+            if is_dataclass(value):
+                yield from _of_table(value, f"{key}.")
+            elif inner is not None and not absent:
+                yield from _of_table(inner, f"{key}.")
+            continue
+
+        # A table as an option is there, or is not.
+        word = declared.word or field.name
+        if inner is not None:
+            option = ScenarioOption(word=word, key=key, declared=declared, hint=bool, value=False)
+            yield replace(option, value=value is not None, table=inner)
+            continue
+
+        # A number, a text, or several.
+        if absent:
+            value = _of_absent(declared, field)
+            hint = hint | None if declared.closed is None else hint
+        else:
+            value = _in_unit(value, declared.unit)
+        yield ScenarioOption(word=word, key=key, declared=declared, hint=hint, value=value)
 
 
-def _absent(declared: Option, default: Any) -> Any:
+def _of_absent(declared: Option, field: "Field[Any]") -> Any:
     """Value of an option whose table is absent."""
-    return _shown(default, declared.unit) if declared.closed is KEPT else declared.closed
+    if declared.closed is KEPT:
+        return _in_unit(field.default, declared.unit)
+    return declared.closed
 
 
 def _table_class(hint: Any) -> type | None:
     """The dataclass of an annotation that allows one or None; None for another annotation."""
     if get_origin(hint) not in (Union, UnionType):
         return None
-    several = [each for each in get_args(hint) if each is not NoneType]
-    one = several[0] if len(several) == 1 else None
-    return one if isinstance(one, type) and is_dataclass(one) else None
+    kinds = [kind for kind in get_args(hint) if kind is not NoneType]
+    if len(kinds) == 1 and isinstance(kinds[0], type) and is_dataclass(kinds[0]):
+        return kinds[0]
+    return None
 
 
 @cache
@@ -109,67 +128,65 @@ def _scaled(value: Any, unit: float) -> Any:
     """A number, or each of several, times a unit."""
     if unit == 1.0 or value is None:
         return value
-    return tuple(unit * each for each in value) if isinstance(value, tuple) else unit * value
+    return tuple(unit * item for item in value) if isinstance(value, tuple) else unit * value
 
 
-def _shown(value: Any, unit: float) -> Any:
+def _in_unit(value: Any, unit: float) -> Any:
     """A field's value in the unit of its option."""
     if unit == 1.0 or value is None:
         return value
     if isinstance(value, tuple):
-        return tuple(_shown(each, unit) for each in value)
+        return tuple(_in_unit(item, unit) for item in value)
     return float(f"{value / unit:.{_DIGITS}g}")
 
 
-def _changed(table: Any, changes: Mapping[str, tuple[ScenarioOption, Any]], before: str) -> Any:
-    """A table with other values; `changes` by key below it, each an option and its value."""
+def _changed(table: Any, changes: Changes, before: str) -> Any:
+    """A table with other values; `before` is its key with a dot."""
     values: dict[str, Any] = {}
-    inner: dict[str, dict[str, tuple[ScenarioOption, Any]]] = {}
+    within: dict[str, dict[str, tuple[ScenarioOption, Any]]] = {}
     for key, (option, value) in changes.items():
         name, _, rest = key.partition(".")
         if rest:
-            inner.setdefault(name, {})[rest] = option, value
+            within.setdefault(name, {})[rest] = option, value
         else:
             values[name] = option.in_field(value)
 
-    for name, within in inner.items():
-        place, present = f"{before}{name}", getattr(table, name)
+    # Tables within it are changed, made or removed.
+    for name, inner in within.items():
+        present = getattr(table, name)
+        key = f"{before}{name}."
         if present is None:
-            values[name] = _opened(table, name, within, f"{place}.")
-        elif any(_closes(*pair) for key, pair in within.items() if "." not in key):
+            values[name] = _opened(_table_class(_hints(type(table))[name]), inner, key)
+        elif any(option.closes(value) for k, (option, value) in inner.items() if "." not in k):
             values[name] = None
         else:
-            values[name] = _changed(present, within, f"{place}.")
+            values[name] = _changed(present, inner, key)
     return replace(table, **values)
 
 
-def _opened(table: Any, name: str, changes: Mapping[str, tuple[ScenarioOption, Any]], before: str) -> Any:
-    """A table that was absent; None where the option that makes it has the value for none.
+def _opened(kind: type | None, changes: Changes, before: str) -> Any:
+    """A table that was absent; None where the option that makes it says that there is none.
 
     Raises:
         ConfigurationError: Options of the table are given without that one.
     """
-    kind = _table_class(_hints(type(table))[name])
     assert kind is not None
-    openers = {before + field.name: found for field in fields(kind) if (found := _opener(field)) is not None}
-    makes = [key for key in changes if before + key in openers]
-    if not all(_closes(*changes[key]) for key in makes) and makes:
-        given = {key: option.in_field(value) for key, (option, value) in changes.items()}
-        return kind(**given)
+    if any(_makes(option, value) for option, value in changes.values()):
+        return kind(**{key: option.in_field(value) for key, (option, value) in changes.items()})
 
-    others = {key: value for key, (_, value) in changes.items() if key not in makes}
-    if others and any(others.values()):
-        key, value = next(iter(others.items()))
-        raise ConfigurationError(f"{before}{key} {shown(value)}: needs {' or '.join(openers)} too")
+    # Without it, another option may be given as what it is anyway.
+    for key, (option, value) in changes.items():
+        if option.declared.closed is KEPT and value != option.value:
+            makers = [field.name for field in fields(kind) if _is_maker(option_of(field))]
+            maker = f"{before}{makers[0]}"
+            raise ConfigurationError(f"{before}{key} {shown(value)}: needs {maker} too")
     return None
 
 
-def _opener(field: Any) -> Option | None:
-    """The option that makes a table that is absent; None: a field is no such option."""
-    declared = option_of(field)
-    return declared if declared is not None and declared.closed is not KEPT else None
+def _makes(option: ScenarioOption, value: Any) -> bool:
+    """True if an option makes the table that it is in."""
+    return _is_maker(option.declared) and not option.closes(value)
 
 
-def _closes(option: ScenarioOption, value: Any) -> bool:
-    """True if the value means that there is no table."""
-    return option.declared.closed is not KEPT and value == option.declared.closed
+def _is_maker(declared: Option | None) -> bool:
+    return declared is not None and declared.closed is not KEPT

@@ -37,6 +37,7 @@ class InsertionTask(Task):
 
     schema: ClassVar[str] = "insertion"
     looks: ClassVar[bool] = True
+    over_seeds: ClassVar[bool] = True
     hole: Literal["a", "b"] = option("a", "Hole of the manifold.")
     depth: float = 0.06  # [m] to reach below the mouth
     error: tuple[float, float] = option(

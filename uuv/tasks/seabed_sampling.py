@@ -53,6 +53,7 @@ class SeabedSamplingTask(Task):
 
     schema: ClassVar[str] = "seabed_work"
     looks: ClassVar[bool] = True
+    over_seeds: ClassVar[bool] = True
     spares: ClassVar[Collection[str]] = (CAMERA_SITE,)
     heeds: ClassVar[Collection[str]] = ("dead_beams",)
     drag: bool = False  # False: push a core tube in and withdraw it

@@ -17,7 +17,7 @@ from typing import Any
 from numba.core import event
 
 from uuv import assemble, jobs
-from uuv.first_start import CALLS, LIST, PACKAGE, Job, decoded, encoded, kernels
+from uuv.first_start import CALLS, LIST, PACKAGE, KernelJob, decoded, encoded, kernels
 from uuv.runner import run_through
 from uuv.sim.interfaces.errors import UuvError
 from uuv.sim.interfaces.kernels import store
@@ -52,12 +52,12 @@ def _can_be_told(args: Any) -> bool:
         return False
 
 
-def listed() -> list[Job]:
+def listed() -> list[KernelJob]:
     """What a job of clean_barrel.py compiles; slow, and it needs an empty cache."""
     watch = _Stopwatch()
     with event.install_listener("numba:compile", watch):
         for name, given, *_ in CALLS:
-            Job(name, None, given, (), 0.0).do()
+            KernelJob(name, None, given, (), 0.0).do()
         run_through(assemble(jobs.clean_barrel(quick=True)))
     made = [
         (name, args, kernel)
@@ -77,15 +77,15 @@ def listed() -> list[Job]:
     order: list[int] = []
     while len(order) < len(made):  # those that a job calls before it
         order += [row for row in range(len(made)) if row not in order and after[row].issubset(order)]
-    found: list[Job] = []
+    found: list[KernelJob] = []
     for row in order:
         name, args, kernel = made[row]
         before = tuple(sorted(order.index(each) for each in after[row]))
         seconds = round(watch.spent.get((id(kernel), args), 0.0), 2)
-        found.append(Job(name, [encoded(each) for each in args], (), before, seconds))
+        found.append(KernelJob(name, [encoded(each) for each in args], (), before, seconds))
     for name, given, seconds, needs in CALLS:
         before = tuple(row for row, job in enumerate(found) if job.kernel.startswith(needs))
-        found.append(Job(name, None, given, before, seconds))
+        found.append(KernelJob(name, None, given, before, seconds))
     return found
 
 

@@ -29,8 +29,8 @@ from rich.console import Console
 from rich.table import Table
 
 from uuv.assembly import Assembly, assemble
-from uuv.cli.job_command_line import parsed
 from uuv.jobs import clean_barrel
+from uuv.jobs.command_line import parsed
 from uuv.runner import Run, rehearse, run
 from uuv.scenario import Scenario
 from uuv.sim.interfaces.errors import UuvError

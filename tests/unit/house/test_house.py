@@ -130,6 +130,8 @@ def test_commands_of_the_documents_are_true(script, verb):
         elif not program.endswith(".py"):
             assert shutil.which(program, path=str(Path(sys.executable).parent)), command
             continue
+        elif program.startswith("scripts/experiments/environments/") and sys.version_info >= (3, 13):
+            continue  # dm_control has no packages for this Python
         elif program not in helps:
             assert (ROOT / program).is_file(), f"{command}: no such script"
             said = script(program.removeprefix("scripts/").removesuffix(".py").replace("/", "."), "--help")

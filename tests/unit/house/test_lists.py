@@ -39,7 +39,7 @@ def test_the_lists_themselves_are_found():
     tables = [table for path in product for table in tables_in(path, lists())]
     # All but names that are added beside the list, as a variant of an arm is.
     whole = {table.kind for table in tables if len(table.names) >= 0.9 * len(lists()[table.kind])}
-    assert whole == set(lists())
+    assert whole == set(lists()) - {"job"}  # which is no table: functions under `@job`
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ from concurrent.futures import ThreadPoolExecutor
 import pytest
 
 from uuv import first_start
-from uuv.first_start import Job, decoded, encoded
+from uuv.first_start import KernelJob, decoded, encoded
 
 REHEARSED = """
 import json
@@ -25,7 +25,7 @@ print(json.dumps([(name, [encoded(kind) for kind in args]) for name, kernel in k
 
 
 @pytest.fixture(scope="module")
-def jobs() -> list[Job]:
+def jobs() -> list[KernelJob]:
     return first_start.jobs()
 
 
@@ -52,10 +52,10 @@ def test_the_list_holds_what_a_job_loads(jobs):
 
 def test_rows_run_after_those_that_they_call_two_at_a_time_and_the_longest_way_first():
     todo = [
-        Job("a", None, (), (), 1.0),
-        Job("b", None, (), (), 9.0),
-        Job("c", None, (), (0,), 20.0),
-        Job("d", None, (), (1, 2), 1.0),
+        KernelJob("a", None, (), (), 1.0),
+        KernelJob("b", None, (), (), 9.0),
+        KernelJob("c", None, (), (0,), 20.0),
+        KernelJob("d", None, (), (1, 2), 1.0),
     ]
     began: list[int] = []
     lock, most = threading.Semaphore(2), 2
@@ -95,7 +95,7 @@ def test_the_lines_end_with_what_they_tell_of(monkeypatch, capsys):
 
 
 def test_only_rows_that_are_wanted_run():
-    rows = [Job("a", None, (), (), 1.0), Job("b", None, (), (0,), 1.0), Job("c", None, (), (1,), 1.0)]
+    rows = [KernelJob("a", None, (), (), 1.0), KernelJob("b", None, (), (0,), 1.0), KernelJob("c", None, (), (1,), 1.0)]
     with ThreadPoolExecutor(1) as pool:
         ended = list(first_start._in_order(rows, [2, 0], lambda row: pool.submit(lambda: row == 0), 1))
     assert ended == [(0, True), (2, False)]

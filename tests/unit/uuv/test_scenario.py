@@ -28,6 +28,7 @@ from uuv.scenario_file import as_dict, from_dict, registries, to_toml, with_valu
 from uuv.sim.interfaces.errors import LONGEST, ConfigurationError
 from uuv.sim.interfaces.messages import WorkState
 from uuv.sim.plant.faults import FaultyPlant
+from uuv.sim.runs.command_line import parse
 from uuv.site import KnownObject, Site
 from uuv.tasks import registry as tasks
 from uuv.tasks.insertion import InsertionTask

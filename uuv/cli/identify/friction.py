@@ -4,10 +4,10 @@ import time
 from collections.abc import Sequence
 
 from uuv import jobs
-from uuv.cli.job_command_line import options_class
-from uuv.cli.run_job import run
+from uuv.cli.run_job import EveryJob, run
+from uuv.jobs.command_line import options_class
 
-FrictionVerb = options_class(jobs.identify_friction)
+FrictionVerb = options_class(jobs.identify_friction, EveryJob)
 
 
 def main(verb: str, args: Sequence[str]) -> int:

@@ -8,8 +8,8 @@ from typing import ClassVar
 import pytest
 import tyro
 
-from uuv.cli.job_command_line import options_class
 from uuv.jobs import Job, clean_barrel, clean_pile, insert_sampler, sample_seabed
+from uuv.jobs.command_line import options_class
 from uuv.sim.runs.option_groups import cli
 
 

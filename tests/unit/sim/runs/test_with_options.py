@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import pytest
 
-from uuv.cli.job_command_line import options_class
 from uuv.jobs import clean_object, identify_friction
+from uuv.jobs.command_line import options_class
 from uuv.scenario import Sensing
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.runs.command_line import RunOptions, parse, run_scenario, with_options

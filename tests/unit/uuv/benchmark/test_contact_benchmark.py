@@ -309,7 +309,7 @@ def test_a_seed_that_is_none_is_refused(text: str, verb, monkeypatch):
         ("[]", r"must be a table, got \[\]"),
         ('{"benchmark": 5, "rows": []}', r"\[benchmark\]: must be a table, got 5"),
         ('{"benchmark": {"version": 1}, "rows": []}', r"\[benchmark\]: seed is missing"),
-        ("[" * 9000, "tables deep"),
+        ("[" * 9000 + "]" * 9000, "tables deep"),
     ],
 )
 def test_a_damaged_result_is_one_line(change: str, said: str, tmp_path: Path):

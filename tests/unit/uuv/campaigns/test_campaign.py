@@ -23,7 +23,7 @@ from uuv.sim.runs.provenance import versions
 from uuv.sim.runs.run_folder import alone_in
 
 FILE = """
-base = "barrel"
+base = "clean-barrel"
 quick = true
 cases = 4
 
@@ -124,7 +124,7 @@ def test_a_scenario_file_may_be_the_base(tmp_path):
     from uuv import write_scenario
 
     write_scenario(clean_barrel(quick=True, path="transverse"), tmp_path / "base.toml")
-    text = FILE.replace('"barrel"', '"base.toml"').replace("quick = true\n", "")
+    text = FILE.replace('"clean-barrel"', '"base.toml"').replace("quick = true\n", "")
     assert read(tmp_path, text).runs()[0].scenario().task == clean_barrel(quick=True, path="transverse").task
 
 
@@ -157,8 +157,8 @@ def test_examples_can_be_read(root, name):
         ("cases = 4", "cases = 4\nworkers = 2", r"no key 'workers'; there are"),
         ("cases = 4", 'cases = 4\ndesign = "grid"', r"design: allowed random, sobol, latin-hypercube, got 'grid'"),
         ("cases = 4", "cases = 4\nkept = 2.0", r"kept"),
-        ('"barrel"', '"ship"', r"base: allowed clean-barrel, .* got 'ship'"),
-        ('"barrel"', '"gone.toml"', r"quick: only with a job as base"),
+        ('"clean-barrel"', '"ship"', r"base: allowed clean-barrel, .* got 'ship'"),
+        ('"clean-barrel"', '"gone.toml"', r"quick: only with a job as base"),
         ("[set]", "[limits]\ntime = 3\n[set]", r"limits: no key 'time'; there are time_s"),
         ("[set]", "[set", r"cannot be read"),
     ],

@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 
 from uuv import jobs
-from uuv.cli.job_command_line import options_class, parsed, typed
 from uuv.controllers.planning.promise import StopLimits
 from uuv.jobs import Job, clean_barrel, clean_object, clean_pile, insert_sampler, open_water, sample_seabed
+from uuv.jobs.command_line import options_class, parsed, typed
 from uuv.jobs.job import as_job
 from uuv.scenario import Scenario, Task
 from uuv.scenario_file import from_dict
@@ -90,7 +90,7 @@ def test_an_option_that_a_task_does_not_heed_is_none_of_its_jobs():
     assert "sensor" in clean_barrel.options()
     for job in (insert_sampler, sample_seabed, open_water):
         assert "sensor" not in job.options()
-    with pytest.raises(ConfigurationError, match="job insert-sampler has no 'sensor'.*; it has depth, quick, "):
+    with pytest.raises(ConfigurationError, match=r"job insert-sampler has no 'sensor'.*; it has depth, quick, "):
         insert_sampler(sensor="sonar")
 
 

@@ -1,0 +1,95 @@
+"""Command line of a job: its keyword arguments as options, beside those of every run."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, fields, make_dataclass
+from typing import TYPE_CHECKING, Any, ClassVar
+
+from uuv.experiment.engines import EngineName
+from uuv.experiment.options import at_least
+from uuv.jobs.job import Job, JobOption
+from uuv.sim.runs.command_line import RunOptions, parse
+
+if TYPE_CHECKING:  # a help text does without
+    from uuv.scenario import Scenario
+
+
+@dataclass(kw_only=True)
+class TrialOptions(RunOptions):
+    """Options of a run that can be repeated over many seeds."""
+
+    groups: ClassVar[Mapping[str, str]] = {"trials": "trials engine workers anew"}
+
+    trials: int = 0
+    """Number of seeds to run, without recording; 0: one run with recording."""
+    engine: EngineName = "processes"
+    """processes: of this machine. ray: a Ray cluster, that of RAY_ADDRESS or one started here
+    (extra cluster)."""
+    workers: int = 0
+    """Processes for the trials; 0: one for each core, 1: this one."""
+    anew: bool = False
+    """Delete the trials in the folder of an earlier command; without it they are resumed."""
+
+    def __post_init__(self) -> None:
+        at_least(self, trials=0, workers=0)
+
+
+def run_options(job: Job) -> type[RunOptions]:
+    """Class of the options of a run of the job that change no figure."""
+    return TrialOptions if job.over_seeds else RunOptions
+
+
+def options_class(job: Job, beside: type[Any] = RunOptions, base: "Scenario | None" = None) -> type[Any]:
+    """Dataclass of all options of a job, for `uuv.start.parse`.
+
+    Args:
+        job: The job.
+        beside: Class of the command's options beside those of job and run.
+        base: Its scenario, where a task of the user's own changes which options there are.
+    """
+    of_run = run_options(job)
+    bases = (of_run,) if issubclass(of_run, beside) else (beside, of_run)
+    taken = {option.name for kind in bases for option in fields(kind)}
+    options = [option for word, option in job.options(base).items() if word not in taken]
+
+    # Titles of groups, keys of a scenario file and texts, as `parse` reads them.
+    titles = _groups(options)
+    if beside is not RunOptions:
+        titles["run"] = " ".join(option.name for option in fields(beside))
+    namespace = {
+        "__doc__": job.description,
+        "groups": titles,
+        "keys": {option.word: option.key for option in options if option.key},
+        "abouts": {option.word: option.about for option in options},
+    }
+    members = [(option.word, option.hint, field(default=option.default)) for option in options]
+    return make_dataclass("JobCommandLine", members, bases=bases, namespace=namespace, kw_only=True)
+
+
+def parsed(
+    job: Job, args: Sequence[str], beside: type[Any] = RunOptions, base: "Scenario | None" = None
+) -> tuple[dict[str, Any], Any]:
+    """What a command line asks of a job; the arguments are those of `options_class`.
+
+    Returns:
+        Arguments of the job that were typed, by keyword; and all options, defaults included.
+    """
+    options = parse(options_class(job, beside, base), args)
+
+    words = typed(args)
+    values = {word: getattr(options, word) for word in job.options(base) if word in words}
+    return values, options
+
+
+def typed(args: Iterable[str]) -> frozenset[str]:
+    """Names of the options on a command line, where what was not typed has a default."""
+    words = {arg[2:].partition("=")[0] for arg in args if arg.startswith("--")}
+    names = {word.replace("-", "_") for word in words}
+    return frozenset(names | {name.removeprefix("no_") for name in names})
+
+
+def _groups(options: Iterable[JobOption]) -> dict[str, str]:
+    """Names of the options by the title of their group."""
+    groups: dict[str, list[str]] = {}
+    for option in options:
+        groups.setdefault(option.group, []).append(option.word)
+    return {title: " ".join(words) for title, words in groups.items()}

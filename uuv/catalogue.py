@@ -88,8 +88,8 @@ def _jobs(file: Path) -> Iterator[tuple[str, str]]:
     """Functions under `@job`, by their names with dashes."""
     for node in _tree(file).body:
         if isinstance(node, ast.FunctionDef):
-            marks = [mark.func if isinstance(mark, ast.Call) else mark for mark in node.decorator_list]
-            if any(isinstance(mark, ast.Name) and mark.id == "job" for mark in marks):
+            marks = [mark.id for mark in node.decorator_list if isinstance(mark, ast.Name)]
+            if "job" in marks:
                 yield node.name.replace("_", "-"), _first_line(node)
 
 

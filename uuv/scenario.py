@@ -49,8 +49,8 @@ class VehicleSetup:
 
     vehicle: str = option(
         "uuv_puma",
-        "A name of `uuv list vehicles`, a file with the named parts, MJCF or URDF (docs/own_vehicle.md), or "
-        "MODULE:FUNCTION.",
+        "A name of `uuv list vehicles`, a file with the named parts, MJCF or URDF "
+        "(docs/own_vehicle.md), or MODULE:FUNCTION.",
         group="vehicle",
     )
     arm_errors: int | None = option(
@@ -66,8 +66,8 @@ class VehicleSetup:
     )
     parts: str | None = option(
         None,
-        "File that maps the model's names to those of the contract; default: NAME.parts.yaml beside the vehicle's "
-        "file.",
+        "File that maps the model's names to those of the contract; default: NAME.parts.yaml "
+        "beside the vehicle's file.",
         group="vehicle",
     )
 
@@ -103,15 +103,15 @@ class Sensing:
 
     sensor: str = option(
         "camera",
-        "Sensor for identification: camera, sonar, survey (the object's pose is known, and nothing looks for it, nor "
-        "for growth and dents), a registered name, or MODULE:FUNCTION.",
+        "Sensor for identification: camera, sonar, survey (the object's pose is known, and nothing "
+        "looks for it, nor for growth and dents), a registered name, or MODULE:FUNCTION.",
         group="sensing",
         everywhere=False,
     )
     looks: int = option(
         1,
-        "Successive depth frames, or pings, whose median the tool path is planned on; 16 where growth or dents are "
-        "possible.",
+        "Successive depth frames, or pings, whose median the tool path is planned on; 16 where "
+        "growth or dents are possible.",
         group="sensing",
         everywhere=False,
     )
@@ -168,8 +168,8 @@ class Control:
     )
     published: tuple[PublishedMethod, ...] = option(
         (),
-        "Methods as in [Konoplin 2022], in place of the default ones: force-law or normal-force-law, tip-force, "
-        "identification.",
+        "Methods as in [Konoplin 2022], in place of the default ones: force-law or "
+        "normal-force-law, tip-force, identification.",
         group="control",
         everywhere=False,
     )
@@ -190,8 +190,8 @@ class Task(ABC):
     spares: ClassVar[Collection[str]] = ()  # named parts of the vehicle that it does without
     schema: ClassVar[str] = "metrics"  # of metrics.json, in sim/schemas
     looks: ClassVar[bool] = False  # a camera or a sonar looks at the site, which takes a ray caster
-    over_seeds: ClassVar[bool] = False  # `uuv.campaigns.task_trials` sums its figures up over many seeds
-    heeds: ClassVar[Collection[str]] = ()  # words of further options of a scenario that mean something to it
+    over_seeds: ClassVar[bool] = False  # `uuv.campaigns.task_trials` sums up its figures
+    heeds: ClassVar[Collection[str]] = ()  # words of a scenario's further options that it uses
 
     @property
     def tool(self) -> str | None:

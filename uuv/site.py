@@ -53,14 +53,14 @@ class Workpiece(SiteObject, ABC):
 
     fouled: float = option(
         0.0,
-        "Growth on the object, up to this height [m], along the path where there is one; the vehicle knows the clean "
-        "object only.",
+        "Growth on the object, up to this height [m], along the path where there is one; the "
+        "vehicle knows the clean object only.",
         group="object",
     )
     dented: float = option(
         0.0,
-        "Dents in the object, up to this depth [m], along the path where there is one; the vehicle knows the undamaged "
-        "object only.",
+        "Dents in the object, up to this depth [m], along the path where there is one; the vehicle "
+        "knows the undamaged object only.",
         group="object",
     )
 

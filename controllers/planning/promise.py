@@ -27,8 +27,8 @@ class StopLimits:
 
     every: float = option(
         3.0,
-        "The pressed tool stands still for a moment after so many seconds of motion [s], and its joints then tell "
-        "navigation how the hull moves; 0: it does not stop.",
+        "The pressed tool stands still for a moment after so many seconds of motion [s], and its "
+        "joints then tell navigation how the hull moves; 0: it does not stop.",
         group="work",
         word="stop_every",
         closed=0.0,
@@ -59,10 +59,10 @@ class PromiseLimits:
     """What is promised, from which chance on, and what is done for it."""
 
     tolerance: float = 0.003  # [m] from the path, along it and across it
-    wanted: float = WANTED  # chance from which on the work begins at once; `least`, where that is higher
+    wanted: float = WANTED  # chance from which on the work begins at once; or `least`, if higher
     least: float = option(
         0.0,
-        "Chance to keep the path within 3 mm, below which the work is refused before contact; 0: it is only said.",
+        "Chance to keep the path within 3 mm, below which the work is refused; 0: it is only said.",
         group="work",
         word="least_chance",
     )
@@ -80,9 +80,8 @@ class PromiseLimits:
         finite_number(self.interval, "task.promise.interval [s]", above=0.0)
         finite_number(self.gain, "task.promise.gain", least=0.0)
         if not self.most_thrust > 0.0:
-            raise ConfigurationError(
-                f"task.promise.most_thrust, a share of full thrust: must be > 0, got {self.most_thrust}"
-            )
+            text = f"task.promise.most_thrust: must be > 0, got {self.most_thrust}"
+            raise ConfigurationError(text)
 
 
 def promise(estimate: StateEstimate, target: Target, tolerance: float, duration: float) -> Promise | None:

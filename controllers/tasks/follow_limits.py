@@ -1,4 +1,4 @@
-"""Limits of the motion along a path; apart from the phases, for a task's description needs no kernels."""
+"""Limits of the motion along a path; apart from the phases, whose kernels a description lacks."""
 
 from dataclasses import dataclass
 
@@ -12,7 +12,7 @@ class FollowLimits:
 
     speed: float = 0.02  # [m/s] along the path
     ramp: float = 1.0  # [s] time from rest to that speed
-    bend: float = BEND  # [m/s^2] largest acceleration across the path: bends are taken as slowly as that asks
+    bend: float = BEND  # [m/s^2] largest acceleration across the path, by which bends are slower
     linger: float = 0.5  # [s] at its end
     paused_force: float = 0.5  # share of the set force during a pause
     pace_time: float = 0.5  # [s] for motion along the path to stop, and to resume

@@ -1,8 +1,8 @@
-"""Options: values of a description that a command line, and a call of a job, take by a word of their own.
+"""Options: values of a description that a command line and a call of a job take by a word.
 
     speed: float = option(0.02, "Speed of the tool along the path [m/s].", group="work")
 
-The word, its unit and what it means stand here, beside the value; `uuv.jobs` finds them in a scenario.
+The word, its unit and what it means stand beside the value; `uuv.jobs` finds them in a scenario.
 """
 
 import math
@@ -40,7 +40,7 @@ def option(
 ) -> Value:
     """Field of a dataclass that is an option too.
 
-    A field that is a table or None is true or false as an option: the table with its defaults, or none.
+    A field that is a table or None is true or false as an option: the usual table, or none.
 
     Args:
         default: Default of the field.
@@ -51,10 +51,17 @@ def option(
         everywhere: Whether every job takes it.
         closed: Value at which its table is absent.
     """
-    made = Option(about=about, group=group, word=word, unit=unit, everywhere=everywhere, closed=closed)
-    return field(default=default, metadata={_METADATA: made})
+    words = {"about": about, "group": group, "word": word}
+    declared = Option(**words, unit=unit, everywhere=everywhere, closed=closed)
+    return field(default=default, metadata={_METADATA: declared})
 
 
 def option_of(of: "Field[Any]") -> Option | None:
     """The option that a field is; None: it is none."""
     return of.metadata.get(_METADATA)
+
+
+def about_of(of: "Field[Any]") -> str:
+    """What a field is, where it is an option; or empty."""
+    declared = option_of(of)
+    return declared.about if declared is not None else ""

@@ -160,9 +160,9 @@ class TableReader:
             _check_bounds(allowed[key], value, _inside(where, key))
         return chosen(**made)
 
-    def value(self, hint: Any, given: Any, where: str) -> Any:
-        """`given`, a value of a document, as the type `hint` asks for; `where` begins the message of an error."""
-        return self._value(hint, given, where)
+    def value(self, hint: Any, item: Any, where: str) -> Any:
+        """A value of a document as the type `hint` asks for; `where` begins the message."""
+        return self._value(hint, item, where)
 
     def _value(self, hint: Any, given: Any, where: str) -> Any:
         """`given` as the type `hint` asks for."""

@@ -156,8 +156,9 @@ def with_options(message: str, kind: type[Any]) -> str:
         known.add(key)
         return f"{option} ({key})"
 
-    # An option that is in no scenario, of every run or of a job's own, begins the message by its bare name.
-    bare = {field.name for field in fields(RunOptions)} | (set(vars(kind).get("abouts", {})) - set(keys))
+    # An option that is in no scenario, of every run or a job's own, begins the message by its name.
+    of_job = set(vars(kind).get("abouts", {})) - set(keys)
+    bare = {field.name for field in fields(RunOptions)} | of_job
     head = re.match(r"[a-z]\w*(?= \[|:| \d)", message)
     text = _KEY.sub(named, message)
     if head and head[0] in names & bare:

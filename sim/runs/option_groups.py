@@ -1,7 +1,7 @@
 """Options of a command in groups: `tyro` shows each group under its title, and one class still holds them all.
 
-A class of options, or a base of it, tells its groups by `groups`: title, and names of its fields. What a field means
-stands below it, or in `abouts` of a class that is made at run time.
+A class of options, or a base of it, tells its groups by `groups`: title, and names of its fields.
+What a field means stands below it, or in `abouts` of a class that is made at run time.
 """
 
 import ast
@@ -66,7 +66,7 @@ def _told(kind: type) -> dict[str, str]:
     """What the class and its bases say below each field."""
     told: dict[str, str] = {}
     for base in reversed(kind.__mro__[:-1]):
-        told |= {name: " ".join(about.split()) for name, about in vars(base).get("abouts", {}).items()}
+        told |= vars(base).get("abouts", {})
         file = getattr(sys.modules.get(base.__module__), "__file__", None)
         body = None if file is None else _classes(file).get(base.__qualname__)
         if body is None:  # typed in at a prompt, or made by a function

@@ -7,7 +7,7 @@ from typing import ClassVar, Literal
 
 from uuv.catalogue import things
 from uuv.sim.interfaces.errors import ConfigurationError, did_you_mean
-from uuv.sim.interfaces.options import option_of
+from uuv.sim.interfaces.options import about_of
 from uuv.sim.runs.command_line import RunOptions
 from uuv.sim.runs.run_folder import new_folder
 from uuv.site import Site
@@ -17,13 +17,11 @@ Touching = Literal["noise", "clamped", "hovering"]
 
 
 @dataclass(kw_only=True)
-class CalibrationOptions(RunOptions):
-    """Calibrate an arm by touching fixed points."""
+class WaterOptions(RunOptions):
+    """Seed and water of a calibration."""
 
     groups: ClassVar[Mapping[str, str]] = {"water": "current gust wave wave_frequency"}
-    abouts: ClassVar[Mapping[str, str]] = {
-        field.name: of_site.about for field in fields(Site) for of_site in (option_of(field),) if of_site is not None
-    }
+    abouts: ClassVar[Mapping[str, str]] = {field.name: about_of(field) for field in fields(Site)}
 
     seed: int = 0
     """Seed of everything random: workshop errors, the noise of hand and sensors, the gusts."""
@@ -33,6 +31,25 @@ class CalibrationOptions(RunOptions):
     gust: float = Site.gust
     wave: tuple[float, float, float] = Site.wave
     wave_frequency: float = Site.wave_frequency
+
+    def folder(self, name: str) -> Path:
+        """New folder for results.
+
+        Raises:
+            ConfigurationError: It is in use, or cannot be created.
+        """
+        return new_folder(name, self.out, self.seed)
+
+    def site(self) -> Site:
+        """The water; its object is none of a calibration."""
+        wave = {"wave": self.wave, "wave_frequency": self.wave_frequency}
+        return Site(current=self.current, gust=self.gust, **wave)
+
+
+@dataclass(kw_only=True)
+class CalibrationOptions(WaterOptions):
+    """Calibrate an arm by touching fixed points."""
+
     arm: str = "ur10e"
     """A published arm (ur10e, panda, ...), the arm of a vehicle (uuv_puma), or a file: .csv, .yaml, .urdf, .xml
     (MJCF)."""
@@ -86,18 +103,6 @@ class CalibrationOptions(RunOptions):
     """map: maximum a posteriori fit; paper: three iterations on all parameters [Yukhimets 2023]."""
     plan: int | None = None
     """Plan this number of touches instead: those that would tell most, after those of --touches or from the start."""
-
-    def folder(self, name: str) -> Path:
-        """New folder for results.
-
-        Raises:
-            ConfigurationError: It is in use, or cannot be created.
-        """
-        return new_folder(name, self.out, self.seed)
-
-    def site(self) -> Site:
-        """The water; its object is none of a calibration."""
-        return Site(current=self.current, gust=self.gust, wave=self.wave, wave_frequency=self.wave_frequency)
 
 
 def check_inputs(options: CalibrationOptions) -> None:

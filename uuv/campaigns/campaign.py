@@ -296,14 +296,18 @@ def _table(given: Mapping[str, Any], key: str) -> dict[str, Any]:
 def _base(given: Any, quick: Any, beside: Path, *, trust: bool) -> Scenario:
     if not isinstance(quick, bool):
         raise ConfigurationError(f"quick: must be true or false, got {shown(quick)}")
+
+    # A job by its name, or a file.
     name = given if isinstance(given, str) else ""
     if name in jobs.JOBS:
         job = jobs.named(name)
         return job(quick=True) if quick else job()
     if not name.endswith(".toml"):
         known = jobs.JOBS.names()
-        allowed, meant = ", ".join(known), did_you_mean(name, known)
-        raise ConfigurationError(f"base: allowed {allowed} or a scenario file (.toml), got {shown(given)}{meant}")
+        allowed = ", ".join(known)
+        meant = did_you_mean(name, known)
+        got = f"got {shown(given)}{meant}"
+        raise ConfigurationError(f"base: allowed {allowed} or a scenario file (.toml), {got}")
     if quick:
-        raise ConfigurationError("quick: only with a job as base; a scenario file says itself how long its job is")
+        raise ConfigurationError("quick: only with a job as base; a scenario file says how long its job is")
     return read_scenario(beside / given, trust=trust)

@@ -1,4 +1,4 @@
-"""A job or a scenario file: `uuv run NAME [OPTIONS]`, `uuv run MODULE:FUNCTION [OPTIONS]`, `uuv run FILE.toml`."""
+"""A job or a scenario file: `uuv run NAME`, `uuv run MODULE:FUNCTION`, `uuv run FILE.toml`."""
 
 import time
 from collections.abc import Sequence
@@ -43,8 +43,8 @@ class RunVerb(EveryJob):
         Positional[str],
         arg(
             metavar="NAME",
-            help=f"{', '.join(jobs.JOBS.names())}, a job of one's own, MODULE:FUNCTION, or a scenario, FILE.toml, such "
-            "as the scenario.toml in the folder of every run.",
+            help=f"{', '.join(jobs.JOBS.names())}, a job of one's own, MODULE:FUNCTION, or a "
+            "scenario, FILE.toml, such as the scenario.toml in the folder of every run.",
         ),
     ]
 
@@ -87,15 +87,17 @@ def run(job: jobs.Job, args: Sequence[str], started: float) -> int:
         args: Its options, as typed.
         started: [s] time.perf_counter() at the start of the command.
     """
+    # What was typed, and the scenario that it describes.
     task = _task_in(args)
     if task is None:
-        given, options = parsed(job, args, EveryJob)
-        scenario = job.scenario(given)
+        values, options = parsed(job, args, EveryJob)
+        scenario = job.scenario(values)
     else:  # its own fields are options in place of those of the job's task
-        given, options = parsed(job, args, EveryJob, _with_task(job(), task))
-        scenario = job.scenario(given, lambda base: _with_task(base, task))
+        values, options = parsed(job, args, EveryJob, _with_task(job(), task))
+        scenario = job.scenario(values, lambda base: _with_task(base, task))
     every = as_base(options, EveryJob)
-    return run_printed(_with_set(scenario, every), as_base(options, run_options(job)), every, started)
+    of_run = as_base(options, run_options(job))
+    return run_printed(_with_set(scenario, every), of_run, every, started)
 
 
 def _run_file(name: str, args: Sequence[str], started: float) -> int:
@@ -103,7 +105,8 @@ def _run_file(name: str, args: Sequence[str], started: float) -> int:
     from uuv.scenario_file import read_scenario
 
     options = parse(file_options(), args)
-    of_file, every = as_base(options, FileOptions), as_base(options, EveryJob)
+    of_file = as_base(options, FileOptions)
+    every = as_base(options, EveryJob)
     scenario = read_scenario(name, trust=of_file.trust)
     scenario = scenario if of_file.seed is None else replace(scenario, seed=of_file.seed)
     scenario = scenario if every.task is None else _with_task(scenario, every.task)
@@ -112,9 +115,10 @@ def _run_file(name: str, args: Sequence[str], started: float) -> int:
 
 def file_options() -> type[Any]:
     """Class of all options of a scenario file."""
-    names = " ".join(each.name for each in fields(EveryJob))
+    names = " ".join(option.name for option in fields(EveryJob))
     about = {"__doc__": FileOptions.__doc__, "groups": {"run": names}}
-    return make_dataclass("FileCommandLine", [], bases=(EveryJob, FileOptions), namespace=about, kw_only=True)
+    bases = (EveryJob, FileOptions)
+    return make_dataclass("FileCommandLine", [], bases=bases, namespace=about, kw_only=True)
 
 
 def _task_in(args: Sequence[str]) -> str | None:
@@ -132,7 +136,8 @@ def _with_task(scenario: "Scenario", task: str) -> "Scenario":
     from uuv.scenario_file import with_values
 
     module = task.partition(":")[0]
-    return with_values(scenario, [f'task.kind="{task}"', f'name="{module.rpartition(".")[2]}"'], TASK)
+    name = module.rpartition(".")[2]
+    return with_values(scenario, [f'task.kind="{task}"', f'name="{name}"'], TASK)
 
 
 def _with_set(scenario: "Scenario", every: EveryJob) -> "Scenario":
@@ -150,4 +155,5 @@ def _no_job(name: str) -> str:
     if verb and verb != "run":
         return f"{name} is no job, but a verb of its own: `uuv {verb}`"
     known = jobs.JOBS.names()
-    return f"no job {name!r}; there are {', '.join(known)}, or a scenario file (.toml){did_you_mean(name, known)}"
+    meant = did_you_mean(name, known)
+    return f"no job {name!r}; there are {', '.join(known)}, or a scenario file (.toml){meant}"

@@ -1,4 +1,4 @@
-"""A working part of one's own, with a test: `uuv new controller|vehicle|object|sensor|task NAME`."""
+"""A working part of one's own, with a test: `uuv new job|task|controller|... NAME`."""
 
 import keyword
 import shlex
@@ -206,6 +206,7 @@ from uuv.outcome import NoFigures
 from uuv.scenario import PlacedTask, Task
 from uuv.sim.evaluation.metrics import Assessment, Requirement
 from uuv.sim.interfaces.messages import Reference, WorkState
+from uuv.sim.interfaces.options import option
 from uuv.sim.interfaces.spatial import pose
 
 UNFOLD, TURN = 6.0, 10.0  # [s] to the ready posture, and once around
@@ -214,9 +215,9 @@ BOUND = 0.01  # [m] of the tip from the circle
 
 @dataclass(frozen=True, kw_only=True)
 class Circle(Task):
-    """Its fields are keys of a scenario file: --set task.radius=0.05."""
+    """Its fields are keys of a scenario file, and options by `option`: --radius 0.05."""
 
-    radius: float = 0.08  # [m]
+    radius: float = option(0.08, "Radius of the circle [m].")
 
     def place(self, scenario, own, rng):
         """The task for this vehicle; `rng` draws what is drawn."""
@@ -288,19 +289,47 @@ class PlacedCircle(PlacedTask):
     test="""from dataclasses import replace
 
 from uuv import jobs, run
-from uuv.site import OpenWater, Site
 
 from NAME import Circle
 
 
 def test_the_circle_is_drawn():
-    scenario = replace(jobs.clean_barrel(seed=0), task=Circle(radius=0.05), site=Site(object=OpenWater()))
-    ran = run(scenario)
+    ran = run(replace(jobs.open_water(seed=0), task=Circle(radius=0.05)))
     assert ran.assessment.accepted, ran.assessment.failed
 """,
-    use="uuv run clean-barrel --task NAME:Circle --set site.object.kind=OpenWater",
+    use="uuv run open-water --task NAME:Circle --radius 0.05",
 )
-SKELETONS = {"controller": CONTROLLER, "vehicle": VEHICLE, "object": OBJECT, "sensor": SENSOR, "task": TASK}
+JOB = Skeleton(
+    part='''"""Job NAME: a rock is swept from side to side with a set force."""
+
+from dataclasses import replace
+
+from uuv import Scenario, jobs
+
+
+@jobs.job
+def NAME(*, width: float = 0.2) -> Scenario:
+    """Sweep a rock from side to side.
+
+    Args:
+        width: Of the sweep, over the middle of the rock [m].
+    """
+    line = (0.0, -0.5 * width, 0.0, 0.5 * width)  # [m] both ends, from above
+    scenario = jobs.clean_object(object="rock", line=line, forces=(60.0,))
+    return replace(scenario, name="NAME")
+''',
+    test="""from uuv import run
+
+from NAME import NAME
+
+
+def test_the_rock_is_swept():
+    ran = run(NAME(width=0.15, seed=2, current=(0.1, 0.0, 0.0)))
+    assert ran.assessment.accepted, ran.assessment.failed
+""",
+    use="uuv run NAME:NAME --width 0.15 --seed 2",
+)
+SKELETONS = {"job": JOB, "controller": CONTROLLER, "vehicle": VEHICLE, "object": OBJECT, "sensor": SENSOR, "task": TASK}
 
 
 @dataclass(kw_only=True)

@@ -96,7 +96,7 @@ def clean_pile(
     else:
         least = min(1.0, 80.0 / around)
         task = SurfaceWorkTask(path=path, forces=AROUND, least=least, range=1.8)
-    return _on_object("clean_pile", pile, task, vehicle="uuv_puma_side")
+    return _on_object("clean_pile", pile, task, by="uuv_puma_side")
 
 
 @job
@@ -113,12 +113,13 @@ def clean_object(*, quick: bool = False) -> "Scenario":
     return _on_object("clean_object", KnownObject(), task)
 
 
-def _on_object(name: str, workpiece: "Workpiece", task: "Task", vehicle: str = "uuv_puma") -> "Scenario":
-    """A task at an object."""
+def _on_object(name: str, piece: "Workpiece", task: "Task", by: str = "uuv_puma") -> "Scenario":
+    """A task at an object, by a vehicle."""
     from uuv.scenario import Scenario, VehicleSetup
     from uuv.site import Site
 
-    return Scenario(name=name, site=Site(object=workpiece), task=task, vehicle=VehicleSetup(vehicle=vehicle))
+    vehicle = VehicleSetup(vehicle=by)
+    return Scenario(name=name, site=Site(object=piece), task=task, vehicle=vehicle)
 
 
 @job
@@ -194,7 +195,12 @@ def inspect_object(*, quick: bool = False) -> "Scenario":
 
 
 @job
-def identify_friction(*, seed: int = 0, gear_spread: float = 0.3, quick: bool = False) -> "Scenario":
+def identify_friction(
+    *,
+    seed: int = 0,  # of the gears too
+    gear_spread: float = 0.3,
+    quick: bool = False,
+) -> "Scenario":
     """Identify the friction of the arm's gears.
 
     The vehicle keeps station while its joints swing, slowly, then fast. Encoders, torque sensors at

@@ -38,7 +38,11 @@ def run_options(job: Job) -> type[RunOptions]:
     return TrialOptions if job.over_seeds else RunOptions
 
 
-def options_class(job: Job, beside: type[Any] = RunOptions, base: "Scenario | None" = None) -> type[Any]:
+def options_class(
+    job: Job,
+    beside: type[Any] = RunOptions,  # those of the command
+    base: "Scenario | None" = None,
+) -> type[Any]:
     """Dataclass of all options of a job, for `uuv.start.parse`.
 
     Args:

@@ -3,8 +3,8 @@
     @job
     def sweep_rock(*, width: float = 0.2) -> Scenario:
         "Sweep a rock from side to side."
-        rock = KnownObject(line=(0.0, -0.5 * width, 0.0, 0.5 * width))
-        return Scenario(name="sweep_rock", site=Site(object=rock), task=SurfaceWorkTask())
+        line = (0.0, -0.5 * width, 0.0, 0.5 * width)
+        return replace(clean_object(object="rock", line=line), name="sweep_rock")
 
     sweep_rock(width=0.3, seed=4, forces=(40.0,))
 
@@ -147,7 +147,7 @@ class Job:
         """
         return self.scenario(values)
 
-    def scenario(self, values: Mapping[str, Any], changed: "Change" = lambda base: base) -> "Scenario":
+    def scenario(self, values: Mapping[str, Any], changed: "Change | None" = None) -> "Scenario":
         """The scenario, as by a call.
 
         Args:
@@ -165,7 +165,8 @@ class Job:
             for word, value in values.items()
             if word in self.arguments
         }
-        base = changed(self._base(of_function))
+        base = self._base(of_function)
+        base = base if changed is None else changed(base)
 
         # The others are options of that base.
         options = self._scenario_options(base)

@@ -1,1 +1,1 @@
-"""Tasks of a scenario: what is to be done at a site, and how plant, finder, planner and evaluation are made for it."""
+"""Tasks of a scenario: what is to be done at a site, and how it is planned and judged there."""

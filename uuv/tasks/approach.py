@@ -17,12 +17,12 @@ def object_of(scenario: Scenario, kind: type[Any]) -> Any:
     Raises:
         ConfigurationError: It is of another kind.
     """
-    found = scenario.site.object
-    if not isinstance(found, kind):
+    thing = scenario.site.object
+    if not isinstance(thing, kind):
         raise ConfigurationError(
-            f"task {type(scenario.task).__name__}: needs a {kind.__name__} at the site, got {type(found).__name__}"
+            f"task {type(scenario.task).__name__}: needs a {kind.__name__} at the site, got {type(thing).__name__}"
         )
-    return found
+    return thing
 
 
 def scan_pose(X_BC: Array, approach_W: Array, scan_range: float) -> Array:

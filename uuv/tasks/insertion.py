@@ -42,11 +42,11 @@ class InsertionTask(Task):
     depth: float = 0.06  # [m] to reach below the mouth
     error: tuple[float, float] = option(
         (0.0, 0.0),
-        "Error added to the identified hole position along the hole's x and y [mm]; search and compliance must correct "
-        "it.",
+        "Error added to the identified hole position along the hole's x and y [mm]; search and "
+        "compliance must correct it.",
         unit=MILLIMETRE,
     )
-    compliance: bool = option(True, "Compliance to side forces (--no-compliance: none, for ablation).")
+    compliance: bool = option(True, "Compliance to side forces; without it for ablation.")
     range: float = option(1.25, "Range from camera to manifold at the scan [m].")
 
     def __post_init__(self) -> None:

@@ -48,14 +48,10 @@ class InspectionTask(Task):
     looks: ClassVar[bool] = True
     spares: ClassVar[Collection[str]] = (TOOL_GEOM,)
     distance: float = option(1.4, "Distance from the camera to the object's outline [m].")
-    clearance: float = option(0.3, "Least clearance of hull and folded arm to the object and the seabed [m].")
+    clearance: float = option(0.3, "Least clearance of hull and folded arm to all around [m].")
     speed: float = option(0.15, "Speed of the hull [m/s].")
-    cover: bool = option(
-        False, "Fly further orbits, at other heights and distances, until all that can be seen is seen."
-    )
-    mesh: bool = option(
-        False, "Leave mesh.ply, a mesh of what was seen in the colours of its deviation from the model (extra open3d)."
-    )
+    cover: bool = option(False, "Fly further orbits until all that can be seen is seen.")
+    mesh: bool = option(False, "Leave mesh.ply, what was seen and how it deviates (extra open3d).")
 
     def check_inputs(self, scenario: Scenario) -> None:
         """Refuses an object that there is not, and a mesh without Open3D."""

@@ -61,12 +61,13 @@ class SeabedSamplingTask(Task):
     depth: float = 0.18  # [m] of the box; of a core: depth at which the tube is full
     cloud: str | None = option(
         None,
-        "Text, PLY or PCD, in the axes of a level hull 2.5 m above the terrain's middle: replaces the scan, and is "
-        "judged before the vehicle approaches.",
+        "Text, PLY or PCD, in the axes of a level hull 2.5 m above the terrain's middle: replaces "
+        "the scan, and is judged before the vehicle approaches.",
     )
     targets: str | None = option(
         None,
-        "Text file: points B_i over the seabed and a line `z X Y Z`, in the same axes; default: ahead of the hull.",
+        "Text file: points B_i above the seabed and a line `z X Y Z` with their direction, in the "
+        "same axes; default: ahead of the hull.",
     )
 
     @property

@@ -34,6 +34,8 @@ def check_start(model: mujoco.MjModel, vehicle: Vehicle, X_WB: Array) -> None:
     """
     data = folded_at(model, vehicle, X_WB)
     mujoco.mj_collision(model, data)
+
+    # The deepest contact of the vehicle with anything else.
     root = np.asarray(model.body_rootid)[np.asarray(model.geom_bodyid)]
     ours = root == model.body_rootid[vehicle.hull]
     deepest = min(
@@ -43,8 +45,9 @@ def check_start(model: mujoco.MjModel, vehicle: Vehicle, X_WB: Array) -> None:
     )
     if deepest is None or deepest.dist > -_DEEP:
         return
-    own, other = sorted(deepest.geom.tolist(), key=lambda geom: not ours[geom])
+
+    part, other = sorted(deepest.geom.tolist(), key=lambda geom: not ours[geom])
+    inside = f"{-deepest.dist:.2f} m deep in {of_geom(model, other)} with {of_geom(model, part)}"
     raise ConfigurationError(
-        f"the vehicle would begin {-deepest.dist:.2f} m deep in {of_geom(model, other)} with {of_geom(model, own)}; "
-        "its camera's place and tilt, and task.range, decide where it looks from"
+        f"the vehicle would begin {inside}; its camera's place and tilt, and task.range, decide where it looks from"
     )

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 import mujoco
 import numpy as np
+from numpy.random import Generator
 
 from uuv.models.naming import CAMERA_SITE, TOOL_GEOM
 from uuv.outcome import NoFigures, RunResult
@@ -13,7 +14,7 @@ from uuv.own_vehicle import OwnVehicle
 from uuv.scenario import PlacedTask, Scenario, Task
 from uuv.sim.evaluation.metrics import Assessment, Requirement
 from uuv.sim.interfaces.messages import WorkState
-from uuv.sim.interfaces.options import option
+from uuv.sim.interfaces.options import DEGREE, option
 from uuv.sim.interfaces.spatial import Array, finite_number, pose
 from uuv.site import OpenWater
 from uuv.tasks.approach import object_of
@@ -31,7 +32,7 @@ class StationBounds:
     """Acceptance bounds on the true hull, from the moment at which it has come to rest."""
 
     drift: float = 0.06  # [m] from its place: as far off as a hull that counts as at rest
-    tilt: float = float(np.radians(5.0))  # [rad]
+    tilt: float = 5.0 * DEGREE  # [rad]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,7 +41,7 @@ class StationKeepingTask(Task):
 
     spares: ClassVar[Collection[str]] = (CAMERA_SITE, TOOL_GEOM)
     heeds: ClassVar[Collection[str]] = ("without", "dead_beams")
-    seconds: float = option(30.0, "Time for which the hull holds its place [s], once it is at rest.")
+    seconds: float = option(30.0, "Time for which the hull holds its place at rest [s].")
 
     def __post_init__(self) -> None:
         finite_number(self.seconds, "task.seconds [s]", least=1.0, most=LONGEST)
@@ -53,11 +54,13 @@ class StationKeepingTask(Task):
     def least_seconds(self, scenario: Scenario) -> float:
         """Time [s] of holding."""
         del scenario
+
         return self.seconds
 
-    def place(self, scenario: Scenario, own: OwnVehicle, rng: np.random.Generator) -> "PlacedStationKeeping":
+    def place(self, scenario: Scenario, own: OwnVehicle, rng: Generator) -> "PlacedStationKeeping":
         """The task; nothing is drawn."""
         del rng
+
         return PlacedStationKeeping(scenario=scenario, own=own, task=self)
 
 
@@ -94,26 +97,33 @@ class PlacedStationKeeping(PlacedTask):
         from uuv.controllers.tasks.phase import Hold, PhaseEvent
         from uuv.controllers.tasks.task import TaskPlanner, TaskRow
 
+        # At rest first, as before every job.
+        keep = KeepStation(self.task.seconds)
         rows = {
             "settle": TaskRow(Settle(RestLimits()), WorkState.SETTLE, {PhaseEvent.DONE: "keep"}),
-            "keep": TaskRow(KeepStation(self.task.seconds), WorkState.WORK, {PhaseEvent.DONE: "held"}),
+            "keep": TaskRow(keep, WorkState.WORK, {PhaseEvent.DONE: "held"}),
             "held": TaskRow(Hold(), WorkState.DONE),
         }
         return TaskPlanner(rows.items(), (), X_WB=self.X_WB, q=np.array(self.own.vehicle.q_home))
 
     def assess(self, ran: RunResult, seed: int) -> Assessment:
         """Largest distance from the place and largest tilt of the true hull while it holds."""
-        recording, bounds = ran.recording, StationBounds()
-        work = recording.within(WorkState.WORK)
+        work = ran.recording.within(WorkState.WORK)
+        p_WB = ran.recording["p_WB"].value[work]
+        x, y = ran.recording["quat_WB_wxyz"].value[work, 1:3].T
+
+        # A run that ended before has no figures.
         drift = tilt = None
         if work.any():
-            drift = float(np.linalg.norm(recording["p_WB"].value[work] - self.X_WB[:3, 3], axis=1).max())
-            x, y = recording["quat_WB_wxyz"].value[work, 1:3].T
-            tilt = float(np.arccos(np.clip(1.0 - 2.0 * (x * x + y * y), -1.0, 1.0)).max())
+            up = 1.0 - 2.0 * (x * x + y * y)  # of the hull's z axis, along that of W
+            tilt = float(np.arccos(np.clip(up, -1.0, 1.0)).max())
+            drift = float(np.linalg.norm(p_WB - self.X_WB[:3, 3], axis=1).max())
+
+        # Both against their bounds.
+        bounds = StationBounds()
         checks = [
-            Requirement(name="hull off its place, peak", value=drift, bound=bounds.drift, unit="mm", scale=1e3),
-            Requirement(
-                name="tilt of the hull, peak", value=tilt, bound=bounds.tilt, unit="deg", scale=float(np.degrees(1.0))
-            ),
+            Requirement("hull off its place, peak", drift, bounds.drift, "mm", scale=1e3),
+            Requirement("tilt of the hull, peak", tilt, bounds.tilt, "deg", scale=1.0 / DEGREE),
         ]
-        return Assessment.of(recording, NoFigures(), checks, seed=seed, wall_s=ran.wall_s)
+        wall_s = ran.wall_s
+        return Assessment.of(ran.recording, NoFigures(), checks, seed=seed, wall_s=wall_s)

@@ -50,8 +50,8 @@ class ToolTurn:
 
     angle: float = option(
         0.0,
-        "Angle [deg] of the tool's x axis from the path, about the tool axis, that a tool which is not round keeps; "
-        "default: the tool is round.",
+        "Angle [deg] of the tool's x axis from the path, about the tool axis, that a tool which is "
+        "not round keeps; default: the tool is round.",
         group="work",
         word="turn",
         unit=DEGREE,
@@ -59,12 +59,12 @@ class ToolTurn:
     )
     blend: float = option(
         0.0,
-        "Length [m] of the path over which a tool that is not round turns at a corner; at least 0.04.",
+        "Length [m] of the path over which a tool that is not round turns at a corner, pressing on; at least 0.04.",
         group="work",
     )
     dwell: bool = option(
         False,
-        "A tool that is not round stops at a corner and turns there, pressing on, in place of blending.",
+        "A tool that is not round stops at a corner and turns there, pressing on, in place of a turn along the path.",
         group="work",
     )
 
@@ -87,7 +87,7 @@ class SurfaceWorkTask(Task):
         *("sensor", "looks", "follow", "arm_camera"),
         *("without", "ik", "published"),
     )
-    path: str | None = option(None, "Name of one of the object's paths; default: the first.", group="object")
+    path: str | None = option(None, "Name of a path on the object; default: first.", group="object")
     turn: ToolTurn | None = None  # of a tool that is not round; None: it is round
     forces: tuple[float, ...] = option(
         (60.0, 90.0, 60.0),
@@ -97,11 +97,14 @@ class SurfaceWorkTask(Task):
     speed: float = option(0.02, "Speed of the tool along the path [m/s].", group="work")
     force_rate: float = 60.0  # [N/s] rate of change of the set force
     contactless: float | None = option(
-        None, "Keep the tool at this distance [m] from the surface instead of pressing [Konoplin 2019].", group="work"
+        None,
+        "Keep the tool at this distance [m] from the surface and press on nothing, as in "
+        "[Konoplin 2019]; default: press.",
+        group="work",
     )
     least: float = option(
         1.0,
-        "Least share of the path that must be within reach; the rest is dropped at both ends, and reported.",
+        "Least share of the path that must be within reach; the rest is dropped at both of its ends, and reported.",
         group="object",
     )
     range: float = option(1.25, "Range from camera to object at the scan [m].", group="work")
@@ -144,12 +147,12 @@ class SurfaceWorkTask(Task):
         """Refuses stops for navigation where they tell nothing."""
         if self.promise.stops is None:
             return
-        for given, why in (
+        for excluded, why in (
             (scenario.sensing.arm_camera is not None, "sensing.arm_camera: it sees more than stops tell"),
             (self.contactless is not None, "task.contactless: nothing holds the tool"),
             ("fusion" in scenario.control.without, "control.without fusion: nothing takes what they tell"),
         ):
-            if given:
+            if excluded:
                 raise ConfigurationError(f"task.promise.stops and {why}; one of the two")
 
     def place(self, scenario: Scenario, own: OwnVehicle, rng: np.random.Generator) -> "PlacedSurfaceWork":
@@ -343,12 +346,14 @@ def _check_survey(scenario: Scenario) -> None:
     """Refuses what looks for an object whose pose is known."""
     if scenario.sensing.sensor != SURVEY:
         return
-    if scenario.sensing.looks != 1:
+    looks = scenario.sensing.looks
+    if looks != 1:
         raise ConfigurationError(
-            f"sensing.sensor {SURVEY}: nothing looks for the object, so no sensing.looks, got {scenario.sensing.looks}"
+            f"sensing.sensor {SURVEY}: nothing looks for the object; no sensing.looks, got {looks}"
         )
     if "identification" in scenario.control.published:
-        raise ConfigurationError(f"sensing.sensor {SURVEY} and control.published identification: one of the two")
+        both = f"sensing.sensor {SURVEY} and control.published identification"
+        raise ConfigurationError(f"{both}: one of the two")
 
 
 def check_follows(scenario: Scenario) -> None:

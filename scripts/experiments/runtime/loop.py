@@ -226,8 +226,8 @@ def by_part(job: MeasuredJob) -> tuple[Run, dict[str, Stopwatch], Stopwatch]:
 
 def main() -> int:
     """Runs the benchmark and writes its file; exit code 0 if both goals are reached."""
-    given, options = parsed(clean_barrel, sys.argv[1:], beside=Options)
-    job = MeasuredJob(scenario=clean_barrel(**given), record=options.record)
+    values, options = parsed(clean_barrel, sys.argv[1:], beside=Options)
+    job = MeasuredJob(scenario=clean_barrel(**values), record=options.record)
     if hasattr(os, "sched_setaffinity"):  # Linux: one core, as the goals say
         os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
     folder = new_folder("bench_loop", options.out, job.scenario.seed)

@@ -100,7 +100,7 @@ def words_of_verb(words: list[str]) -> list[str]:
     """Words that choose what helps: of a verb, and of a job where it is `run NAME`; it must be there."""
     name = chosen(words)
     assert name, f"uuv {' '.join(words)}: no such verb"
-    if name == "run" and len(words) > 1 and (words[1] in JOBS or words[1].endswith(".toml")):
+    if name == "run" and len(words) > 1 and (words[1] in JOBS.names() or words[1].endswith(".toml")):
         return words[:2]
     return name.split()
 
@@ -122,6 +122,8 @@ def test_commands_of_the_documents_are_true(script, verb):
         if program == "uuv":
             if not options or options[0].startswith("-"):
                 continue
+            if "--task" in options or (options[0] == "run" and ":" in options[1]):
+                continue  # a task or a job of the reader's own has options of its own
             chooses = words_of_verb(options)
             program = " ".join(["uuv", *chooses])
             if program not in helps:

@@ -15,6 +15,7 @@ import pytest
 from untyped import untyped
 from uuv import Perturbation, Scenario, assemble, jobs, models, read_scenario, run, write_scenario
 from uuv.cli.carry_out import values_of
+from uuv.cli.run_job import file_options
 from uuv.jobs import clean_object, clean_pile, identify_friction, insert_sampler, inspect_object, sample_seabed
 from uuv.models.objects.targets import OBJECTS
 from uuv.own_vehicle import OwnVehicle, vehicle_spec

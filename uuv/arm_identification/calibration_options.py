@@ -17,7 +17,7 @@ Touching = Literal["noise", "clamped", "hovering"]
 
 
 @dataclass(kw_only=True)
-class WaterOptions(RunOptions):
+class TouchedSiteOptions(RunOptions):
     """Seed and water of a calibration."""
 
     groups: ClassVar[Mapping[str, str]] = {"water": "current gust wave wave_frequency"}
@@ -47,7 +47,7 @@ class WaterOptions(RunOptions):
 
 
 @dataclass(kw_only=True)
-class CalibrationOptions(WaterOptions):
+class CalibrationOptions(TouchedSiteOptions):
     """Calibrate an arm by touching fixed points."""
 
     arm: str = "ur10e"

@@ -224,7 +224,7 @@ def test_every_place_of_a_scenario_is_looked_at(change: tuple[str, str], tmp_pat
 
 
 def test_a_campaign_names_no_code_either(tmp_path: Path):
-    head = 'base = "barrel"\nquick = true\ncases = 1\n'
+    head = 'base = "clean-barrel"\nquick = true\ncases = 1\n'
     (tmp_path / "own.toml").write_text(head + '[set]\n"control.controller" = "stranger:C"\n')
     (tmp_path / "base.toml").write_text(CODE)
     (tmp_path / "of_base.toml").write_text('base = "base.toml"\ncases = 1\n')

@@ -68,15 +68,15 @@ class KeepStation(Phase):
         """Set up the phase; it lasts `seconds` [s]."""
         self._seconds = seconds
 
-    def enter(self, held: Held, context: Context) -> float:
+    def enter(self, held: Held, now: Context) -> float:
         """Time [s] of its begin."""
         del held
-        return context.time
+        return now.time
 
-    def step(self, state: float, held: Held, context: Context) -> Outcome:
+    def step(self, state: float, held: Held, now: Context) -> Outcome:
         """Done once the time has passed."""
         del held
-        return PhaseEvent.DONE if context.time - state >= self._seconds else None
+        return PhaseEvent.DONE if now.time - state >= self._seconds else None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -34,6 +34,7 @@ from uuv.controllers.tasks.axial_phases import (
     axial_monitors,
 )
 from uuv.controllers.tasks.phase import Abort, Context, Held, Outcome, PhaseEvent
+from uuv.controllers.tasks.settings import InsertionSettings
 from uuv.controllers.tasks.task import TaskPlanner, TaskRow, TaskState, at_once
 from uuv.models.objects.manifold import Hole
 from uuv.models.objects.targets import TargetModel
@@ -67,10 +68,9 @@ class SearchLimits:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class InsertionJob:
-    """Depth, forces and limits of an insertion; depths are of the tip below the mouth as identified."""
+class InsertionJob(InsertionSettings):
+    """Settings, forces and limits of an insertion; depths are of the tip below the mouth as identified."""
 
-    depth: float = 0.06  # [m] to reach
     stay: float = 2.0  # [s] time at that depth
     force: float = 15.0  # [N] axial force at which the advance stops
     touch_speed: float = 0.008  # [m/s] from `guard` on, and in the search
@@ -79,7 +79,6 @@ class InsertionJob:
     entry: float = 0.005  # [m] distance before the mouth from which the tool is compliant
     touch: float = 5.0  # [N] axial force that counts as contact
     touch_time: float = 0.04  # [s] for which it must last
-    compliance: bool = True  # False: no lateral compliance (ablation)
     axial: AxialLimits = field(
         default_factory=partial(
             AxialLimits, standoff=0.06, approach_speed=0.02, speed=0.006, longest=90.0, force_limit=60.0

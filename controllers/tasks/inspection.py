@@ -28,6 +28,7 @@ from uuv.controllers.tasks.arrival import ScanLimits, ScanTarget
 from uuv.controllers.tasks.hull_phases import HullMotion, MoveHull, RestLimits, Settle
 from uuv.controllers.tasks.monitors import Monitor, Reaction, adrift
 from uuv.controllers.tasks.phase import ZERO, Context, Decide, Held, Hold, Outcome, Phase, PhaseEvent, Setpoint
+from uuv.controllers.tasks.settings import InspectionSettings
 from uuv.controllers.tasks.task import TaskPlanner, TaskRow, at_once
 from uuv.models.meshes.visibility import SurfaceSamples, View
 from uuv.models.objects.targets import TargetModel
@@ -49,12 +50,9 @@ _HEADINGS = 12  # number of headings at each of them
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class InspectionJob:
-    """Distances, speeds and limits of an inspection."""
+class InspectionJob(InspectionSettings):
+    """Settings, speeds and limits of an inspection."""
 
-    distance: float = 1.4  # [m] camera to outline at half the object's height, along the camera's axis
-    clearance: float = 0.3  # [m] least distance of hull and folded arm to object and seabed
-    speed: float = 0.15  # [m/s] of the hull
     acceleration: float = 0.05  # [m/s^2] of the hull
     turn_rate: float = 0.1  # [rad/s] of the hull
     rest: RestLimits = field(default_factory=partial(RestLimits, speed=0.03, error=math.inf, time=3.0))

@@ -39,6 +39,7 @@ from uuv.controllers.tasks.axial_phases import (
 )
 from uuv.controllers.tasks.contact_phases import FollowState, Press, PressLimits
 from uuv.controllers.tasks.phase import Abort, Context, Held, Outcome, PhaseEvent, Setpoint
+from uuv.controllers.tasks.settings import SeabedSettings
 from uuv.controllers.tasks.task import TaskPlanner, TaskRow, at_once
 from uuv.sim.interfaces.errors import ConfigurationError, ReachError
 from uuv.sim.interfaces.messages import AbortCode, Target, ToolPath, WorkState
@@ -46,12 +47,9 @@ from uuv.sim.interfaces.spatial import Array, readonly
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class SeabedJob:
-    """Parameters of seabed work; depths are of the tip below the surface as scanned."""
+class SeabedJob(SeabedSettings):
+    """Settings and limits of seabed work; depths are of the tip below the surface as scanned."""
 
-    depth: float = 0.18  # [m] of the dragged tool; of a core: depth at which the tube is full
-    push: float = 50.0  # [N] on a core; of a dragged tool: axial force at which its descent stops
-    drag: bool = False  # True: drag along the path; False: take a core at its start
     guard: float = 0.05  # [m] height over the surface below which contact is expected
     drag_speed: float = 0.02  # [m/s] along the path
     ramp: float = 2.0  # [s] time from rest to that speed

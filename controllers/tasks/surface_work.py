@@ -8,7 +8,7 @@ Where the end of the tool does not fit the surface on part of the path (`ToolPat
 Work without contact [Konoplin 2019] goes from approach directly to work: there is no surface to press on.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -16,11 +16,9 @@ import numpy as np
 from uuv.controllers.hull.thrust_margin import ThrustMargin
 from uuv.controllers.planning.hull_placement import PathStanding, StandingLimits
 from uuv.controllers.planning.placement import PlacementSearch
-from uuv.controllers.planning.promise import PromiseLimits
 from uuv.controllers.planning.work_vehicle import WorkVehicle
 from uuv.controllers.tasks.arrival import ArrivalLimits, CertainPlace, TareSensors, WorkSite, around, arrival
 from uuv.controllers.tasks.contact_phases import (
-    ApproachLimits,
     FollowPath,
     GuardedApproach,
     NextStretch,
@@ -46,6 +44,7 @@ from uuv.controllers.tasks.monitors import (
     uncertain_force,
 )
 from uuv.controllers.tasks.phase import Context, Held, Hold, HoldTool, PhaseEvent
+from uuv.controllers.tasks.settings import SurfaceSettings
 from uuv.controllers.tasks.task import TaskPlanner, TaskRow
 from uuv.models.objects.targets import TargetModel
 from uuv.sim.interfaces.errors import ConfigurationError
@@ -69,28 +68,18 @@ class ContactLimits:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class SurfaceTaskConfig:
-    """Set forces and path of surface work, and the limits of its phases."""
+class SurfaceTaskConfig(SurfaceSettings):
+    """Settings of surface work, and the limits of its phases."""
 
-    forces: Sequence[float]  # [N] set normal forces on consecutive, equally long parts of the path
-    speed: float = 0.02  # [m/s] along the path
-    force_rate: float = 60.0  # [N/s] at which a set force changes
-    least_share: float = 1.0  # share of the path that must be reached; the rest is cut off equally at both ends
     force_control: bool = True  # False: work begins after `press.within` at any force (ablation)
-    contactless: float | None = None  # [m] distance at which the tool works without contact; None: it presses
     arrival: ArrivalLimits = field(default_factory=ArrivalLimits)
-    approach: ApproachLimits = field(default_factory=ApproachLimits)
     press: PressLimits = field(default_factory=PressLimits)
     contact: ContactLimits = field(default_factory=ContactLimits)
     escape: EscapeLimits = field(default_factory=EscapeLimits)
-    promise: PromiseLimits = field(default_factory=PromiseLimits)
 
     def __post_init__(self) -> None:
-        if not self.forces:
-            raise ConfigurationError("forces: at least one set force is needed")
+        SurfaceSettings.__post_init__(self)
         for force in self.forces:
-            if not (np.isfinite(force) and force > 0.0):
-                raise ConfigurationError(f"forces: every set force must be > 0 N, got {force}")
             if force > _HEADROOM * self.contact.force:
                 raise ConfigurationError(
                     f"forces: {force:g} N leaves no room for overshoot: at most {_HEADROOM * self.contact.force:g} N, "
@@ -103,8 +92,6 @@ class SurfaceTaskConfig:
                 f"contactless: the distance must be > 0 and at most the stand-off of {standoff} m, got "
                 f"{self.contactless}"
             )
-        if not self.speed > 0.0:
-            raise ConfigurationError(f"speed: must be > 0 m/s, got {self.speed}")
 
     @property
     def force_limit(self) -> float:
@@ -153,7 +140,7 @@ class SurfaceWork(TaskPlanner):
             limits=StandingLimits(
                 force=max(job.forces),
                 standoff=job.approach.standoff,
-                least_share=job.least_share,
+                least_share=job.least,
                 thrust=job.promise.most_thrust,
             ),
             floor=floor,

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, ClassVar, Literal
 import mujoco
 import numpy as np
 
+from uuv.controllers.tasks.settings import InsertionSettings, settings_of
 from uuv.models.naming import HULL_BODY, TOOL_GEOM, find
 from uuv.models.objects.manifold import Hole
 from uuv.models.objects.targets import TargetModel
@@ -32,21 +33,19 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, kw_only=True)
-class InsertionTask(Task):
+class InsertionTask(InsertionSettings, Task):
     """Insert a sampler into a hole of a manifold."""
 
     schema: ClassVar[str] = "insertion"
     looks: ClassVar[bool] = True
     over_seeds: ClassVar[bool] = True
     hole: Literal["a", "b"] = option("a", "Hole of the manifold.")
-    depth: float = 0.06  # [m] to reach below the mouth
     error: tuple[float, float] = option(
         (0.0, 0.0),
         "Error added to the identified hole position along the hole's x and y [mm]; search and "
         "compliance must correct it.",
         unit=MILLIMETRE,
     )
-    compliance: bool = option(True, "Compliance to side forces; without it for ablation.")
     range: float = option(1.25, "Range from camera to manifold at the scan [m].")
 
     def __post_init__(self) -> None:
@@ -142,7 +141,7 @@ class PlacedInsertion(PlacedTask):
             self.target,
             aimed_at,
             insertion.InsertionJob(
-                depth=task.depth, compliance=task.compliance, inside=insertion.EntryLimits(nose=self.truth.tool_radius)
+                **settings_of(InsertionSettings, task), inside=insertion.EntryLimits(nose=self.truth.tool_radius)
             ),
             X_WB_scan=self.X_WB,
         )

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import mujoco
 import numpy as np
 
+from uuv.controllers.tasks.settings import InspectionSettings, settings_of
 from uuv.models.meshes import open3d_loader
 from uuv.models.naming import HULL_BODY, TOOL_GEOM
 from uuv.models.objects.targets import TargetModel
@@ -41,15 +42,12 @@ _COVERED_WITHIN = 2000.0  # [s] limit of a flight over several levels
 
 
 @dataclass(frozen=True, kw_only=True)
-class InspectionTask(Task):
+class InspectionTask(InspectionSettings, Task):
     """Fly one orbit, or as many as cover it, around an object."""
 
     schema: ClassVar[str] = "inspection"
     looks: ClassVar[bool] = True
     spares: ClassVar[Collection[str]] = (TOOL_GEOM,)
-    distance: float = option(1.4, "Distance from the camera to the object's outline [m].")
-    clearance: float = option(0.3, "Least clearance of hull and folded arm to all around [m].")
-    speed: float = option(0.15, "Speed of the hull [m/s].")
     cover: bool = option(False, "Fly further orbits until all that can be seen is seen.")
     mesh: bool = option(False, "Leave mesh.ply, what was seen and how it deviates (extra open3d).")
 
@@ -68,7 +66,7 @@ class InspectionTask(Task):
 
         workpiece: Workpiece = object_of(scenario, Workpiece)
         target = workpiece.model()
-        config = InspectionJob(distance=self.distance, clearance=self.clearance, speed=self.speed)
+        config = InspectionJob(**settings_of(InspectionSettings, self))
         X_WT = scenario.site.pose(rng)
         approach_W, orientation_W = coarse_detection(X_WT @ pose(p=target.center), rng)
         there = workpiece.as_it_is(target, None, rng)

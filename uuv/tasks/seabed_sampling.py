@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import mujoco
 import numpy as np
 
+from uuv.controllers.tasks.settings import SeabedSettings, settings_of
 from uuv.models.naming import CAMERA_SITE, HULL_BODY, TOOL_GEOM, find
 from uuv.models.site import scenes
 from uuv.models.site.seabed import Seabed
@@ -48,7 +49,7 @@ LOOKS = 10  # pings for the surface; from a single ping it is 3 to 8 mm off, mos
 
 
 @dataclass(frozen=True, kw_only=True)
-class SeabedSamplingTask(Task):
+class SeabedSamplingTask(SeabedSettings, Task):
     """Take a core of the seabed, or drag a box through it."""
 
     schema: ClassVar[str] = "seabed_work"
@@ -56,9 +57,6 @@ class SeabedSamplingTask(Task):
     over_seeds: ClassVar[bool] = True
     spares: ClassVar[Collection[str]] = (CAMERA_SITE,)
     heeds: ClassVar[Collection[str]] = ("dead_beams",)
-    drag: bool = False  # False: push a core tube in and withdraw it
-    push: float = option(50.0, "Set force on the core tube [N].")
-    depth: float = 0.18  # [m] of the box; of a core: depth at which the tube is full
     cloud: str | None = option(
         None,
         "Text, PLY or PCD, in the axes of a level hull 2.5 m above the terrain's middle: replaces "
@@ -98,7 +96,7 @@ class SeabedSamplingTask(Task):
             scenario=scenario,
             own=own,
             task=self,
-            job=SeabedJob(push=self.push, depth=self.depth, drag=self.drag, scans=3 if self.cloud is None else 1),
+            job=SeabedJob(**settings_of(SeabedSettings, self), scans=3 if self.cloud is None else 1),
             ground=ground,
             start=higher @ X_WB if self.cloud is None else X_WB,
             B_W=transform_points(X_WB, B_B),

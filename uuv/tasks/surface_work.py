@@ -1,16 +1,14 @@
 """Surface work: a tool is pressed on an object, or held above it, along a path."""
 
 from collections.abc import Collection
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
 import mujoco
 import numpy as np
 
-from uuv.controllers.planning.promise import PromiseLimits
-from uuv.controllers.planning.trajectories import FASTEST, SLOWEST
-from uuv.controllers.tasks.approach_limits import ApproachLimits
 from uuv.controllers.tasks.follow_limits import FollowLimits
+from uuv.controllers.tasks.settings import SurfaceSettings, settings_of
 from uuv.kinds import SURVEY
 from uuv.models.objects.targets import TargetModel
 from uuv.models.site import scenes
@@ -41,7 +39,6 @@ if TYPE_CHECKING:
 TAP_FORCE, TAPPED = 40.0, (0.0, 0.06, 0.12)  # [N] to tap with, [m] along a path
 _ARRIVAL = 150.0  # [s] simulated from the start to the contact, and off again, with another look
 _ROOM = 1.5  # limit of the simulated time over what the work needs
-_MOST_FORCE = 1e3  # [N] beyond the capability of any vehicle here
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -77,7 +74,7 @@ class ToolTurn:
 
 
 @dataclass(frozen=True, kw_only=True)
-class SurfaceWorkTask(Task):
+class SurfaceWorkTask(SurfaceSettings, Task):
     """Press a tool along a path of an object with set forces."""
 
     looks: ClassVar[bool] = True
@@ -89,35 +86,7 @@ class SurfaceWorkTask(Task):
     )
     path: str | None = option(None, "Name of a path on the object; default: first.", group="object")
     turn: ToolTurn | None = None  # of a tool that is not round; None: it is round
-    forces: tuple[float, ...] = option(
-        (60.0, 90.0, 60.0),
-        "Set forces [N] on equal parts of the path, by default fewer on a path around the object.",
-        group="work",
-    )
-    speed: float = option(0.02, "Speed of the tool along the path [m/s].", group="work")
-    force_rate: float = 60.0  # [N/s] rate of change of the set force
-    contactless: float | None = option(
-        None,
-        "Keep the tool at this distance [m] from the surface and press on nothing, as in "
-        "[Konoplin 2019]; default: press.",
-        group="work",
-    )
-    least: float = option(
-        1.0,
-        "Least share of the path that must be within reach; the rest is dropped at both of its ends, and reported.",
-        group="object",
-    )
     range: float = option(1.25, "Range from camera to object at the scan [m].", group="work")
-    approach: ApproachLimits = field(default_factory=ApproachLimits)
-    promise: PromiseLimits = field(default_factory=PromiseLimits)
-
-    def __post_init__(self) -> None:
-        finite_number(self.speed, "task.speed [m/s]", least=SLOWEST, most=FASTEST)
-        finite_number(self.least, "task.least, a share of the path", above=0.0, most=1.0)
-        if not self.forces:
-            raise ConfigurationError("task.forces [N]: needs at least one set force, got none")
-        for force in self.forces:
-            finite_number(force, "task.forces [N]", above=0.0, most=_MOST_FORCE)
 
     def check_inputs(self, scenario: Scenario) -> None:
         """Refuses an object without surface, a path that it has not, and options that exclude each other."""
@@ -280,19 +249,17 @@ class PlacedSurfaceWork(PlacedTask):
         from uuv.controllers.tasks.surface_work import SurfaceTaskConfig
 
         size, task = self.own.at_work().size, self.task
-        usual_rate = task.force_rate == SurfaceWorkTask.force_rate
+        # A lighter hull is pushed away sooner; a rate that is not the default was chosen for it.
+        usual_rate = task.force_rate == SurfaceSettings.force_rate
+        scaled = {
+            "force_rate": size**2 * task.force_rate if usual_rate else task.force_rate,
+            "approach": task.approach.of_size(size),
+        }
         return SurfaceTaskConfig(
-            forces=task.forces,
-            speed=task.speed,
-            least_share=task.least,
-            # A lighter hull is pushed away sooner; a rate that is not the default was chosen for it.
-            force_rate=size**2 * task.force_rate if usual_rate else task.force_rate,
+            **(settings_of(SurfaceSettings, task) | scaled),
             force_control="force-control" not in self.scenario.control.without,
-            contactless=task.contactless,
-            approach=task.approach.of_size(size),
             arrival=ArrivalLimits.of_size(size),
             escape=EscapeLimits.of_size(size),
-            promise=task.promise,
         )
 
     @property

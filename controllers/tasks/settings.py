@@ -1,0 +1,82 @@
+"""What a user sets of each task's work: fields of the task's description and of its planner alike.
+
+They stand apart from the planners, whose kernels a description does without.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+from typing import Any
+
+from uuv.controllers.planning.promise import PromiseLimits
+from uuv.controllers.planning.trajectories import FASTEST, SLOWEST
+from uuv.controllers.tasks.approach_limits import ApproachLimits
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.options import option
+from uuv.sim.interfaces.spatial import finite_number
+
+_MOST_FORCE = 1e3  # [N] beyond the capability of any vehicle here
+
+
+@dataclass(frozen=True, kw_only=True)
+class SurfaceSettings:
+    """Of work along a path on a surface."""
+
+    forces: tuple[float, ...] = option(
+        (60.0, 90.0, 60.0),
+        "Set forces [N] on equal parts of the path, by default fewer on a path around the object.",
+        group="work",
+    )
+    speed: float = option(0.02, "Speed of the tool along the path [m/s].", group="work")
+    force_rate: float = 60.0  # [N/s] rate of change of the set force
+    contactless: float | None = option(
+        None,
+        "Keep the tool at this distance [m] from the surface and press on nothing, as in "
+        "[Konoplin 2019]; default: press.",
+        group="work",
+    )
+    least: float = option(
+        1.0,
+        "Least share of the path that must be within reach; the rest is dropped at both of its ends, and reported.",
+        group="object",
+    )
+    approach: ApproachLimits = field(default_factory=ApproachLimits)
+    promise: PromiseLimits = field(default_factory=PromiseLimits)
+
+    def __post_init__(self) -> None:
+        finite_number(self.speed, "task.speed [m/s]", least=SLOWEST, most=FASTEST)
+        finite_number(self.least, "task.least, a share of the path", above=0.0, most=1.0)
+        if not self.forces:
+            raise ConfigurationError("task.forces [N]: needs at least one set force, got none")
+        for force in self.forces:
+            finite_number(force, "task.forces [N]", above=0.0, most=_MOST_FORCE)
+
+
+@dataclass(frozen=True, kw_only=True)
+class InsertionSettings:
+    """Of an insertion."""
+
+    depth: float = 0.06  # [m] to reach below the mouth, as identified
+    compliance: bool = option(True, "Compliance to side forces; without it for ablation.")
+
+
+@dataclass(frozen=True, kw_only=True)
+class SeabedSettings:
+    """Of work in the seabed."""
+
+    drag: bool = False  # drag a box along the path; False: push a core tube in and withdraw it
+    push: float = option(50.0, "Set force on the core tube [N].")
+    depth: float = 0.18  # [m] of the box; of a core: depth at which the tube is full
+
+
+@dataclass(frozen=True, kw_only=True)
+class InspectionSettings:
+    """Of an inspection flight."""
+
+    distance: float = option(1.4, "Distance from the camera to the object's outline [m].")
+    clearance: float = option(0.3, "Least clearance of hull and folded arm to all around [m].")
+    speed: float = option(0.15, "Speed of the hull [m/s].")
+
+
+def settings_of(kind: type[Any], task: Any) -> Mapping[str, Any]:
+    """The settings of a class that a task has, by name."""
+    return {setting.name: getattr(task, setting.name) for setting in fields(kind)}

@@ -31,10 +31,10 @@ class ApproachLimits:
         return replace(self, standoff=standoff, touch=touch)
 
     def __post_init__(self) -> None:
-        for each in fields(self):
-            finite_number(getattr(self, each.name), f"approach {each.name}", above=0.0)
+        for limit in fields(self):
+            finite_number(getattr(self, limit.name), f"task.approach.{limit.name}", above=0.0)
         braking = (self.speed**2 - self.touch_speed**2) / (2.0 * self.acceleration)
         if not self.guard > braking:
             raise ConfigurationError(
-                f"approach guard: must exceed the {braking:.3g} m in which the tool brakes, got {self.guard:g} m"
+                f"task.approach.guard: must exceed the {braking:.3g} m in which the tool brakes, got {self.guard:g} m"
             )

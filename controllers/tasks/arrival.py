@@ -92,8 +92,8 @@ class ScanTarget(Phase):
         if state.finds and state.in_vain >= limits.lost:
             if again:
                 return PhaseEvent.REFUSED
-            said = f"the object was found, but in none of {state.in_vain} looks after that: it moves, or was another"
-            return Abort(AbortCode.OBJECT_MOVES, said)
+            reason = f"the object was found, but in none of {state.in_vain} looks after that: it moves, or was another"
+            return Abort(AbortCode.OBJECT_MOVES, reason)
         if state.finds and not (again and target.accepted and target.next_X_WB is not None):
             held.target = fuse_poses((*held.finds, *state.finds))
             return PhaseEvent.DONE

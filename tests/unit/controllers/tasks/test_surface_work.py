@@ -689,7 +689,7 @@ def test_hull_does_not_move_before_it_is_quiet(monkeypatch):
     ("options", "said"),
     [
         ({"forces": ()}, "at least one set force"),
-        ({"forces": (60.0, -60.0)}, "task.forces .*> 0.*got -60"),
+        ({"forces": (60.0, -60.0)}, "task.forces .*positive.*got -60"),
         ({"forces": (float("nan"),)}, "task.forces .*finite"),
         ({"forces": (160.0,)}, "no room for overshoot"),
         ({"forces": (60.0,), "contactless": 0.0}, "contactless: the distance must be > 0"),

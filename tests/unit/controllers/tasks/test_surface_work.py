@@ -309,9 +309,9 @@ def test_a_knock_is_not_a_contact(smooth):
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        ({"touch_speed": 0.0}, "approach touch_speed: .*positive"),
-        ({"speed": np.nan}, "approach speed: .*nan"),
-        ({"guard": 0.014}, r"approach guard: must exceed the 0.0147 m .*got 0.014 m"),
+        ({"touch_speed": 0.0}, "task.approach.touch_speed: .*positive"),
+        ({"speed": np.nan}, "task.approach.speed: .*nan"),
+        ({"guard": 0.014}, r"task.approach.guard: must exceed the 0.0147 m .*got 0.014 m"),
     ],
 )
 def test_an_approach_that_would_hang_or_overrun_is_refused(change, said):

@@ -149,16 +149,18 @@ _ROWS = {
         },
     }
 }
-_TYPES = {"schema": {"title": "letters r (hinge) and p (slide), one for each joint", "pattern": "^[rpRP]+$"}}
+_LETTERS = "letters r (hinge) and p (slide), one for each joint"
+_TYPES = {"schema": {"title": _LETTERS, "pattern": "^[rpRP]+$"}}
+_UNITS = {"schema": {"title": "{angle: rad or deg, length: m or mm}"}}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _ArmTable:
-    """A table with what may stand beside it; a file has further entries, such as those of `uuv.calib.results`."""
+    """A table with what may stand beside it; files have further entries, as `calib.results` writes."""
 
     dh: list[_Row] | None = field(default=None, metadata=_ROWS)
     joints: list[_Row] | None = field(default=None, metadata=_ROWS)  # another name for it
-    units: _Units | None = None
+    units: _Units | None = field(default=None, metadata=_UNITS)
     joint_types: str | None = field(default=None, metadata=_TYPES)
     joint_names: list[str | int] | None = None
     X_base_0: Array | None = None  # (4, 4)
@@ -209,10 +211,10 @@ def _from_yaml(file: Path, text: str, digest: str, base: str | None, tip: str | 
 
     listed = arm.dh or arm.joints
     if listed is None:
-        near = next(filter(None, (did_you_mean(key, _TABLES) for key in table)), "")
+        near = [did_you_mean(key, _TABLES) for key in table if key not in _KEYS]
         raise ConfigurationError(
-            f"arm {file}: expected a list of rows under 'dh' (theta, d, a, alpha), or UR's 'kinematics', got "
-            f"{shown(list(table))}{near}"
+            f"arm {file}: expected a list of rows under 'dh' (theta, d, a, alpha), or UR's "
+            f"'kinematics', got {shown(list(table))}{next(filter(None, near), '')}"
         )
     rows: list[dict[str, Any]] = []
     for row in listed:
@@ -258,9 +260,9 @@ def _of_rows(
     else:
         arm = SerialArm.from_dh(table[:, :4], letters, beta=table[:, 4], name=f"arm {file}")
 
-    X_base_0 = checked_pose(np.eye(4) if about.X_base_0 is None else about.X_base_0, f"arm {file}: X_base_0")
-    X_n_flange = checked_pose(np.eye(4) if about.X_n_flange is None else about.X_n_flange, f"arm {file}: X_n_flange")
-    tcp = checked(np.zeros(3) if about.tcp is None else about.tcp, (3,), f"arm {file}: tcp [m]")
+    X_base_0 = checked_pose(_or(about.X_base_0, np.eye(4)), f"arm {file}: X_base_0")
+    X_n_flange = checked_pose(_or(about.X_n_flange, np.eye(4)), f"arm {file}: X_n_flange")
+    tcp = checked(_or(about.tcp, np.zeros(3)), (3,), f"arm {file}: tcp [m]")
     joint_names = _joint_names(file, about, n)
     names = read.names
     if not joint_names and len(names) == n and len(set(names)) == n and not all(name.isdigit() for name in names):
@@ -281,6 +283,10 @@ def _of_rows(
         sha256=digest,
         notes=tuple(notes),
     )
+
+
+def _or(stated: Array | None, default: Array) -> Array:
+    return default if stated is None else stated
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -387,7 +393,8 @@ def _joint_names(file: Path, about: _ArmTable, n: int) -> tuple[str, ...]:
     """`joint_names`: as many different words as there are joints, or none."""
     names = tuple(map(str, about.joint_names or ()))
     if about.joint_names is not None and not len(names) == len(set(names)) == n:
-        raise ConfigurationError(f"arm {file}: joint_names: {n} different names, got {shown(about.joint_names)}")
+        given = shown(about.joint_names)
+        raise ConfigurationError(f"arm {file}: joint_names: {n} different names, got {given}")
     return names
 
 
@@ -396,7 +403,8 @@ def _limits(file: Path, about: _ArmTable, n: int) -> Array:
     pairs = about.limits if about.limits is not None else [(None, None)] * n
     if len(pairs) != n:
         raise ConfigurationError(f"arm {file}: limits: {n} pairs of numbers, got {shown(about.limits)}")
-    limits = np.array([[-np.inf if low is None else low, np.inf if high is None else high] for low, high in pairs])
+    limits = np.array(pairs, dtype=np.float64)  # of None: NaN
+    limits = np.where(np.isnan(limits), [-np.inf, np.inf], limits)
     crossed = np.flatnonzero(~(limits[:, 0] < limits[:, 1]))
     if crossed.size:
         k = int(crossed[0])
@@ -416,7 +424,8 @@ def _of_ur(file: Path, robot: _UniversalRobot, digest: str, base: str | None, ti
 
     X, axes, points = np.eye(4), [], []
     for name, joint in joints.items():
-        figures = checked_place(astuple(joint), (6,), f"kinematics.{name}: x, y, z, roll, pitch, yaw", urdf.LONGEST)
+        place = f"kinematics.{name}: x, y, z, roll, pitch, yaw"
+        figures = checked_place(astuple(joint), (6,), place, urdf.LONGEST)
         X = X @ pose(urdf.rotation_from_rpy(figures[3:]), figures[:3])
         axes.append(X[:3, 2])
         points.append(X[:3, 3])

@@ -35,7 +35,7 @@ from uuv.scenario import Scenario, Task
 from uuv.sim.interfaces.documents import checked, named, toml_of, toml_text, toml_value
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import shown
-from uuv.sim.interfaces.tables import TableReader
+from uuv.sim.interfaces.tables import Table, TableReader
 from uuv.sim.runs.run_folder import FORMAT, FORMAT_KEY, checked_format
 from uuv.sim.runs.saving import write_whole
 from uuv.site import SITE_OBJECTS, SiteObject
@@ -65,7 +65,8 @@ def read_scenario(file: str | Path, *, trust: bool = False) -> Scenario:
         ConfigurationError: The file cannot be read, is of a later format, names code without `trust` or code that has
             moved, or a key or value is none of those allowed; the message names them.
     """
-    found, what = toml_of(file, "scenario", _MOST), named(file, "scenario")
+    found = toml_of(file, "scenario", _MOST)
+    what = named(file, "scenario")
     checked_format(found, what)
     found.pop(FORMAT_KEY, None)
     refuse_code(found, what, trust=trust)
@@ -197,9 +198,7 @@ def as_dict(scenario: Scenario) -> dict[str, Any]:
 
 def to_toml(scenario: Scenario) -> str:
     """Text of a scenario's file."""
-    return toml_text(
-        as_dict(scenario), "SI units and radians; keys and their meaning: uuv/scenario.py, site.py, tasks/"
-    )
+    return toml_text(as_dict(scenario), _HEADING)
 
 
 def _table(value: Any) -> Any:
@@ -231,13 +230,14 @@ def flat(nested: dict[str, Any], before: str = "") -> dict[str, Any]:
     return found
 
 
-def _class_of(kind: type, table: Mapping[str, Any], where: str) -> tuple[type, Mapping[str, Any], str]:
+def _class_of(kind: type, table: Table, where: str) -> tuple[type, Table, str]:
     """The class for an annotation: that of the table's `kind`, where it is a base of several."""
     registry = registries().get(kind)
     if registry is None:
         return kind, table, where
 
-    name, place = table.get(KIND), _READER.place(where)
+    name = table.get(KIND)
+    place = _READER.place(where)
     if name is None:
         raise ConfigurationError(f"{place}: needs a {KIND}; there are {', '.join(registry.names())}")
     chosen = registry.maker(str(name))

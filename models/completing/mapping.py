@@ -294,7 +294,10 @@ def _thruster(spec: mujoco.MjSpec, mapped: MappedThruster, renamed: dict[str | N
     elif site not in {each.name for each in spec.sites}:
         raise _missing(name, "site", str(site), [each.name for each in spec.sites])
     actuator = spec.add_actuator(name=f"thruster_{mapped.name}", trntype=mujoco.mjtTrn.mjTRN_SITE, target=site)
-    along = np.array([1.0, 0.0, 0.0]) if mapped.axis is None or mapped.place is not None else mapped.axis
+
+    along = np.array(_AHEAD)
+    if mapped.place is None and mapped.axis is not None:
+        along = mapped.axis
     actuator.gear = [*along, 0.0, 0.0, 0.0]
     thrusters.attach(spec, {actuator.name: mapped.thruster})
 

@@ -34,6 +34,9 @@ _SITE = {"schema": {"minLength": 1, "title": "the name of a site, or a place {bo
 _LENGTH = {"schema": {"unit": "m", "title": "three numbers"}}
 _DIRECTION = {"schema": {"title": "three numbers"}}
 _T200 = "t200"
+_KIND = {"schema": {"title": f"{_T200}, or a table of figures"}}
+_ORIGIN = readonly([0.0, 0.0, 0.0])
+_UP = readonly([0.0, 0.0, 1.0])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -41,12 +44,12 @@ class PartPlace:
     """A place on a body, for a site that the model has not.
 
     Raises:
-        ConfigurationError: A wrong shape, a number that is not finite or out of bounds, or z without length.
+        ConfigurationError: A wrong shape, a number that is out of bounds, or z without length.
     """
 
     body: str = field(metadata=_NAME)
-    pos: Array = field(default_factory=lambda: readonly([0.0, 0.0, 0.0]), metadata=_LENGTH)  # (3,) in the body's frame
-    z: Array = field(default_factory=lambda: readonly([0.0, 0.0, 1.0]))  # (3,) of the site's z, kept as a unit vector
+    pos: Array = field(default_factory=lambda: _ORIGIN, metadata=_LENGTH)  # (3,) in the body's frame
+    z: Array = field(default_factory=lambda: _UP, metadata=_DIRECTION)  # (3,), kept as a unit vector
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "pos", checked_place(self.pos, (3,), "pos [m]", LONGEST))
@@ -65,19 +68,17 @@ class MappedThruster:
     actuator: str | None = field(default=None, metadata=_NAME)
     site: str | None = field(default=None, metadata=_NAME)
     body: str | None = field(default=None, metadata=_NAME)  # of a place; None: the hull
-    pos: Array | None = field(default=None, metadata=_LENGTH)  # (3,) of a place, in the body's frame
-    direction: Array | None = field(  # (3,) of positive thrust, of a site in its frame; None: the site's x
-        default=None, metadata=_DIRECTION
-    )
-    kind: Thruster | str = field(default=_T200, metadata={"schema": {"title": f"{_T200}, or a table of figures"}})
+    pos: Array | None = field(default=None, metadata=_LENGTH)  # (3,) of a place, in the body
+    # (3,) of positive thrust, of a site in its frame; None: the site's x
+    direction: Array | None = field(default=None, metadata=_DIRECTION)
+    kind: Thruster | str = field(default=_T200, metadata=_KIND)
 
     def __post_init__(self) -> None:
         placed = self.pos is not None or self.body is not None
         if (self.actuator is not None) + (self.site is not None) + placed != 1:
-            stated = [name for name in ("actuator", "site", "body", "pos") if getattr(self, name) is not None]
-            raise ConfigurationError(
-                f"needs one of actuator, site, and pos with direction, got {' and '.join(stated) or 'none'}"
-            )
+            places = ("actuator", "site", "body", "pos")
+            stated = " and ".join(name for name in places if getattr(self, name) is not None)
+            raise ConfigurationError(f"needs one of actuator, site, and pos with direction, got {stated or 'none'}")
         lacking = [name for name in ("pos", "direction") if placed and getattr(self, name) is None]
         if lacking:
             raise ConfigurationError(f"{' and '.join(lacking)}: three numbers are missing")
@@ -87,8 +88,8 @@ class MappedThruster:
         _ = self.axis
         if isinstance(self.kind, str) and self.kind != _T200:
             raise ConfigurationError(
-                f"kind: {_T200} is the only one by name, got {shown(self.kind)}; others by figures: "
-                "{forward: N, reverse: N}, {of_table: ...} or {of_polynomial: ...}"
+                f"kind: {_T200} is the only one by name, got {shown(self.kind)}; others by "
+                "figures: {forward: N, reverse: N}, {of_table: ...} or {of_polynomial: ...}"
             )
         object.__setattr__(self, "name", self.name or self.actuator or self.site or "")
 
@@ -99,7 +100,7 @@ class MappedThruster:
 
     @property
     def place(self) -> PartPlace | None:
-        """Place of a site to be added, its z the direction of positive thrust; None: it is at one of the model's."""
+        """Place of a site to be added, z along the positive thrust; None: it is at one of the model's."""
         if self.pos is None or self.direction is None:
             return None
         return PartPlace(body=self.body or "", pos=self.pos, z=self.direction)
@@ -138,7 +139,10 @@ class PartsMap:
 
     @property
     def torque_limits(self) -> Mapping[str, float | None] | None:
-        """Torque limit [N m] of each joint, base to tip, None: the model's; None: the joints by their usual names."""
+        """Torque limit [N m] of each joint, base to tip; None: that of the model.
+
+        None in all: the joints have their usual names.
+        """
         return dict.fromkeys(self.joints) if isinstance(self.joints, list) else self.joints
 
 
@@ -161,8 +165,9 @@ def read_parts(file: str | Path) -> PartsMap:
     except ConfigurationError as error:
         raise ConfigurationError(f"{named(file, 'parts')}: {error}") from error
 
-    numbered = [replace(thruster, name=thruster.name or str(k)) for k, thruster in enumerate(parts.thrusters, start=1)]
-    return replace(parts, thrusters=tuple(numbered))
+    numbered = enumerate(parts.thrusters, start=1)
+    named_all = (replace(thruster, name=thruster.name or str(k)) for k, thruster in numbered)
+    return replace(parts, thrusters=tuple(named_all))
 
 
 _READER = TableReader(choose=water_kind, places_faults=True)

@@ -38,11 +38,12 @@ from uuv.models.water.thrusters import Thruster
 from uuv.sim.interfaces.documents import checked, inside, named, yaml_of, yaml_text
 from uuv.sim.interfaces.errors import ConfigurationError, did_you_mean
 from uuv.sim.interfaces.spatial import Array, shown
-from uuv.sim.interfaces.tables import TableReader, WithFields
+from uuv.sim.interfaces.tables import Table, TableReader, WithFields
 
 ENDING: Final = ".water.yaml"  # takes the place of the MJCF's own ending
 _WATER, _THRUSTER = hydrodynamics.ELEMENTS
 _DENSITY: Final = "water_density"
+_TWICE: Final = "in user data or stated twice"
 _MOST = 500  # entries of a list
 _MOST_BYTES = 1_000_000  # of a file
 _LARGEST_EXACT = 2.0**53  # beyond, whole numbers are no longer exact in a double
@@ -94,10 +95,12 @@ def attach_beside(spec: mujoco.MjSpec, mjcf: str | Path, sidecar: str | Path | N
     in_file = elements_of(spec)
     file = beside(mjcf) if sidecar is None else Path(sidecar)
     if sidecar is not None or file.is_file():
-        in_sidecar, what = read_sidecar(file), named(file, "water file")
+        in_sidecar = read_sidecar(file)
+        what = named(file, "water file")
         for section in ("bodies", "thrusters"):
             if twice := sorted(set(in_file.get(section, {})) & set(in_sidecar.get(section, {}))):
-                raise ConfigurationError(f"{what}: {section} {', '.join(twice)} have custom elements in the MJCF too")
+                both = f"{section} {', '.join(twice)}"
+                raise ConfigurationError(f"{what}: {both} have custom elements in the MJCF too")
         if _DENSITY in in_file and _DENSITY in in_sidecar:
             raise ConfigurationError(f"{what}: {_DENSITY} is a custom element of the MJCF too")
         if in_file:
@@ -177,11 +180,11 @@ def attach_tree(
         wet, driven = {}, {}
         for name, entry in sections.bodies.items():
             if hydrodynamics.carries(bodies[name].userdata):
-                raise ConfigurationError(f"body {name!r} has its water already, in user data or stated twice")
+                raise ConfigurationError(f"body {name!r} has its water already, {_TWICE}")
             wet[name] = _body_of(entry, inside(names[0], name), sections.water_density)
         for name, entry in sections.thrusters.items():
             if thrusters.carries(np.array(actuators[name].userdata)):
-                raise ConfigurationError(f"thruster {name!r} has its table already, in user data or stated twice")
+                raise ConfigurationError(f"thruster {name!r} has its table already, {_TWICE}")
             driven[name] = _READER.made(Thruster, entry, inside(names[1], name))
 
         if wet or sections.water_density is not None:
@@ -310,13 +313,14 @@ def _with_lists(branch: Any) -> Any:
     return {key: _with_lists(value) for key, value in branch.items()}
 
 
+_OF_DENSITY: Final = {"schema": {"unit": "kg/m^3", "exclusiveMinimum": 0, "maximum": LARGEST}}
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Sections:
-    """A tree: what stands below each body and each actuator is read when the model is known to have it."""
+    """A tree; the entries of bodies and actuators are read once the model is known to have these."""
 
-    water_density: float | None = field(
-        default=None, metadata={"schema": {"unit": "kg/m^3", "exclusiveMinimum": 0, "maximum": LARGEST}}
-    )
+    water_density: float | None = field(default=None, metadata=_OF_DENSITY)
     bodies: Mapping[str, Any] = field(default_factory=dict)
     thrusters: Mapping[str, Any] = field(default_factory=dict)
 
@@ -329,7 +333,7 @@ def _check_names(given: Mapping[str, Any], known: Mapping[str, Any], kind: str) 
 
 
 def _body_of(entry: Any, where: str, water_density: float | None) -> BodyHydrodynamics:
-    """Coefficients of a body's entry: fields of BodyHydrodynamics, or one shape, of which fields may replace some.
+    """Coefficients of a body's entry: fields of BodyHydrodynamics, which may replace those of a shape.
 
     Args:
         entry: table of names with their numbers.
@@ -350,7 +354,8 @@ def _body_of(entry: Any, where: str, water_density: float | None) -> BodyHydrody
     stated = {name: value for name, value in entry.items() if name not in SHAPES}
     for name in ("added_mass", "linear_damping"):
         if name in stated:
-            numbers = _READER.values(BodyHydrodynamics, {name: stated[name]}, where, complete=False)[name]
+            alone = {name: stated[name]}
+            numbers = _READER.values(BodyHydrodynamics, alone, where, complete=False)[name]
             stated[name] = _square(numbers, name == "added_mass", inside(where, name)).tolist()
     if not shapes:
         return _READER.made(BodyHydrodynamics, stated, where)
@@ -364,19 +369,20 @@ def _body_of(entry: Any, where: str, water_density: float | None) -> BodyHydrody
         raise ConfigurationError(f"{where}: {error}") from error
 
 
-def water_kind(kind: Any, table: Mapping[str, Any], where: str) -> tuple[Any, Mapping[str, Any], str]:
-    """What makes a form or a thruster of a table (`uuv.sim.interfaces.tables.Chooser`); any other kind makes itself.
+def water_kind(kind: Any, table: Table, where: str) -> tuple[Any, Table, str]:
+    """What makes a form or a thruster of a table (`tables.Chooser`); any other kind makes itself.
 
-    A form has one key, its name, with its fields below it. A thruster has fields of Thruster, or the same with one of
-    `t200`, `of_table` and `of_polynomial`.
+    A form has one key, its name, with its fields below it. So has a thruster with one of `t200`,
+    `of_table` and `of_polynomial`; any other has the fields of Thruster.
 
     Raises:
-        ConfigurationError: the table has another form, or fields beside the name of what makes the thruster.
+        ConfigurationError: another form, or fields beside the name of what makes the thruster.
     """
     if kind is Form:
         _READER.check_keys(table, _FORM_MAKERS, where)
         if len(table) != 1:
-            raise ConfigurationError(f"{where}: must be one of {', '.join(_FORM_MAKERS)}, got {shown(list(table))}")
+            known = ", ".join(_FORM_MAKERS)
+            raise ConfigurationError(f"{where}: must be one of {known}, got {shown(list(table))}")
         ((name, entry),) = table.items()
         return _FORM_MAKERS[name], entry, inside(where, name)
     if kind is not Thruster:
@@ -384,11 +390,13 @@ def water_kind(kind: Any, table: Mapping[str, Any], where: str) -> tuple[Any, Ma
 
     makers = [name for name in table if name in _THRUSTER_MAKERS]
     if makers and len(table) > 1:
-        raise ConfigurationError(f"{where}: {makers[0]} takes the other fields as its own, got {', '.join(table)}")
+        got = ", ".join(table)
+        raise ConfigurationError(f"{where}: {makers[0]} takes the other fields as its own, got {got}")
     if makers:
         entry = {} if table[makers[0]] is None else table[makers[0]]  # `t200:` alone
         return _THRUSTER_MAKERS[makers[0]], _spelt_out(entry, where), inside(where, makers[0])
-    _READER.check_keys(table, (*(entry.name for entry in fields(Thruster)), *_THRUSTER_MAKERS), where)
+    own = [entry.name for entry in fields(Thruster)]
+    _READER.check_keys(table, (*own, *_THRUSTER_MAKERS), where)
     return Thruster, _spelt_out(table, where), where
 
 
@@ -398,15 +406,17 @@ _READER: Final = TableReader(choose=water_kind, places_faults=True)
 def _spelt_out(value: Any, where: str) -> Any:
     """`value` of a document as the fields' types have it.
 
-    A custom element knows no whole numbers, and no row of one number: 5.0 is 5, and a row of a curve may be a number.
+    A custom element knows no whole numbers, and no row of one number: 5.0 is 5, and a row of a
+    curve may be a number.
     """
     if isinstance(value, Mapping):
         tree = {key: _spelt_out(entry, inside(where, key)) for key, entry in value.items()}
         tree |= {key: _row(tree[key]) for key in _ROWS if key in tree}
-        return tree | {key: [_row(entry) for entry in _row(tree[key])] for key in _PAIRS if key in tree}
+        pairs = {key: _row(tree[key]) for key in _PAIRS if key in tree}
+        return tree | {key: [_row(row) for row in rows] for key, rows in pairs.items()}
     if isinstance(value, list):
         if len(value) > _MOST:
-            raise ConfigurationError(f"{where}: must have at most {_MOST} entries, got {len(value)}")
+            raise ConfigurationError(f"{where}: must be at most {_MOST} entries, got {len(value)}")
         return [_spelt_out(entry, inside(where, i)) for i, entry in enumerate(value)]
     exact = isinstance(value, float) and value.is_integer() and abs(value) < _LARGEST_EXACT
     return int(value) if exact and not (value == 0.0 and math.copysign(1.0, value) < 0.0) else value
@@ -417,7 +427,7 @@ def _row(value: Any) -> Any:
 
 
 def _square(numbers: Array, triangle: bool, where: str) -> Array:
-    """Matrix (6, 6) of its diagonal, its upper triangle by rows (if `triangle`), or all its numbers."""
+    """Matrix (6, 6) of its diagonal, all its numbers or, if `triangle`, its upper triangle by rows."""
     if numbers.shape == (6,):
         return np.diag(numbers) if triangle else numbers
     if triangle and numbers.shape == (21,):

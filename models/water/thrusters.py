@@ -144,8 +144,8 @@ class Thruster:
             The thruster.
 
         Raises:
-            ConfigurationError: commands or thrusts that do not rise, thrusts of one sign, or a field that the curve
-                determines.
+            ConfigurationError: commands or thrusts that do not rise, thrusts of one sign, or a
+                field that the curve determines.
         """
         from uuv.models.water.thruster_curves import check_table
 
@@ -387,8 +387,10 @@ def inflow_levers(table: Array, wrench: Array) -> Array:
 
 
 def _refuse_curve(figures: Mapping[str, Any]) -> None:
-    if given := [name for name in ("forward", "reverse", "polynomial", "table") if name in figures]:
-        raise ConfigurationError(f"thruster {', '.join(given)}: follows from the curve; leave it out")
+    of_curve = [name for name in ("forward", "reverse", "polynomial", "table") if name in figures]
+    if of_curve:
+        names = ", ".join(of_curve)
+        raise ConfigurationError(f"thruster {names}: follows from the curve; leave it out")
 
 
 def _pair(value: Any, name: str) -> tuple[tuple[float, ...], tuple[float, ...]] | None:

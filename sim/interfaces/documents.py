@@ -3,9 +3,14 @@
     table = toml_of(file, "campaign")             # of a file; parsed_toml: of a text
     write_whole(file, toml_text(table))
 
-What is returned can be printed, computed with and walked through. Tables hold text keys, none of them twice. Texts hold
-no control characters. Whole numbers have at most 63 bits. No number is NaN, and those of JSON are finite. Nothing is
-nested deeper than DEEPEST. `uuv.sim.interfaces.tables` makes dataclasses of the tables.
+What is returned can be printed, computed with and walked through:
+
+- Keys are text, and none stands twice in a table.
+- Texts hold no control characters.
+- Whole numbers have at most 63 bits, no number is NaN, and those of JSON are finite.
+- Nothing is nested deeper than DEEPEST.
+
+`uuv.sim.interfaces.tables` makes dataclasses of the tables.
 """
 
 import json
@@ -27,10 +32,10 @@ _LARGEST_WHOLE = 2**63  # whole numbers beyond fit no array and no other languag
 _MOST_UNFOLDED = 1_000_000  # values of a YAML document, those of aliases counted at each
 _YAML = "tag:yaml.org,2002:"
 _PLAIN_TAGS = frozenset(_YAML + word for word in ("null", "bool", "int", "float", "str"))
-_YAML_EXPONENT = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)[eE][-+]?[0-9]+")  # YAML 1.1 wants a point and a sign
+_EXPONENT = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)[eE][-+]?[0-9]+")  # as YAML 1.2 has it
 
 
-# -- reading -----------------------------------------------------------------------------------------------------------
+# -- reading ---------------------------------------------------------------------------------------
 
 
 def named(file: str | Path, what: str) -> str:
@@ -88,19 +93,20 @@ def parsed_toml(text: str, what: str) -> dict[str, Any]:
 
 
 def parsed_yaml(text: str, what: str) -> Any:
-    """The checked document of a YAML text, None for one of comments alone; `what` begins the error message.
+    """The checked document of a YAML text; `what` begins the error message.
 
-    Keys are read as they are written, and dates are text. A number may have an exponent without a point, as in YAML
-    1.2: 1e-3.
+    Keys are read as they are written, and dates are text. A number may have an exponent without a
+    point, as in YAML 1.2: 1e-3. A text of comments alone is None.
 
     Raises:
-        ConfigurationError: It is no YAML, has tags of its own or aliases that unfold to too much, or as `checked` says.
+        ConfigurationError: It is no YAML, has tags of its own or aliases that unfold to too much,
+            or as `checked` says.
     """
     return _document(text, what, _yaml_document)
 
 
 def toml_value(text: str) -> Any:
-    """The TOML value that stands in `text`, as behind `key =`; a text that is none is itself the value."""
+    """The TOML value that stands in `text`, as behind `key =`; what is none is itself the value."""
     try:
         table = tomllib.loads(f"value = {text}")
     except (ValueError, RecursionError):
@@ -122,7 +128,7 @@ def _document(text: str, what: str, parse: Callable[[str], Any], *, finite: bool
 
 
 def checked(value: Any, where: str = "", *, finite: bool = False) -> Any:
-    """`value` of a document, if every key, text and number in it can be printed, computed with and drawn.
+    """`value` of a document, if all that is in it can be printed, computed with and drawn.
 
     Args:
         value: Of a document, or of what else was read.
@@ -130,7 +136,8 @@ def checked(value: Any, where: str = "", *, finite: bool = False) -> Any:
         finite: Infinite numbers are refused too.
 
     Raises:
-        ConfigurationError: A text holds a control character, a number is out of range, or it is nested too deeply.
+        ConfigurationError: A text holds a control character, a number is out of range, or it is
+            nested too deeply.
     """
     _check(value, where, DEEPEST, finite)
     return value
@@ -138,24 +145,33 @@ def checked(value: Any, where: str = "", *, finite: bool = False) -> Any:
 
 def _check(value: Any, where: str, depth: int, finite: bool) -> None:
     place = where or "the file"
-    if isinstance(value, str):
-        if commands_a_terminal(value):
-            raise ConfigurationError(f"{place}: a control character in the text {shown(value)}")
-    elif isinstance(value, int | float):
-        if isinstance(value, int) and abs(value) >= _LARGEST_WHOLE:
-            raise ConfigurationError(f"{place}: a whole number of more than 63 bits, got {shown(value)}")
-        if math.isnan(value):
-            raise ConfigurationError(f"{place}: must not be NaN")
-        if finite and math.isinf(value):
-            raise ConfigurationError(f"{place}: must be a finite number, got {shown(value)}")
-    elif isinstance(value, Mapping | list):
-        if not depth:
-            outermost = re.split(r"[.\[]", where)[0]
-            raise ConfigurationError(f"{outermost or 'the file'}: more than {DEEPEST} tables deep")
-        for key, inner in value.items() if isinstance(value, Mapping) else enumerate(value):
-            if isinstance(key, str) and (len(key) > _LONGEST_KEY or commands_a_terminal(key) or "\n" in key):
+    fault = ""
+    if isinstance(value, str) and commands_a_terminal(value):
+        fault = f"a control character in the text {shown(value)}"
+    elif isinstance(value, int) and abs(value) >= _LARGEST_WHOLE:
+        fault = f"a whole number of more than 63 bits, got {shown(value)}"
+    elif isinstance(value, float) and math.isnan(value):
+        fault = "must not be NaN"
+    elif isinstance(value, float) and finite and math.isinf(value):
+        fault = f"must be a finite number, got {shown(value)}"
+    elif isinstance(value, Mapping | list) and not depth:
+        place = re.split(r"[.\[]", where)[0] or place  # not all the brackets down to it
+        fault = f"more than {DEEPEST} tables deep"
+    if fault:
+        raise ConfigurationError(f"{place}: {fault}")
+
+    if isinstance(value, list):
+        for i, item in enumerate(value):
+            _check(item, inside(where, i), depth - 1, finite)
+    elif isinstance(value, Mapping):
+        for key, entry in value.items():
+            if not isinstance(key, str) or len(key) > _LONGEST_KEY or not _is_printable(key):
                 raise ConfigurationError(f"{place}: {shown(key)} is no name of a value")
-            _check(inner, inside(where, key), depth - 1, finite)
+            _check(entry, inside(where, key), depth - 1, finite)
+
+
+def _is_printable(key: str) -> bool:
+    return not commands_a_terminal(key) and "\n" not in key
 
 
 def inside(where: str, key: str | int) -> str:
@@ -165,7 +181,7 @@ def inside(where: str, key: str | int) -> str:
     return f"{where}.{key}" if where else key
 
 
-# -- JSON --------------------------------------------------------------------------------------------------------------
+# -- JSON ------------------------------------------------------------------------------------------
 
 
 def _table_of(pairs: Iterable[tuple[str, Any]]) -> dict[str, Any]:
@@ -182,7 +198,7 @@ def _no_number(word: str) -> Any:
     raise ValueError(f"{word} is no JSON")
 
 
-# -- YAML --------------------------------------------------------------------------------------------------------------
+# -- YAML ------------------------------------------------------------------------------------------
 
 
 def _yaml_document(text: str) -> Any:
@@ -199,24 +215,26 @@ def _yaml_document(text: str) -> Any:
 
 
 class _YamlEvents:
-    """The parser's events of a YAML text, made values; PyYAML's own values bound neither aliases nor depth."""
+    """Values of the parser's events of a YAML text; PyYAML's own bound neither aliases nor depth."""
 
     def __init__(self, text: str) -> None:
         import yaml
 
         self._kinds = yaml
-        self._events: Any = (yaml.CSafeLoader if yaml.__with_libyaml__ else yaml.SafeLoader)(text)
-        self._anchored: dict[str, tuple[Any, int]] = {}  # value of an anchor, and how many values it unfolds to
-        self._count = 0  # of values so far
+        loader = yaml.CSafeLoader if yaml.__with_libyaml__ else yaml.SafeLoader
+        self._events: Any = loader(text)
+        self._anchored: dict[str, tuple[Any, int]] = {}  # value of an anchor, and its count
+        self._count = 0  # of values so far, aliases unfolded
 
     def document(self) -> Any:
         """The one document; None if there is none."""
         self._events.get_event()  # start of the stream
         if self._events.check_event(self._kinds.StreamEndEvent):
             return None
-        self._events.get_event()
+
+        self._events.get_event()  # of the document
         value = self._value(self._events.get_event(), DEEPEST)
-        self._events.get_event()
+        self._events.get_event()  # end of the document
         if not self._events.check_event(self._kinds.StreamEndEvent):
             raise ValueError("more than one document, parted by ---")
         return value
@@ -225,6 +243,7 @@ class _YamlEvents:
         """Value that begins with an event."""
         if isinstance(event, self._kinds.AliasEvent):
             return self._alias(event)
+
         before = self._count
         self._count += 1
         if isinstance(event, self._kinds.ScalarEvent):
@@ -236,13 +255,16 @@ class _YamlEvents:
                 raise self._fault(event, f"more than {DEEPEST} tables deep")
             is_list = isinstance(event, self._kinds.SequenceStartEvent)
             value = self._list(depth - 1) if is_list else self._table(depth - 1)
+
         if event.anchor is not None:
             self._anchored[event.anchor] = value, self._count - before
         return value
 
     def _alias(self, event: Any) -> Any:
         if event.anchor not in self._anchored:
-            raise self._fault(event, f"no anchor {shown(event.anchor)} before it, or it is within its own")
+            name = shown(event.anchor)
+            raise self._fault(event, f"no anchor {name} before it, or it is within its own")
+
         value, count = self._anchored[event.anchor]
         self._count += count
         if self._count > _MOST_UNFOLDED:
@@ -257,7 +279,7 @@ class _YamlEvents:
 
     def _table(self, depth: int) -> dict[str, Any]:
         table: dict[str, Any] = {}
-        merged: dict[str, Any] = {}
+        merged: dict[str, Any] = {}  # by the key <<; entries of the table itself have precedence
         while not isinstance(event := self._events.get_event(), self._kinds.MappingEndEvent):
             if not isinstance(event, self._kinds.ScalarEvent):
                 raise self._fault(event, "a key must be one word")
@@ -271,7 +293,7 @@ class _YamlEvents:
         return merged | table
 
     def _merged(self, event: Any, value: Any) -> dict[str, Any]:
-        """What a key `<<` brings: the entries of a table, or of several, of which the first has precedence."""
+        """What a key `<<` brings: entries of a table, or of several, the first with precedence."""
         tables = value if isinstance(value, list) else [value]
         if not all(isinstance(table, dict) for table in tables):
             raise self._fault(event, f"<< takes a table, or several, got {shown(value)}")
@@ -282,8 +304,10 @@ class _YamlEvents:
         if tag in (None, "!"):
             tag = self._events.resolve(self._kinds.ScalarNode, event.value, event.implicit)
             tag = tag if tag in _PLAIN_TAGS else f"{_YAML}str"  # dates
-            if tag == f"{_YAML}str" and event.implicit[0] and _YAML_EXPONENT.fullmatch(event.value):
+            unquoted = tag == f"{_YAML}str" and event.implicit[0]
+            if unquoted and _EXPONENT.fullmatch(event.value):  # YAML 1.1 wants a point and a sign
                 return float(event.value)
+
         if tag not in _PLAIN_TAGS:
             raise self._fault(event, self._foreign(tag))
         make = getattr(self._events, f"construct_yaml_{tag.removeprefix(_YAML)}")
@@ -302,7 +326,7 @@ class _YamlEvents:
         return ValueError(f"{problem} (at line {mark.line + 1}, column {mark.column + 1})")
 
 
-# -- writing -----------------------------------------------------------------------------------------------------------
+# -- writing ---------------------------------------------------------------------------------------
 
 
 def toml_text(table: Mapping[str, Any], heading: str = "") -> str:
@@ -330,10 +354,10 @@ def yaml_text(document: Any, *, width: int = 160) -> str:
     class Dumper(yaml.SafeDumper):
         """Quotes a text such as 1e3, which `parsed_yaml` would read as a number."""
 
-    Dumper.add_implicit_resolver(f"{_YAML}float", re.compile(rf"^(?:{_YAML_EXPONENT.pattern})$"), list("-+.0123456789"))
-    return yaml.dump(
-        _plain(document), Dumper=Dumper, sort_keys=False, default_flow_style=None, width=width, allow_unicode=True
-    )
+    number = re.compile(rf"^(?:{_EXPONENT.pattern})$")
+    Dumper.add_implicit_resolver(f"{_YAML}float", number, list("-+.0123456789"))
+    layout: dict[str, Any] = {"default_flow_style": None, "width": width, "sort_keys": False}
+    return yaml.dump(_plain(document), Dumper=Dumper, allow_unicode=True, **layout)
 
 
 def _plain(value: Any) -> Any:

@@ -1,10 +1,10 @@
-"""Tables of documents that others wrote, as dataclasses; a fault is told with its place in the document.
+"""Tables of documents that others wrote, as dataclasses; a fault is told with its place.
 
     about = TableReader("study.json").made(About, json_of(folder / "study.json", "study"))
 
-`uuv.sim.interfaces.documents` reads the text. `TableReader` makes dataclasses of the tables by the annotations of their
-fields, or calls functions by those of their parameters. A field states its unit and its bounds as keywords of JSON
-Schema in its metadata:
+`uuv.sim.interfaces.documents` reads the text. `TableReader` makes dataclasses of the tables by the
+annotations of their fields, or calls functions by those of their parameters. A field states its
+unit and its bounds as keywords of JSON Schema in its metadata:
 
     speed: float = field(metadata={"schema": {"unit": "m/s", "exclusiveMinimum": 0, "maximum": 1}})
 """
@@ -26,23 +26,24 @@ from uuv.sim.interfaces.errors import ConfigurationError, did_you_mean
 from uuv.sim.interfaces.spatial import Array, shown
 
 Made = TypeVar("Made")
-Schema = Mapping[str, Any]  # keywords of JSON Schema, and `unit`; `title` is what a message says a value must be
-# What makes a thing of a kind from a table at a place: class or function, with its own table and place.
-Chooser = Callable[[Any, Mapping[str, Any], str], tuple[Callable[..., Any], Mapping[str, Any], str]]
+Schema = Mapping[str, Any]  # keywords of JSON Schema, and `unit`; its `title` is for messages
+Table = Mapping[str, Any]
+# What makes a thing of a kind from a table at a place: class or function, with its table and place.
+Chooser = Callable[[Any, Table, str], tuple[Callable[..., Any], Table, str]]
 
 
 @dataclass(frozen=True, slots=True)
 class TableReader:
     """Makes dataclasses of tables by the annotations of their fields.
 
-    Annotations may be numbers, text, literals, lists, tuples, mappings, arrays, dataclasses, `Any`, and unions of kinds
-    that a document tells apart: None, text, number, list, table.
+    Annotations may be numbers, text, literals, lists, tuples, mappings, arrays, dataclasses, `Any`,
+    and unions of kinds that a document tells apart: None, text, number, list, table.
     """
 
     whole: str = "the file"  # what messages call the outermost table
     choose: Chooser | None = None
-    passes_unknown: bool = False  # keys that the class lacks are passed over, as those of a later version
-    places_faults: bool = False  # what a class or function refuses itself is told with the place of its table
+    passes_unknown: bool = False  # keys that the class lacks are passed over: of a later version
+    places_faults: bool = False  # what a class refuses itself is told with the place of its table
 
     def made(self, maker: Callable[..., Made], given: Any, where: str = "") -> Made:
         """What `maker` makes of the table `given`.
@@ -53,7 +54,8 @@ class TableReader:
             where: Place of the table in the document; empty: it is the outermost.
 
         Raises:
-            ConfigurationError: The table lacks a key, has one too many, or a value of another type or out of bounds.
+            ConfigurationError: The table lacks a key, has one too many, or a value of another type
+                or out of bounds.
         """
         table = self.table(given, where)
         chosen: Callable[..., Made] = maker
@@ -69,7 +71,7 @@ class TableReader:
             raise
 
     def values(
-        self, maker: Callable[..., Any], table: Mapping[str, Any], where: str = "", *, complete: bool = True
+        self, maker: Callable[..., Any], table: Table, where: str = "", *, complete: bool = True
     ) -> dict[str, Any]:
         """Arguments of `maker` from a table.
 
@@ -82,14 +84,15 @@ class TableReader:
         Raises:
             ConfigurationError: As `made` does.
         """
-        place, slots = self.place(where), _slots(maker)
+        slots = _slots(maker)
         known = {key: value for key, value in table.items() if key in slots}
         if not self.passes_unknown:
             self.check_keys(table, slots, where)
 
         missing = [name for name, slot in slots.items() if slot.required and name not in known]
         if complete and missing:
-            raise ConfigurationError(f"{place}: {', '.join(missing)} {'are' if missing[1:] else 'is'} missing")
+            are = "are" if missing[1:] else "is"
+            raise ConfigurationError(f"{self.place(where)}: {', '.join(missing)} {are} missing")
 
         return {
             key: self._value(slots[key].hint, value, _Spot(inside(where, key), slots[key].schema))
@@ -106,7 +109,7 @@ class TableReader:
             raise ConfigurationError(f"{self.place(where)}: must be a table, got {shown(given)}")
         return dict(given)
 
-    def check_keys(self, table: Mapping[str, Any], allowed: Iterable[str], where: str = "") -> None:
+    def check_keys(self, table: Table, allowed: Iterable[str], where: str = "") -> None:
         """Refuses a table with a key that is not among the `allowed` ones.
 
         Raises:
@@ -115,8 +118,8 @@ class TableReader:
         allowed = list(allowed)
         for key in table:
             if key not in allowed:
-                near, known = did_you_mean(key, allowed), ", ".join(allowed)
-                raise ConfigurationError(f"{self.place(where)} has no {shown(key)}; it has {known}{near}")
+                known = ", ".join(allowed) + did_you_mean(key, allowed)
+                raise ConfigurationError(f"{self.place(where)} has no {shown(key)}; it has {known}")
 
     def place(self, where: str) -> str:
         """What messages call the table at a place."""
@@ -136,33 +139,43 @@ class TableReader:
             if given is None and type(None) in args:
                 return None
             return self._typed(_option(args, given, spot), given, spot)
+
+        # Single values.
+        if hint is Any:
+            return given
+        if hint in _WORDS:
+            return _plain(hint, given, spot)
         if origin is Literal:
             return _chosen(args, given, spot)
+
+        # Lists.
         if _is_array(hint):
             return _array(given, spot)
         if origin is tuple or origin is list:
             items = self._several((args[0], Ellipsis) if origin is list else args, given, spot)
             return items if origin is list else tuple(items)
+
+        # Tables.
+        if not isinstance(given, Mapping):
+            raise spot.refused("a table", given)
         if isinstance(origin, type) and issubclass(cast(Any, origin), Mapping):
-            if not isinstance(given, Mapping):
-                raise spot.refused("a table", given)
             return {key: self._value(args[1], value, spot.of(key)) for key, value in given.items()}
-        if hint in _WORDS:
-            return _plain(hint, given, spot)
-        return given if hint is Any else self.made(hint, given, spot.where)
+        return self.made(hint, given, spot.where)
 
     def _several(self, args: tuple[Any, ...], given: Any, spot: "_Spot") -> list[Any]:
-        """The items of a list: of one type, where `args` ends with an ellipsis, else of one type each."""
+        """The items of a list, of one type where `args` ends with an ellipsis, else of one each."""
         if not isinstance(given, list):
             raise spot.refused("a list", given)
         if args[-1] is Ellipsis:
             args = (args[0],) * len(given)
         elif len(given) != len(args):
             raise spot.refused(f"{len(args)} values", given)
-        return [self._value(arg, value, spot.of(i)) for i, (arg, value) in enumerate(zip(args, given, strict=True))]
+
+        pairs = enumerate(zip(args, given, strict=True))
+        return [self._value(arg, value, spot.of(i)) for i, (arg, value) in pairs]
 
 
-# -- what a table is read into -----------------------------------------------------------------------------------------
+# -- what a table is read into ---------------------------------------------------------------------
 
 
 @dataclass(frozen=True, slots=True)
@@ -225,20 +238,27 @@ class _Spot:
 
     def of(self, key: str | int) -> "_Spot":
         """Place of an item of this list, or of a value of this table."""
-        stated = self.schema.get("items" if isinstance(key, int) else "additionalProperties", {})
         unit = {"unit": self.schema["unit"]} if "unit" in self.schema else {}
-        return _Spot(inside(self.where, key), {**unit, **stated} if isinstance(stated, Mapping) else unit)
+        stated = self.schema.get("items" if isinstance(key, int) else "additionalProperties")
+        schema = {**unit, **stated} if isinstance(stated, Mapping) else unit
+        return _Spot(inside(self.where, key), schema)
 
     def refused(self, words: str, given: Any, hint: str = "") -> ConfigurationError:
-        """Error for a value that is not what the title of its field says or, without one, the `words`."""
-        label = f"{self.where} [{self.schema['unit']}]" if "unit" in self.schema else self.where
-        return ConfigurationError(f"{label}: must be {self.schema.get('title', words)}, got {shown(given)}{hint}")
+        """Error for a value that is not what its field's title or, without one, `words` say."""
+        unit = f" [{self.schema['unit']}]" if "unit" in self.schema else ""
+        allowed = self.schema.get("title", words)
+        place = f"{self.where}{unit}"
+        return ConfigurationError(f"{place}: must be {allowed}, got {shown(given)}{hint}")
 
     @property
     def limits(self) -> str:
         """Bounds of a number in words; empty: there are none."""
-        bounds = [(word, self.schema[key]) for key, (word, _) in _BOUNDS.items() if key in self.schema]
-        return " and ".join(f"{word} {bound if isinstance(bound, int) else f'{bound:g}'}" for word, bound in bounds)
+        words = []
+        for key, (word, _) in _BOUNDS.items():
+            if key in self.schema:
+                bound = self.schema[key]
+                words.append(f"{word} {bound if isinstance(bound, int) else f'{bound:g}'}")
+        return " and ".join(words)
 
 
 def _option(options: Iterable[Any], given: Any, spot: _Spot) -> Any:
@@ -248,7 +268,10 @@ def _option(options: Iterable[Any], given: Any, spot: _Spot) -> Any:
     if literals:
         words = tuple(word for option in literals for word in get_args(option))
         options = [Literal[words], *(option for option in options if option not in literals)]
-    fitting = options if len(options) == 1 else [option for option in options if _kind(option)[1](given)]
+    if len(options) == 1:
+        return options[0]
+
+    fitting = [option for option in options if _kind(option)[1](given)]
     if not fitting:
         kinds = " or ".join(dict.fromkeys(_kind(option)[0] for option in options))
         raise spot.refused(kinds, given, _if_quoted(options, given))
@@ -270,20 +293,21 @@ def _kind(hint: Any) -> tuple[str, Callable[[Any], bool]]:
 _LONGEST_NUMBER = 40  # [characters] of a number that a person writes
 _WORDS: Mapping[Any, tuple[str, Callable[[Any], bool]]] = {
     bool: ("true or false", lambda value: isinstance(value, bool)),
-    int: ("a whole number", lambda value: isinstance(value, int) and not isinstance(value, bool)),
-    float: ("a number", lambda value: isinstance(value, int | float) and not isinstance(value, bool)),
+    int: ("a whole number", lambda value: type(value) is int),
+    float: ("a number", lambda value: type(value) in (int, float)),
     str: ("text", lambda value: isinstance(value, str)),
 }
 
 
-# -- single values -----------------------------------------------------------------------------------------------------
+# -- single values ---------------------------------------------------------------------------------
 
 
 def _chosen(allowed: Iterable[Any], given: Any, spot: _Spot) -> Any:
     words = list(allowed)
     if given not in words:
         meant = did_you_mean(given, [word for word in words if isinstance(word, str)])
-        raise ConfigurationError(f"{spot.where}: allowed {', '.join(map(str, words))}, got {shown(given)}{meant}")
+        known = ", ".join(map(str, words))
+        raise ConfigurationError(f"{spot.where}: allowed {known}, got {shown(given)}{meant}")
     return given
 
 
@@ -310,13 +334,14 @@ def _if_quoted(kinds: Iterable[Any], given: Any) -> str:
 
 
 def _array(given: Any, spot: _Spot) -> Array:
-    """Array of a number, a row of numbers, or rows of one length; its shape is for the callee to check."""
+    """Array of a number, a row of numbers, or rows of one length; the callee checks its shape."""
 
     def numbers(value: Any, inner: _Spot) -> Any:
         if isinstance(value, list):
             return [numbers(item, inner.of(i)) for i, item in enumerate(value)]
         return _plain(float, value, inner)
 
+    # A text for the whole is no wrong item of it.
     if not (isinstance(given, list) or _WORDS[float][1](given)):
         raise spot.refused("a list of numbers", given)
     try:
@@ -327,7 +352,7 @@ def _array(given: Any, spot: _Spot) -> Array:
         raise spot.refused("rows of one length", given) from error
 
 
-# -- bounds ------------------------------------------------------------------------------------------------------------
+# -- bounds ----------------------------------------------------------------------------------------
 
 _BOUNDS: Mapping[str, tuple[str, Callable[[Any, Any], bool]]] = {
     "minimum": ("at least", lambda value, bound: value >= bound),
@@ -341,17 +366,22 @@ def _check_bounds(value: Any, spot: _Spot) -> None:
     """Refuses a value beyond the bounds that its field states by keywords of JSON Schema."""
     schema = spot.schema
     if isinstance(value, int | float) and not isinstance(value, bool):
-        stated = [(keeps, schema[key]) for key, (_, keeps) in _BOUNDS.items() if key in schema]
-        if stated and not (math.isfinite(value) and all(keeps(value, bound) for keeps, bound in stated)):
-            kind = "a whole number" if isinstance(value, int) else "a number" if math.isfinite(value) else "finite"
-            raise spot.refused(f"{kind}, {spot.limits}", value)
+        bounds = [(keeps, schema[key]) for key, (_, keeps) in _BOUNDS.items() if key in schema]
+        if bounds and not math.isfinite(value):
+            raise spot.refused(f"finite, {spot.limits}", value)
+        if not all(keeps(value, bound) for keeps, bound in bounds):
+            raise spot.refused(spot.limits, value)
+
     elif isinstance(value, str):
         if len(value) < schema.get("minLength", 0):
             raise spot.refused(f"at least {schema['minLength']} characters long", value)
         if not re.search(schema.get("pattern", ""), value):
             raise spot.refused(f"of the form {schema.get('pattern')}", value)
+
     elif isinstance(value, list | tuple | Mapping):
         word = "Properties" if isinstance(value, Mapping) else "Items"
-        least, most = schema.get(f"min{word}", 0), schema.get(f"max{word}", len(value))
+        least = schema.get(f"min{word}", 0)
+        most = schema.get(f"max{word}", len(value))
         if not least <= len(value) <= most:
-            raise spot.refused(f"{least} to {most} entries" if f"max{word}" in schema else f"{least} or more", value)
+            limits = f"{least} to {most}" if f"max{word}" in schema else f"{least} or more"
+            raise spot.refused(f"{limits} entries", value)

@@ -37,6 +37,7 @@ KEY_SHIFT = 0.25  # share of the view's width, or of the range along the view, f
 KEY_TURN = 0.2  # [rad] the same of its rotation
 MOST_LOST = 5  # pictures lost in a row that end a track
 LEAST_SEEN = 0.25  # share of the view with a surface that a track needs
+_WHAT = "errors of the arm camera"
 _SHARE = {"schema": {"minimum": 0, "maximum": 1}}
 _FACTOR = {"schema": {"minimum": 1, "maximum": 1000}}
 _EXPONENTS = {"schema": {"items": {"minimum": -100, "maximum": 100}}}
@@ -54,7 +55,7 @@ class ErrorModel:
     texture: tuple[float, float, float, float] = field(metadata=_EXPONENTS)
     shape: tuple[float, float, float, float] = field(metadata=_EXPONENTS)
     lost: tuple[float, float, float, float] = field(metadata=_EXPONENTS)
-    common: float = field(metadata=_SHARE)  # of the variance that all pictures of a key have in common
+    common: float = field(metadata=_SHARE)  # of the variance, of all pictures of a key
     outliers: float = field(metadata=_SHARE)  # of pictures with an error beyond the gate of the fit
     outlier_factor: float = field(metadata=_FACTOR)  # by which their errors are larger
     bias: tuple[float, float, float] = field(  # mean error, camera axes
@@ -69,11 +70,11 @@ class ErrorModel:
         Raises:
             ConfigurationError: The file cannot be read, or a key or value is none of those allowed.
         """
-        table = toml_of(file, "errors of the arm camera")
+        table = toml_of(file, _WHAT)
         try:
             return TableReader().made(cls, table)
         except ConfigurationError as error:
-            raise ConfigurationError(f"{named(file, 'errors of the arm camera')}: {error}") from error
+            raise ConfigurationError(f"{named(file, _WHAT)}: {error}") from error
 
 
 @cache

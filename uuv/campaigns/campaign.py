@@ -79,8 +79,8 @@ class Campaign:
         allowed = metric_names(self.base)
         for name in (*self.metrics, *self.bounds):
             if name not in allowed:
-                known, near = ", ".join(sorted(allowed)), did_you_mean(name, sorted(allowed))
-                raise ConfigurationError(f"no metric {shown(name)}; this task has {known}{near}")
+                known = ", ".join(sorted(allowed)) + did_you_mean(name, sorted(allowed))
+                raise ConfigurationError(f"no metric {shown(name)}; this task has {known}")
         for name, bound in self.bounds.items():
             finite_number(bound, f"bounds: {name}")
         for name in self.distributions:
@@ -134,10 +134,12 @@ def read_campaign(file: str | Path, changed: Sequence[str] = (), *, trust: bool 
             allowed; the message names them.
     """
     path = Path(file)
-    document, what = toml_of(path, "campaign"), named(path, "campaign")
+    document = toml_of(path, "campaign")
+    what = named(path, "campaign")
     refuse_code(document, what, trust=trust)
     try:
-        return _campaign(_READER.made(_CampaignFile, document), path, assigned(changed), trust=trust)
+        content = _READER.made(_CampaignFile, document)
+        return _campaign(content, path, assigned(changed), trust=trust)
     except ConfigurationError as error:
         raise ConfigurationError(f"{what}: {error}") from error
 
@@ -247,7 +249,7 @@ def _checked_key(base: Scenario, name: str) -> None:
     put(as_dict(base), name, None)
 
 
-_NAME = {"title": "a name"}
+_NAMES = {"schema": {"title": "a list of names", "items": {"title": "a name"}}}
 _BASE = f"{', '.join(BASES)} or a scenario file (.toml)"
 
 
@@ -255,7 +257,7 @@ _BASE = f"{', '.join(BASES)} or a scenario file (.toml)"
 class _MetricNames:
     """Table [metrics] of a campaign's file."""
 
-    names: tuple[str, ...] = field(default=(), metadata={"schema": {"title": "a list of names", "items": _NAME}})
+    names: tuple[str, ...] = field(default=(), metadata=_NAMES)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -280,7 +282,7 @@ _READER = TableReader(places_faults=True)
 
 
 def _campaign(file: _CampaignFile, path: Path, changed: Mapping[str, Any], *, trust: bool) -> Campaign:
-    """The campaign of a file, with other values at the keys that are `changed`; these are no longer drawn."""
+    """The campaign of a file, with the values that are `changed`, which are no longer drawn."""
     name = folder_name(path.stem if file.name is None else file.name, "name")
     nested = as_dict(_base(file, path.parent, trust=trust))
     for key, value in {**file.set, **changed}.items():

@@ -28,8 +28,8 @@ class Distribution:
 
     def __post_init__(self) -> None:
         if self.kind not in KINDS:
-            near = did_you_mean(self.kind, KINDS)
-            raise ConfigurationError(f"no distribution {shown(self.kind)}; there are {', '.join(KINDS)}{near}")
+            known = ", ".join(KINDS) + did_you_mean(self.kind, KINDS)
+            raise ConfigurationError(f"no distribution {shown(self.kind)}; there are {known}")
         if self.step is not None:
             finite_number(self.step, STEP, above=0.0)
             largest = max((abs(each) for each in self.values if isinstance(each, int | float)), default=0.0)

@@ -27,9 +27,8 @@ class Limits:
     memory_mb: int | None = field(  # private memory of a worker
         default=None, metadata={"schema": {"unit": "MB", "minimum": 1}}
     )
-    retries: int = field(  # times that a run whose process died is done again; once: its neighbours die with it
-        default=1, metadata={"schema": {"minimum": 1}}
-    )
+    # Times that a run whose process died is done again; once at least: its neighbours die with it.
+    retries: int = field(default=1, metadata={"schema": {"minimum": 1}})
 
     def __post_init__(self) -> None:
         if self.time_s is not None:

@@ -116,7 +116,7 @@ WORK = 'name = "x"\n[task]\nkind = "SurfaceWork"\n'
     ("text", "said"),
     [
         ("seed = ", "cannot be read"),
-        ("seed = 1", "the file: name is missing"),
+        ("seed = 1", "the file: name, task are missing"),
         ('name = "x"\nseeds = 1', "the file has no 'seeds'; it has name, task, seed, site"),
         ('name = "x"', "the file: task is missing"),
         ('name = "x"\n[task]\nspeed = 1', r"\[task\]: needs a kind; there are .*SurfaceWork"),

@@ -149,6 +149,7 @@ _ROWS = {
         },
     }
 }
+_NAMES = {"schema": {"title": "a list of different names, one for each joint"}}
 _LETTERS = "letters r (hinge) and p (slide), one for each joint"
 _TYPES = {"schema": {"title": _LETTERS, "pattern": "^[rpRP]+$"}}
 _UNITS = {"schema": {"title": "{angle: rad or deg, length: m or mm}"}}
@@ -162,7 +163,7 @@ class _ArmTable:
     joints: list[_Row] | None = field(default=None, metadata=_ROWS)  # another name for it
     units: _Units | None = field(default=None, metadata=_UNITS)
     joint_types: str | None = field(default=None, metadata=_TYPES)
-    joint_names: list[str | int] | None = None
+    joint_names: list[str | int] | None = field(default=None, metadata=_NAMES)
     X_base_0: Array | None = None  # (4, 4)
     X_n_flange: Array | None = None  # (4, 4)
     tcp: Array | None = field(default=None, metadata={"schema": {"unit": "m"}})  # (3,)

@@ -85,7 +85,7 @@ class MappedThruster:
         if self.actuator is not None and self.direction is not None:
             raise ConfigurationError("the actuator has a direction, that of its gear; leave it out")
 
-        _ = self.axis
+        _ = self.axis, self.place  # so that they are refused here and not where they are used
         if isinstance(self.kind, str) and self.kind != _T200:
             raise ConfigurationError(
                 f"kind: {_T200} is the only one by name, got {shown(self.kind)}; others by "

@@ -135,9 +135,9 @@ class TableReader:
 
     def _typed(self, hint: Any, given: Any, spot: "_Spot") -> Any:
         origin, args = get_origin(hint), get_args(hint)
-        if origin in (Union, types.UnionType) and hint != ArrayLike:
-            if given is None and type(None) in args:
-                return None
+        if given is None and type(None) in args:
+            return None
+        if origin in (Union, types.UnionType) and not _is_array(hint):
             return self._typed(_option(args, given, spot), given, spot)
 
         # Single values.
@@ -225,8 +225,11 @@ def _slots(maker: Callable[..., Any]) -> dict[str, _Slot]:
     }
 
 
+_ARRAY_KINDS = frozenset(get_args(ArrayLike))  # a union, which a further None would join
+
+
 def _is_array(hint: Any) -> bool:
-    return hint is Array or hint == ArrayLike or get_origin(hint) is np.ndarray
+    return get_origin(hint) is np.ndarray or {*get_args(hint)} - {type(None)} == _ARRAY_KINDS
 
 
 @dataclass(frozen=True, slots=True)

@@ -216,6 +216,17 @@ def test_stock_vehicles_survive_both_files(name: str, tmp_path: Path) -> None:
         ),
         ("thrusters: {bow: {forward: -1, reverse: 1}}", "thrusters.bow: thruster forward and reverse"),
         ("thrusters: {bow: {t200: {}, forward: 1}}", "t200 takes the other fields as its own"),
+        (
+            "thrusters: {bow: {of_table: {command: [-1, 0, 1], thrust: [-1, 0, 1], forward: 1}}}",
+            "thrusters.bow.of_table: thruster forward: follows from the curve; leave it out",
+        ),
+        ("bodies: {hull: {volume: 1}}\nbodies: {}", "the key 'bodies' stands twice in one table"),
+        ("bodies: {hull: {volume: 1, volume: 2}}", "the key 'volume' stands twice in one table"),
+        ("bodies: {hull: {volume: 1, forms: [{}]}}", r"forms\[0\]: must be one of munk_factor, .*, got \[\]"),
+        (
+            "thrusters: {bow: {forward: 1, reverse: 1, table: 4}}",
+            r"thrusters.bow.table: must be 2 values, got \[\[4\]\]",
+        ),
         ("bodies: {hull: {volume: [", "cannot be read .*at line 2"),
         ("[1, 2]", r"the file: must be a table, got \[1, 2\]"),
     ],
@@ -248,6 +259,18 @@ def test_wrong_elements_are_one_clear_line(elements: dict[str, str], said: str, 
     file.write_text(mjcf(elements))
     with pytest.raises(ConfigurationError, match=said):
         vehicle_spec(file)
+
+
+def test_a_row_of_one_number_is_a_row(tmp_path: Path) -> None:
+    """A custom element of one number cannot say that it is a row."""
+    elements = {"thruster/bow/forward": "20"}
+    elements |= {"thruster/bow/reverse": "10", "thruster/bow/polynomial/0": "20", "thruster/bow/polynomial/1": "10"}
+    elements |= {"thruster/stern/of_polynomial/ahead": "20", "thruster/stern/of_polynomial/astern": "4 6"}
+    file = tmp_path / "rov.xml"
+    file.write_text(mjcf(elements))
+    spec = vehicle_spec(file)
+    bow, stern = (thrusters.unpack(np.array(spec.actuator(name).userdata)) for name in ("bow", "stern"))
+    assert (bow.polynomial, stern.polynomial) == (((20.0,), (10.0,)), ((20.0,), (4.0, 6.0)))
 
 
 def test_water_stated_twice_is_refused(tmp_path: Path) -> None:

@@ -220,6 +220,11 @@ def test_stock_vehicles_survive_both_files(name: str, tmp_path: Path) -> None:
             "thrusters: {bow: {of_table: {command: [-1, 0, 1], thrust: [-1, 0, 1], forward: 1}}}",
             "thrusters.bow.of_table: thruster forward: follows from the curve; leave it out",
         ),
+        (
+            "bodies: {hull: {volume: 1, forms: [{wing: {area: 0.1, span: 1e-320, drag_0: 0.1}}]}}",
+            r"forms\[0\].wing: wing span \[m\]: must be finite, >= 1e-06",
+        ),
+        ("thrusters: {bow: {of_polynomial: {ahead: [1e300, 1]}}}", r"polynomial: must not exceed 1e\+15"),
         ("bodies: {hull: {volume: 1}}\nbodies: {}", "the key 'bodies' stands twice in one table"),
         ("bodies: {hull: {volume: 1, volume: 2}}", "the key 'volume' stands twice in one table"),
         ("bodies: {hull: {volume: 1, forms: [{}]}}", r"forms\[0\]: must be one of munk_factor, .*, got \[\]"),
@@ -265,12 +270,12 @@ def test_a_row_of_one_number_is_a_row(tmp_path: Path) -> None:
     """A custom element of one number cannot say that it is a row."""
     elements = {"thruster/bow/forward": "20"}
     elements |= {"thruster/bow/reverse": "10", "thruster/bow/polynomial/0": "20", "thruster/bow/polynomial/1": "10"}
-    elements |= {"thruster/stern/of_polynomial/ahead": "20", "thruster/stern/of_polynomial/astern": "4 6"}
+    elements |= {"thruster/stern/of_polynomial/ahead": "20", "thruster/stern/of_polynomial/astern": "4 6 1e-300"}
     file = tmp_path / "rov.xml"
     file.write_text(mjcf(elements))
     spec = vehicle_spec(file)
     bow, stern = (thrusters.unpack(np.array(spec.actuator(name).userdata)) for name in ("bow", "stern"))
-    assert (bow.polynomial, stern.polynomial) == (((20.0,), (10.0,)), ((20.0,), (4.0, 6.0)))
+    assert (bow.polynomial, stern.polynomial) == (((20.0,), (10.0,)), ((20.0,), (4.0, 6.0, 1e-300)))
 
 
 def test_water_stated_twice_is_refused(tmp_path: Path) -> None:

@@ -139,39 +139,66 @@ def checked(value: Any, where: str = "", *, finite: bool = False) -> Any:
         ConfigurationError: A text holds a control character, a number is out of range, or it is
             nested too deeply.
     """
-    _check(value, where, DEEPEST, finite)
+    try:
+        _check(value, DEEPEST, finite)
+    except _FaultError as fault:
+        for key in reversed(fault.path[-1:] if fault.is_deep else fault.path):
+            where = inside(where, key)
+        raise ConfigurationError(f"{where or 'the file'}: {fault}") from None
     return value
 
 
-def _check(value: Any, where: str, depth: int, finite: bool) -> None:
-    place = where or "the file"
-    fault = ""
-    if isinstance(value, str) and commands_a_terminal(value):
-        fault = f"a control character in the text {shown(value)}"
-    elif isinstance(value, int) and abs(value) >= _LARGEST_WHOLE:
-        fault = f"a whole number of more than 63 bits, got {shown(value)}"
-    elif isinstance(value, float) and math.isnan(value):
-        fault = "must not be NaN"
-    elif isinstance(value, float) and finite and math.isinf(value):
-        fault = f"must be a finite number, got {shown(value)}"
-    elif isinstance(value, Mapping | list) and not depth:
-        place = re.split(r"[.\[]", where)[0] or place  # not all the brackets down to it
-        fault = f"more than {DEEPEST} tables deep"
+class _FaultError(Exception):
+    """What is wrong with a value; its place is put together on the way out, innermost key first."""
+
+    def __init__(self, fault: str) -> None:
+        super().__init__(fault)
+        self.path: list[str | int] = []
+        self.is_deep = False  # of its place only the outermost key is told
+
+
+def _check(value: Any, depth: int, finite: bool) -> None:
+    fault = _fault_of(value, finite)
     if fault:
-        raise ConfigurationError(f"{place}: {fault}")
+        raise _FaultError(fault)
+    if not isinstance(value, Mapping | list):
+        return
+    if not depth:
+        error = _FaultError(f"more than {DEEPEST} tables deep")
+        error.is_deep = True
+        raise error
 
-    if isinstance(value, list):
-        for i, item in enumerate(value):
-            _check(item, inside(where, i), depth - 1, finite)
+    pairs: Any = value.items() if isinstance(value, Mapping) else enumerate(value)
+    for key, entry in pairs:
+        try:
+            _check(entry, depth - 1, finite)
+        except _FaultError as error:
+            error.path.append(key)
+            raise
+
+
+def _fault_of(value: Any, finite: bool) -> str:
+    """What is wrong with one value, without those in it; empty: nothing."""
+    if isinstance(value, str):
+        if not value.isprintable() and commands_a_terminal(value):
+            return f"a control character in the text {shown(value)}"
+    elif isinstance(value, int):
+        if abs(value) >= _LARGEST_WHOLE:
+            return f"a whole number of more than 63 bits, got {shown(value)}"
+    elif isinstance(value, float):
+        if math.isnan(value):
+            return "must not be NaN"
+        if finite and math.isinf(value):
+            return f"must be a finite number, got {shown(value)}"
     elif isinstance(value, Mapping):
-        for key, entry in value.items():
-            if not isinstance(key, str) or len(key) > _LONGEST_KEY or not _is_printable(key):
-                raise ConfigurationError(f"{place}: {shown(key)} is no name of a value")
-            _check(entry, inside(where, key), depth - 1, finite)
+        for key in value:
+            if not isinstance(key, str) or len(key) > _LONGEST_KEY or not _is_name(key):
+                return f"{shown(key)} is no name of a value"
+    return ""
 
 
-def _is_printable(key: str) -> bool:
-    return not commands_a_terminal(key) and "\n" not in key
+def _is_name(key: str) -> bool:
+    return key.isprintable() or not (commands_a_terminal(key) or "\n" in key)
 
 
 def inside(where: str, key: str | int) -> str:

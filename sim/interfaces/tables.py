@@ -127,10 +127,17 @@ class TableReader:
             return where
         return f"[{where}]" if where else self.whole
 
+    def _item(self, hint: Any, given: Any, outer: "_Spot", key: str | int) -> Any:
+        """`given`, which stands in a table or a list, as the type `hint` asks for."""
+        if not outer.schema and type(given) in _unchanged(hint):  # as most of a table of rows
+            return given
+        return self._value(hint, given, outer.of(key))
+
     def _value(self, hint: Any, given: Any, spot: "_Spot") -> Any:
         """`given` as the type `hint` asks for, within the bounds of its field."""
         value = self._typed(hint, given, spot)
-        _check_bounds(value, spot)
+        if spot.schema:
+            _check_bounds(value, spot)
         return value
 
     def _typed(self, hint: Any, given: Any, spot: "_Spot") -> Any:
@@ -159,7 +166,7 @@ class TableReader:
         if not isinstance(given, Mapping):
             raise spot.refused("a table", given)
         if isinstance(origin, type) and issubclass(cast(Any, origin), Mapping):
-            return {key: self._value(args[1], value, spot.of(key)) for key, value in given.items()}
+            return {key: self._item(args[1], value, spot, key) for key, value in given.items()}
         return self.made(hint, given, spot.where)
 
     def _several(self, args: tuple[Any, ...], given: Any, spot: "_Spot") -> list[Any]:
@@ -172,7 +179,7 @@ class TableReader:
             raise spot.refused(f"{len(args)} values", given)
 
         pairs = enumerate(zip(args, given, strict=True))
-        return [self._value(arg, value, spot.of(i)) for i, (arg, value) in pairs]
+        return [self._item(arg, value, spot, i) for i, (arg, value) in pairs]
 
 
 # -- what a table is read into ---------------------------------------------------------------------
@@ -223,6 +230,14 @@ def _slots(maker: Callable[..., Any]) -> dict[str, _Slot]:
         for name, parameter in signature(maker).parameters.items()
         if parameter.kind is not Parameter.VAR_KEYWORD
     }
+
+
+@cache
+def _unchanged(hint: Any) -> frozenset[type]:
+    """Types whose values stand for themselves where a document is asked for `hint`."""
+    plain = {str, int, float, bool, type(None)}
+    options = get_args(hint) if get_origin(hint) in (Union, types.UnionType) else (hint,)
+    return frozenset(plain & {option for option in options if isinstance(option, type)})
 
 
 _ARRAY_KINDS = frozenset(get_args(ArrayLike))  # a union, which a further None would join

@@ -17,14 +17,13 @@ from typing import Any, ClassVar, Final, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from uuv.models.water.bounds import LONGEST, SEA_WATER, SHORTEST, bounded, not_negative, positive, segment
+from uuv.models.water.bounds import LONGEST, SEA_WATER, bounded, not_negative, positive, segment
 from uuv.sim.interfaces.errors import ConfigurationError, did_you_mean
 from uuv.sim.interfaces.spatial import Array, checked, checked_rows, finite_number, readonly, shown, skew
 
 MAX_TERMS: Final = 64  # terms of one CrossTerms
 SWEEPS: Final = (-2, 0, 2)  # exponents of `LiftDrag.sweep`
 _RIGHT: Final = 0.5 * math.pi
-_LEAST_OSWALD: Final = 1e-3
 _KEPT: Final = 1e-12  # by which a vector's length may differ from 1 for it to be kept bit by bit
 _SQUARE: Final = 1e-3  # largest cosine of an angle that should be right
 # Directions of flow at which the slope of a LiftDrag is sampled, by differences of _STEP; allowance for those between.
@@ -244,15 +243,12 @@ class LiftDrag(Form):
         """
         if given := [name for name in ("lift_slope", "induced") if name in figures]:
             raise ConfigurationError(f"wing {', '.join(given)}: follows from area, span and oswald; leave it out")
-        span = finite_number(span, "wing span [m]", least=SHORTEST, most=LONGEST)
-        area = finite_number(area, "wing area [m^2]", least=SHORTEST**2, most=LONGEST**2)
-        oswald = finite_number(oswald, "wing oswald", least=_LEAST_OSWALD, most=1.0 / _LEAST_OSWALD)
-        ratio = span**2 / area
+        ratio = positive(span, "wing span [m]") ** 2 / positive(area, "wing area [m^2]")
         return cls(
             area=area,
             drag_0=drag_0,
             lift_slope=math.pi * ratio / (1.0 + math.sqrt(1.0 + (0.5 * ratio) ** 2)),
-            induced=1.0 / (math.pi * oswald * ratio),
+            induced=1.0 / (math.pi * positive(oswald, "wing oswald") * ratio),
             **figures,
         )
 

@@ -150,6 +150,7 @@ class Thruster:
         from uuv.models.water.thruster_curves import check_table
 
         _refuse_curve(figures)
+
         neutral, full = number(neutral, "thruster neutral"), None if full is None else number(full, "thruster full")
         given = _pair((command, thrust), "table")
         assert given is not None
@@ -387,6 +388,7 @@ def inflow_levers(table: Array, wrench: Array) -> Array:
 
 
 def _refuse_curve(figures: Mapping[str, Any]) -> None:
+    # They would contradict the curve, or do no more than repeat it.
     of_curve = [name for name in ("forward", "reverse", "polynomial", "table") if name in figures]
     if of_curve:
         names = ", ".join(of_curve)

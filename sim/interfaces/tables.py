@@ -340,12 +340,12 @@ def _plain(kind: type, given: Any, spot: _Spot) -> Any:
         raise spot.refused(f"{word} that a float can hold", given) from error
 
 
-def _if_quoted(kinds: Iterable[Any], given: Any) -> str:
+def _if_quoted(kinds: Iterable[Any], word: Any) -> str:
     """What to do about a number that was written as text."""
-    if not isinstance(given, str) or len(given) > _LONGEST_NUMBER or not {int, float} & set(kinds):
+    if not isinstance(word, str) or len(word) > _LONGEST_NUMBER or not {int, float} & set(kinds):
         return ""
     try:
-        float(given)
+        float(word)
     except ValueError:
         return ""
     return "; it is text: leave out the quotes"

@@ -222,7 +222,7 @@ def test_stock_vehicles_survive_both_files(name: str, tmp_path: Path) -> None:
         ),
         (
             "bodies: {hull: {volume: 1, forms: [{wing: {area: 0.1, span: 1e-320, drag_0: 0.1}}]}}",
-            r"forms\[0\].wing: wing span \[m\]: must be finite, >= 1e-06",
+            r"forms\[0\].wing: wing span \[m\]: must be at least 1e-15, got 1e-320",
         ),
         ("thrusters: {bow: {of_polynomial: {ahead: [1e300, 1]}}}", r"polynomial: must not exceed 1e\+15"),
         ("bodies: {hull: {volume: 1}}\nbodies: {}", "the key 'bodies' stands twice in one table"),

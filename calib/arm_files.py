@@ -10,7 +10,7 @@ flange.
 import hashlib
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, astuple, dataclass, field, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -19,21 +19,12 @@ import numpy as np
 
 from uuv.models.files import urdf
 from uuv.models.files.mjcf_files import read_mjcf
-from uuv.models.files.yaml_files import document_of
 from uuv.models.naming import ARM_BASE_BODY, TIP_SITE
-from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.documents import parsed_yaml
+from uuv.sim.interfaces.errors import ConfigurationError, did_you_mean
 from uuv.sim.interfaces.files import bytes_of
-from uuv.sim.interfaces.spatial import (
-    Array,
-    checked,
-    checked_place,
-    checked_pose,
-    number,
-    pose,
-    readonly,
-    real_array,
-    shown,
-)
+from uuv.sim.interfaces.spatial import Array, checked, checked_place, checked_pose, pose, readonly, shown
+from uuv.sim.interfaces.tables import TableReader
 
 if TYPE_CHECKING:
     from uuv.models.arms.serial_arm import SerialArm
@@ -53,7 +44,7 @@ _DH_NAMES = {
 }
 _COLUMNS = ("theta", "d", "a", "alpha", "beta")
 _ANGLES, _LENGTHS = (0, 3, 4), (1, 2)
-_UNITS = {"angle": ("rad", "deg"), "length": ("m", "mm")}
+_MOST_BYTES = 1_000_000  # of a YAML file
 _FACTORS = {"deg": np.pi / 180.0, "mm": 1e-3}
 _LONGEST = 50.0  # [m] an arm that reaches farther is written in millimetres, where no unit is stated
 _DETOUR = 5.0  # times the reach of an arm: longer links cancel
@@ -127,38 +118,116 @@ def _from_csv(file: Path, text: str, digest: str, base: str | None, tip: str | N
         header, cells = [cell.lower() for cell in cells[0]], cells[1:]
     if not cells:
         raise ConfigurationError(f"arm {file}: holds no rows")
-    columns = header or ["theta", "d", "a", "alpha", "beta"][: len(cells[0])]
+    columns = header or _COLUMNS[: len(cells[0])]
     rows = []
     for k, row in enumerate(cells, 1):
         if len(row) != len(columns):
             raise ConfigurationError(f"arm {file}: row {k} has {len(row)} numbers, {len(columns)} expected")
         rows.append(dict(zip(columns, row, strict=True)))
-    return _of_rows(file, "dh", rows, digest, {}, base, tip)
+    return _of_rows(file, "dh", rows, digest, _ArmTable(), base, tip)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Units:
+    """Units of a table whose columns state none."""
+
+    angle: Literal["rad", "deg"] | None = None
+    length: Literal["m", "mm"] | None = None
+
+
+_Row = Mapping[str, float | str] | list[float | str]
+_ROW = "theta, d, a, alpha[, beta], by name or in this order"
+_ROWS = {
+    "schema": {
+        "title": f"a list of rows {_ROW}",
+        "minItems": 1,
+        "items": {
+            "title": _ROW,
+            "minItems": 4,
+            "maxItems": 5,
+            "additionalProperties": {"title": "a number, or the word of name or type"},
+        },
+    }
+}
+_NAMES = {"schema": {"title": "a list of different names, one for each joint"}}
+_LETTERS = "letters r (hinge) and p (slide), one for each joint"
+_TYPES = {"schema": {"title": _LETTERS, "pattern": "^[rpRP]+$"}}
+_UNITS = {"schema": {"title": "{angle: rad or deg, length: m or mm}"}}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _ArmTable:
+    """A table with what may stand beside it; files have further entries, as `calib.results` writes."""
+
+    dh: list[_Row] | None = field(default=None, metadata=_ROWS)
+    joints: list[_Row] | None = field(default=None, metadata=_ROWS)  # another name for it
+    units: _Units | None = field(default=None, metadata=_UNITS)
+    joint_types: str | None = field(default=None, metadata=_TYPES)
+    joint_names: list[str | int] | None = field(default=None, metadata=_NAMES)
+    X_base_0: Array | None = None  # (4, 4)
+    X_n_flange: Array | None = None  # (4, 4)
+    tcp: Array | None = field(default=None, metadata={"schema": {"unit": "m"}})  # (3,)
+    limits: list[tuple[float | None, float | None]] | None = None  # null: no limit
+    base: str | None = None
+    tip: str | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _UniversalRobot:
+    """Calibration as Universal Robots' driver writes it."""
+
+    kinematics: Mapping[str, Any]  # by name, and `hash`
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _UniversalJoint:
+    """Pose of a joint in the one before, [m, rad]."""
+
+    x: float
+    y: float
+    z: float
+    roll: float
+    pitch: float
+    yaw: float
+
+
+_KEYS = tuple(entry.name for entry in fields(_ArmTable))
+_READER, _PASSING = TableReader(), TableReader(passes_unknown=True)
+_TABLES = ("dh", "joints", "kinematics")
 
 
 def _from_yaml(file: Path, text: str, digest: str, base: str | None, tip: str | None) -> ArmSource:
-    document = document_of(text, f"arm {file}")
-    if isinstance(document, Mapping) and "kinematics" in document:
-        return _of_ur(file, document["kinematics"], digest, base, tip)
-    if isinstance(document, Mapping):
-        found = next((document[key] for key in ("dh", "joints") if key in document), None)
-        about = document
-    else:
-        found, about = document, {}
-    if not isinstance(found, Sequence) or isinstance(found, str) or not found:
+    if len(text) > _MOST_BYTES:
+        raise ConfigurationError(f"arm {file}: larger than {_MOST_BYTES} bytes")
+    document = parsed_yaml(text, f"arm {file}")
+    if isinstance(document, list):
+        document = {"dh": document}  # the rows alone
+    try:
+        table = _READER.table(document)
+        if "kinematics" in table:
+            return _of_ur(file, _PASSING.made(_UniversalRobot, table), digest, base, tip)
+        arm = _READER.made(_ArmTable, {key: value for key, value in table.items() if key in _KEYS})
+    except ConfigurationError as error:
+        raise ConfigurationError(f"arm {file}: {error}") from error
+
+    listed = arm.dh or arm.joints
+    if listed is None:
+        near = [did_you_mean(key, _TABLES) for key in table if key not in _KEYS]
         raise ConfigurationError(
-            f"arm {file}: expected a list of rows under 'dh' (theta, d, a, alpha), or UR's 'kinematics'"
+            f"arm {file}: expected a list of rows under 'dh' (theta, d, a, alpha), or UR's "
+            f"'kinematics', got {shown(list(table))}{next(filter(None, near), '')}"
         )
-    names = ["theta", "d", "a", "alpha", "beta"]
-    rows = []
-    for k, row in enumerate(found, 1):
-        if isinstance(row, Mapping):
-            rows.append({str(key).lower(): value for key, value in row.items()})
-        elif isinstance(row, Sequence) and not isinstance(row, str) and len(row) in (4, 5):
-            rows.append(dict(zip(names, row, strict=False)))
-        else:
-            raise ConfigurationError(f"arm {file}: row {k}: expected theta, d, a, alpha[, beta], got {shown(row)}")
-    return _of_rows(file, "yaml", rows, digest, about, base, tip)
+    rows: list[dict[str, Any]] = []
+    for row in listed:
+        named_row = zip(_COLUMNS, row, strict=False) if isinstance(row, list) else row.items()
+        rows.append({key.lower(): value for key, value in named_row})
+    notes = [f"{file.name}: no {shown(key)} is read{near}" for key in table if (near := _near(key))]
+    return _of_rows(file, "yaml", rows, digest, arm, base, tip, notes)
+
+
+def _near(key: str) -> str:
+    """Question for the key that a key of no meaning looks like."""
+    return "" if key in _KEYS else did_you_mean(key, _KEYS)
 
 
 def _of_rows(
@@ -166,22 +235,18 @@ def _of_rows(
     kind: Kind,
     rows: list[dict[str, Any]],
     digest: str,
-    about: Mapping[str, Any],
+    about: _ArmTable,
     base: str | None,
     tip: str | None,
+    notes: Sequence[str] = (),
 ) -> ArmSource:
     """An arm of rows given by name; units from the names ("alpha_deg", "d [mm]"), from `about`, or from the size."""
     from uuv.models.arms.serial_arm import SerialArm  # its kernels compile on import: first what can be refused
 
-    units = about.get("units") or {}
-    if not isinstance(units, Mapping) or any(value not in _UNITS.get(key, ()) for key, value in units.items()):
-        raise ConfigurationError(
-            f"arm {file}: units: allowed {{angle: rad or deg, length: m or mm}}, got {shown(units)}"
-        )
-    read = _table_of(file, rows, units)
-    table, notes = read.table, list(_guessed_angles(file, read))
+    read = _table_of(file, rows, about.units or _Units())
+    table, notes = read.table, [*notes, *_guessed_angles(file, read)]
     n = len(table)
-    letters = str(about.get("joint_types") or "".join(read.types) or "r" * n)
+    letters = about.joint_types or "".join(read.types) or "r" * n
     reach = _extent(file, table, letters)
     if "length" not in read.stated and reach > _LONGEST:
         notes.append(f"{file.name}: lengths look like millimetres (the arm reaches {reach:.4g}), turned into metres")
@@ -195,14 +260,14 @@ def _of_rows(
         arm = _near_frames(SerialArm(table=readonly(table), joint_types=letters))
     else:
         arm = SerialArm.from_dh(table[:, :4], letters, beta=table[:, 4], name=f"arm {file}")
-    X_base_0 = checked_pose(about.get("X_base_0", np.eye(4)), f"arm {file}: X_base_0")
-    X_n_flange = checked_pose(about.get("X_n_flange", np.eye(4)), f"arm {file}: X_n_flange")
+
+    X_base_0 = checked_pose(_or(about.X_base_0, np.eye(4)), f"arm {file}: X_base_0")
+    X_n_flange = checked_pose(_or(about.X_n_flange, np.eye(4)), f"arm {file}: X_n_flange")
+    tcp = checked(_or(about.tcp, np.zeros(3)), (3,), f"arm {file}: tcp [m]")
     joint_names = _joint_names(file, about, n)
     names = read.names
     if not joint_names and len(names) == n and len(set(names)) == n and not all(name.isdigit() for name in names):
         joint_names = tuple(names)
-    tcp = checked(about.get("tcp", np.zeros(3)), (3,), f"arm {file}: tcp")
-    limits = _limits(file, about, n)
     return ArmSource(
         path=file,
         kind=kind,
@@ -210,15 +275,19 @@ def _of_rows(
             arm,
             X_base_0=X_base_0 @ arm.X_base_0,
             X_n_flange=arm.X_n_flange @ X_n_flange,
-            limits=limits,
+            limits=_limits(file, about, n),
             joint_names=joint_names,
         ),
-        base=base or str(about.get("base", "base")),
-        tip=tip or str(about.get("tip", "flange")),
+        base=base or about.base or "base",
+        tip=tip or about.tip or "flange",
         tcp=tcp,
         sha256=digest,
         notes=tuple(notes),
     )
+
+
+def _or(stated: Array | None, default: Array) -> Array:
+    return default if stated is None else stated
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -231,13 +300,12 @@ class _Table:
     types: list[str]
 
 
-def _table_of(file: Path, rows: list[dict[str, Any]], units: Mapping[str, str]) -> _Table:
+def _table_of(file: Path, rows: list[dict[str, Any]], units: _Units) -> _Table:
     """The rows of a table; a stated unit counts for all columns of its kind that state none."""
     table = np.zeros((len(rows), len(_COLUMNS)))
     names: list[str] = []
     types: list[str] = []
-    said: dict[str, set[str]] = {"angle": {units["angle"]} if "angle" in units else set(), "length": set()}
-    said["length"] |= {units["length"]} if "length" in units else set()
+    said: dict[str, set[str]] = {kind: {unit} - {None} for kind, unit in asdict(units).items()}
     bare = np.zeros(table.shape, dtype=bool)
     for k, row in enumerate(rows):
         seen = set()
@@ -261,7 +329,7 @@ def _table_of(file: Path, rows: list[dict[str, Any]], units: Mapping[str, str]) 
     if not np.all(np.isfinite(table)):
         raise ConfigurationError(f"arm {file}: every number must be finite")
     for kind, columns in (("angle", _ANGLES), ("length", _LENGTHS)):
-        chosen = units.get(kind) or (min(said[kind]) if len(said[kind]) == 1 else "")
+        chosen = getattr(units, kind) or (min(said[kind]) if len(said[kind]) == 1 else "")
         for column in columns:
             table[bare[:, column], column] *= _FACTORS.get(chosen, 1.0)
     return _Table(
@@ -280,9 +348,9 @@ def _word_and_unit(file: Path, k: int, key: str) -> tuple[str, str]:
     return word, unit.group(1) if unit else ""
 
 
-def _figure(file: Path, k: int, key: str, value: Any) -> float:
+def _figure(file: Path, k: int, key: str, value: float | str) -> float:
     try:
-        return float(value) if isinstance(value, str) else number(value, key)
+        return float(value)
     except ValueError:
         raise ConfigurationError(f"arm {file}: row {k + 1}: {key} must be a number, got {shown(value)}") from None
 
@@ -322,57 +390,52 @@ def _near_frames(arm: "SerialArm") -> "SerialArm":
     return SerialArm.from_axes(axes, points, X[-1] @ arm.X_n_flange, arm.joint_types)
 
 
-def _joint_names(file: Path, about: Mapping[str, Any], n: int) -> tuple[str, ...]:
+def _joint_names(file: Path, about: _ArmTable, n: int) -> tuple[str, ...]:
     """`joint_names`: as many different words as there are joints, or none."""
-    given = about.get("joint_names")
-    if given is None:
-        return ()
-    words = isinstance(given, Sequence) and not isinstance(given, str)
-    if not words or len(given) != n or len({str(name) for name in given}) != n:
-        raise ConfigurationError(f"arm {file}: joint_names: {n} different names, got {shown(given)}")
-    return tuple(str(name) for name in given)
+    names = tuple(map(str, about.joint_names or ()))
+    if about.joint_names is not None and not len(names) == len(set(names)) == n:
+        given = shown(about.joint_names)
+        raise ConfigurationError(f"arm {file}: joint_names: {n} different names, got {given}")
+    return names
 
 
-def _limits(file: Path, about: Mapping[str, Any], n: int) -> Array:
+def _limits(file: Path, about: _ArmTable, n: int) -> Array:
     """Joint limits (n, 2) under `limits`; null is no limit."""
-    if about.get("limits") is None:
-        return readonly(np.tile([-np.inf, np.inf], (n, 1)))
-    found = real_array(about["limits"], f"arm {file}: limits", f"{n} pairs of numbers")  # None becomes NaN
-    if found.shape != (n, 2):
-        raise ConfigurationError(f"arm {file}: limits: {n} pairs of numbers, got shape {found.shape}")
-    found = np.where(np.isnan(found), [-np.inf, np.inf], found)
-    crossed = np.flatnonzero(~(found[:, 0] < found[:, 1]))
+    pairs = about.limits if about.limits is not None else [(None, None)] * n
+    if len(pairs) != n:
+        raise ConfigurationError(f"arm {file}: limits: {n} pairs of numbers, got {shown(about.limits)}")
+    limits = np.array(pairs, dtype=np.float64)  # of None: NaN
+    limits = np.where(np.isnan(limits), [-np.inf, np.inf], limits)
+    crossed = np.flatnonzero(~(limits[:, 0] < limits[:, 1]))
     if crossed.size:
         k = int(crossed[0])
-        raise ConfigurationError(f"arm {file}: limits: those of joint {k + 1} must rise, got {shown(found[k])}")
-    return readonly(found)
+        raise ConfigurationError(f"arm {file}: limits: those of joint {k + 1} must rise, got {shown(limits[k])}")
+    return readonly(limits)
 
 
-def _of_ur(file: Path, joints: Any, digest: str, base: str | None, tip: str | None) -> ArmSource:
+def _of_ur(file: Path, robot: _UniversalRobot, digest: str, base: str | None, tip: str | None) -> ArmSource:
     """Universal Robots' calibration: x, y, z, roll, pitch, yaw of each joint, its axis z."""
-    if not isinstance(joints, Mapping):
-        raise ConfigurationError(f"arm {file}: kinematics: expected joints with x, y, z, roll, pitch, yaw")
-    X, axes, points, names = np.eye(4), [], [], []
-    for name, values in joints.items():
-        if name == "hash":
-            continue
-        try:
-            given = [float(values[key]) for key in ("x", "y", "z", "roll", "pitch", "yaw")]
-        except (TypeError, KeyError, ValueError, OverflowError) as error:
-            raise ConfigurationError(f"arm {file}: {shown(name)}: expected x, y, z, roll, pitch, yaw") from error
-        figures = checked_place(given, (6,), f"arm {file}: {shown(name)}: x, y, z, roll, pitch, yaw", urdf.LONGEST)
+    joints = {
+        name: _PASSING.made(_UniversalJoint, entry, f"kinematics.{name}")
+        for name, entry in robot.kinematics.items()
+        if name != "hash"
+    }
+    if not joints:
+        raise ConfigurationError("kinematics holds no joints")
+
+    X, axes, points = np.eye(4), [], []
+    for name, joint in joints.items():
+        place = f"kinematics.{name}: x, y, z, roll, pitch, yaw"
+        figures = checked_place(astuple(joint), (6,), place, urdf.LONGEST)
         X = X @ pose(urdf.rotation_from_rpy(figures[3:]), figures[:3])
         axes.append(X[:3, 2])
         points.append(X[:3, 3])
-        names.append(str(name))
-    if not axes:
-        raise ConfigurationError(f"arm {file}: kinematics holds no joints")
     from uuv.models.arms.serial_arm import SerialArm
 
     return ArmSource(
         path=file,
         kind="yaml",
-        arm=replace(SerialArm.from_axes(axes, points, X), joint_names=tuple(names)),
+        arm=replace(SerialArm.from_axes(axes, points, X), joint_names=tuple(joints)),
         base=base or "base",
         tip=tip or "flange",
         sha256=digest,

@@ -9,7 +9,6 @@ from pathlib import Path
 
 import mujoco
 import numpy as np
-import yaml
 
 from uuv.calib.arm_files import ArmSource, mjcf_arm
 from uuv.calib.identification import Calibration
@@ -17,6 +16,7 @@ from uuv.models.arms import dh_geometry
 from uuv.models.arms.kinematics import THETA, A, D
 from uuv.models.arms.serial_arm import SerialArm, tilt_of
 from uuv.models.files.urdf import parse
+from uuv.sim.interfaces.documents import yaml_text
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import Array, exp_so3, inverse, pose, quat_wxyz_from_rotation, shown
 
@@ -135,9 +135,7 @@ def _write_yaml(
     }
     if np.any(calibration.compliance):
         document["compliance"] = _rounded(calibration.compliance, 14)
-    return _write(
-        file, yaml.safe_dump(document, sort_keys=False, default_flow_style=None, width=160, allow_unicode=True)
-    )
+    return _write(file, yaml_text(document))
 
 
 def _write_dh(file: Path, arm: SerialArm, tcp: Array, stamp: str) -> Path:

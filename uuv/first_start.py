@@ -7,7 +7,6 @@ else by now, is compiled where it is first called.
 
 import contextlib
 import importlib
-import json
 import os
 import subprocess
 import sys
@@ -29,9 +28,11 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
 from uuv.sim.evaluation.run_metrics import StartMetrics
+from uuv.sim.interfaces.documents import json_of
 from uuv.sim.interfaces.errors import UuvError
 from uuv.sim.interfaces.kernels import is_stored, store
 from uuv.sim.interfaces.kernels.stored import counts
+from uuv.sim.interfaces.tables import TableReader
 from uuv.sim.loop.record_box import RecordBoxType
 
 LIST = Path(__file__).with_suffix(".json")
@@ -48,6 +49,7 @@ MOST = 8  # processes; more would wait for each other
 
 WORTH_IT = 4.0  # [s] of compilation from which processes of their own pay
 SILENCE = 10.0  # [s] between two lines where there is no terminal
+_READER = TableReader("a row of the list")
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,8 +84,7 @@ class KernelJob:
 @cache
 def jobs() -> list[KernelJob]:
     """The list; those that a job calls stand before it."""
-    rows = json.loads(LIST.read_text(encoding="utf-8"))
-    return [KernelJob(**row | {"given": tuple(row["given"]), "after": tuple(row["after"])}) for row in rows]
+    return [_READER.made(KernelJob, row) for row in json_of(LIST, "list of kernels")]
 
 
 def encoded(kind: Any) -> Any:

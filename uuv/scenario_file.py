@@ -21,9 +21,6 @@
 Tables with a `kind` are of one of several classes. A key that is left out has its default.
 """
 
-import json
-import math
-import tomllib
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import fields, is_dataclass
 from functools import cache
@@ -35,9 +32,10 @@ from uuv.models.registry import Registry
 from uuv.perturbations import perturbation
 from uuv.perturbations.perturbation import Perturbation
 from uuv.scenario import Scenario, Task
+from uuv.sim.interfaces.documents import checked, named, toml_of, toml_text, toml_value
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import shown
-from uuv.sim.interfaces.tables import TableReader, toml_of
+from uuv.sim.interfaces.tables import Table, TableReader
 from uuv.sim.runs.run_folder import FORMAT, FORMAT_KEY, checked_format
 from uuv.sim.runs.saving import write_whole
 from uuv.site import SITE_OBJECTS, SiteObject
@@ -47,6 +45,7 @@ PERTURBATIONS = "perturbations"
 KIND = "kind"
 SCENARIO_FILE = "scenario.toml"  # in the folder of every run
 _MOST = 1_000_000  # [bytes] of a file
+_HEADING = "SI units and radians; keys and their meaning: uuv/scenario.py, site.py, tasks/"
 
 
 @cache
@@ -67,7 +66,7 @@ def read_scenario(file: str | Path, *, trust: bool = False) -> Scenario:
             moved, or a key or value is none of those allowed; the message names them.
     """
     found = toml_of(file, "scenario", _MOST)
-    what = f"scenario {shown(str(file))}"
+    what = named(file, "scenario")
     checked_format(found, what)
     found.pop(FORMAT_KEY, None)
     refuse_code(found, what, trust=trust)
@@ -149,17 +148,14 @@ def assigned(assignments: Iterable[str]) -> dict[str, Any]:
         assignments: Each `KEY=VALUE`: a dotted key such as task.speed, and a TOML value; what is none is text.
 
     Raises:
-        ConfigurationError: One has no =.
+        ConfigurationError: One has no =, or a value that `documents.checked` refuses.
     """
     values: dict[str, Any] = {}
     for assignment in assignments:
         key, equals, text = assignment.partition("=")
         if not equals:
             raise ConfigurationError(f"allowed KEY=VALUE with a key of a scenario file, got {shown(assignment)}")
-        try:
-            values[key.strip()] = tomllib.loads(f"value = {text}")["value"]
-        except tomllib.TOMLDecodeError:
-            values[key.strip()] = text
+        values[key.strip()] = checked(toml_value(text), key.strip())
     return values
 
 
@@ -202,8 +198,7 @@ def as_dict(scenario: Scenario) -> dict[str, Any]:
 
 def to_toml(scenario: Scenario) -> str:
     """Text of a scenario's file."""
-    head = ["# SI units and radians; keys and their meaning: uuv/scenario.py, site.py, tasks/"]
-    return "\n".join([*head, *_lines(as_dict(scenario), "")]) + "\n"
+    return toml_text(as_dict(scenario), _HEADING)
 
 
 def _table(value: Any) -> Any:
@@ -235,38 +230,14 @@ def flat(nested: dict[str, Any], before: str = "") -> dict[str, Any]:
     return found
 
 
-def _lines(nested: Mapping[str, Any], name: str) -> list[str]:
-    plain = {key: value for key, value in nested.items() if not _holds_tables(value)}
-    lines = [f"{key} = {_text(value)}" for key, value in plain.items()]
-    for key, value in nested.items():
-        if key in plain:
-            continue
-        for each in [value] if isinstance(value, dict) else value:
-            brackets = "[{}]" if isinstance(value, dict) else "[[{}]]"
-            lines += ["", brackets.format(name + key), *_lines(each, f"{name}{key}.")]
-    return lines
-
-
-def _holds_tables(value: Any) -> bool:
-    return isinstance(value, dict) or (isinstance(value, list) and bool(value) and isinstance(value[0], dict))
-
-
-def _text(value: Any) -> str:
-    if isinstance(value, bool):
-        return str(value).lower()
-    if isinstance(value, float):
-        return repr(value) if math.isfinite(value) else str(value)
-    if isinstance(value, str):
-        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")  # TOML takes no raw delete
-    return f"[{', '.join(map(_text, value))}]" if isinstance(value, list) else str(value)
-
-
-def _class_of(kind: type, given: dict[str, Any], place: str) -> type:
+def _class_of(kind: type, table: Table, where: str) -> tuple[type, Table, str]:
     """The class for an annotation: that of the table's `kind`, where it is a base of several."""
     registry = registries().get(kind)
     if registry is None:
-        return kind
-    name = given.pop(KIND, None)
+        return kind, table, where
+
+    name = table.get(KIND)
+    place = _READER.place(where)
     if name is None:
         raise ConfigurationError(f"{place}: needs a {KIND}; there are {', '.join(registry.names())}")
     chosen = registry.maker(str(name))
@@ -274,7 +245,7 @@ def _class_of(kind: type, given: dict[str, Any], place: str) -> type:
         raise ConfigurationError(
             f"{place}: {registry.kind} {shown(name)} must be a dataclass that inherits {kind.__name__}"
         )
-    return chosen
+    return chosen, {key: value for key, value in table.items() if key != KIND}, where
 
 
 _READER = TableReader(choose=_class_of)

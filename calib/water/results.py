@@ -6,7 +6,6 @@ from pathlib import Path
 
 import mujoco
 import numpy as np
-import yaml
 
 from uuv.calib.water.findings import Finding
 from uuv.calib.water.parameters import VehicleWater
@@ -14,6 +13,7 @@ from uuv.models import hydrodynamics
 from uuv.models.files.sidecar import beside, write_sidecar, xml_without_water
 from uuv.models.water import thrusters
 from uuv.models.water.thrusters import Thruster
+from uuv.sim.interfaces.documents import yaml_text
 
 
 def write_fit(
@@ -55,10 +55,7 @@ def write_fit(
         },
         "only_together": list(combined),
     }
-    file.write_text(
-        yaml.safe_dump(document, sort_keys=False, default_flow_style=None, width=160, allow_unicode=True),
-        encoding="utf-8",
-    )
+    file.write_text(yaml_text(document), encoding="utf-8")
     return file
 
 

@@ -52,8 +52,8 @@ def _apply(spec: mujoco.MjSpec, parts: PartsMap, name: str) -> None:
     _add_site(spec, CAMERA_SITE, parts.camera, renamed, name)
     if parts.tool:
         _rename_geom(spec, parts.tool, name)
-    if parts.joints is not None:
-        _drive(spec, parts.joints, name)
+    if parts.torque_limits is not None:
+        _drive(spec, parts.torque_limits, name)
     for thruster in parts.thrusters:
         _thruster(spec, thruster, renamed, name)
 
@@ -294,7 +294,10 @@ def _thruster(spec: mujoco.MjSpec, mapped: MappedThruster, renamed: dict[str | N
     elif site not in {each.name for each in spec.sites}:
         raise _missing(name, "site", str(site), [each.name for each in spec.sites])
     actuator = spec.add_actuator(name=f"thruster_{mapped.name}", trntype=mujoco.mjtTrn.mjTRN_SITE, target=site)
-    along = np.array([1.0, 0.0, 0.0]) if mapped.direction is None else np.array(mapped.direction)
+
+    along = np.array(_AHEAD)
+    if mapped.place is None and mapped.axis is not None:
+        along = mapped.axis
     actuator.gear = [*along, 0.0, 0.0, 0.0]
     thrusters.attach(spec, {actuator.name: mapped.thruster})
 

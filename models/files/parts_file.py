@@ -15,64 +15,142 @@
 Every key may be left out where the model has that part by its usual name.
 """
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
 
-from uuv.models.files.sidecar import thruster_of
-from uuv.models.files.yaml_files import document_of
-from uuv.models.water.thrusters import Thruster
-from uuv.sim.interfaces.errors import ConfigurationError, did_you_mean
-from uuv.sim.interfaces.files import text_of
-from uuv.sim.interfaces.spatial import Array, checked, finite_number, readonly, shown, unit_vector
+from uuv.models.files.sidecar import water_kind
+from uuv.models.water.bounds import LONGEST
+from uuv.models.water.thrusters import Thruster, t200
+from uuv.sim.interfaces.documents import named, yaml_of
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.spatial import Array, checked_place, readonly, shown, unit_vector
+from uuv.sim.interfaces.tables import TableReader
 
 PARTS_SUFFIX = ".parts.yaml"
-_PLACE = ("body", "pos", "z")
-_T200 = {"t200": {}}
-_THRUSTER = ("name", "actuator", "site", "body", "pos", "direction", "kind")
+_MOST_BYTES = 1_000_000  # of a file
+_NAME = {"schema": {"minLength": 1, "title": "a name"}}
+_SITE = {"schema": {"minLength": 1, "title": "the name of a site, or a place {body, pos, z}"}}
+_LENGTH = {"schema": {"unit": "m", "title": "three numbers"}}
+_DIRECTION = {"schema": {"title": "three numbers"}}
+_T200 = "t200"
+_KIND = {"schema": {"title": f"{_T200}, or a table of figures"}}
+_ORIGIN = readonly([0.0, 0.0, 0.0])
+_UP = readonly([0.0, 0.0, 1.0])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PartPlace:
-    """A place on a body, for a site that the model has not."""
+    """A place on a body, for a site that the model has not.
 
-    body: str
-    pos: Array  # (3,) [m] in the body's frame
-    z: Array  # (3,) unit vector of the site's z in the body's frame
+    Raises:
+        ConfigurationError: A wrong shape, a number that is out of bounds, or z without length.
+    """
+
+    body: str = field(metadata=_NAME)
+    pos: Array = field(default_factory=lambda: _ORIGIN, metadata=_LENGTH)  # (3,) in the body's frame
+    z: Array = field(default_factory=lambda: _UP, metadata=_DIRECTION)  # (3,), kept as a unit vector
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "pos", checked_place(self.pos, (3,), "pos [m]", LONGEST))
+        object.__setattr__(self, "z", unit_vector(self.z, "z"))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class MappedThruster:
-    """A thruster of the mapping: an actuator or a site of the model, or a place on the hull."""
+    """A thruster of the mapping: an actuator or a site of the model, or a place on the hull.
 
-    name: str
-    actuator: str | None = None
-    site: str | None = None
-    place: PartPlace | None = None  # its z is the direction of positive thrust
-    direction: Array | None = None  # (3,) of positive thrust in the frame of `site`; None: the site's x
-    thruster: Thruster
+    Raises:
+        ConfigurationError: It is none of these or several, or has no direction or one too many.
+    """
+
+    name: str = field(default="", metadata=_NAME)  # without one: that of its actuator or site
+    actuator: str | None = field(default=None, metadata=_NAME)
+    site: str | None = field(default=None, metadata=_NAME)
+    body: str | None = field(default=None, metadata=_NAME)  # of a place; None: the hull
+    pos: Array | None = field(default=None, metadata=_LENGTH)  # (3,) of a place, in the body
+    # (3,) of positive thrust, of a site in its frame; None: the site's x
+    direction: Array | None = field(default=None, metadata=_DIRECTION)
+    kind: Thruster | str = field(default=_T200, metadata=_KIND)
+
+    def __post_init__(self) -> None:
+        placed = self.pos is not None or self.body is not None
+        if (self.actuator is not None) + (self.site is not None) + placed != 1:
+            places = ("actuator", "site", "body", "pos")
+            stated = " and ".join(name for name in places if getattr(self, name) is not None)
+            raise ConfigurationError(f"needs one of actuator, site, and pos with direction, got {stated or 'none'}")
+        lacking = [name for name in ("pos", "direction") if placed and getattr(self, name) is None]
+        if lacking:
+            raise ConfigurationError(f"{' and '.join(lacking)}: three numbers are missing")
+        if self.actuator is not None and self.direction is not None:
+            raise ConfigurationError("the actuator has a direction, that of its gear; leave it out")
+
+        _ = self.axis, self.place  # so that they are refused here and not where they are used
+        if isinstance(self.kind, str) and self.kind != _T200:
+            raise ConfigurationError(
+                f"kind: {_T200} is the only one by name, got {shown(self.kind)}; others by "
+                "figures: {forward: N, reverse: N}, {of_table: ...} or {of_polynomial: ...}"
+            )
+        object.__setattr__(self, "name", self.name or self.actuator or self.site or "")
+
+    @property
+    def axis(self) -> Array | None:
+        """Unit vector (3,) along `direction`; None: there is none."""
+        return None if self.direction is None else unit_vector(self.direction, "direction")
+
+    @property
+    def place(self) -> PartPlace | None:
+        """Place of a site to be added, z along the positive thrust; None: it is at one of the model's."""
+        if self.pos is None or self.direction is None:
+            return None
+        return PartPlace(body=self.body or "", pos=self.pos, z=self.direction)
+
+    @property
+    def thruster(self) -> Thruster:
+        """Its curve and dynamics."""
+        return self.kind if isinstance(self.kind, Thruster) else t200()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PartsMap:
     """Names in a user's model of the parts of the contract; None: by its usual name."""
 
-    hull: str | None = None
-    arm_base: str | None = None
-    tip: str | PartPlace | None = None
-    camera: str | PartPlace | None = None
-    tool: str | None = None
-    joints: Mapping[str, float | None] | None = None  # base to tip, with torque limits [N m]; None: the model's
+    hull: str | None = field(default=None, metadata=_NAME)
+    arm_base: str | None = field(default=None, metadata=_NAME)
+    tip: str | PartPlace | None = field(default=None, metadata=_SITE)
+    camera: str | PartPlace | None = field(default=None, metadata=_SITE)
+    tool: str | None = field(default=None, metadata=_NAME)
+    joints: Mapping[str, float | None] | list[str] | None = field(  # base to tip
+        default=None,
+        metadata={
+            "schema": {
+                "title": "names, or names with torque limits [N m]",
+                "minItems": 1,
+                "minProperties": 1,
+                "items": _NAME["schema"],
+                "additionalProperties": {"unit": "N m", "exclusiveMinimum": 0},
+            }
+        },
+    )
     thrusters: tuple[MappedThruster, ...] = ()
-    trim: float | None = None  # [m] metacentric height to which the hull is ballasted
+    trim: float | None = field(  # metacentric height to which the hull is ballasted
+        default=None, metadata={"schema": {"unit": "m", "minimum": 0, "maximum": 10}}
+    )
+
+    @property
+    def torque_limits(self) -> Mapping[str, float | None] | None:
+        """Torque limit [N m] of each joint, base to tip; None: that of the model.
+
+        None in all: the joints have their usual names.
+        """
+        return dict.fromkeys(self.joints) if isinstance(self.joints, list) else self.joints
 
 
 def beside(model: str | Path) -> Path | None:
     """The mapping that lies beside a model's file; None: there is none."""
     path = Path(model)
-    found = path.with_name(path.stem + PARTS_SUFFIX)
-    return found if found.is_file() else None
+    file = path.with_name(path.stem + PARTS_SUFFIX)
+    return file if file.is_file() else None
 
 
 def read_parts(file: str | Path) -> PartsMap:
@@ -81,111 +159,15 @@ def read_parts(file: str | Path) -> PartsMap:
     Raises:
         ConfigurationError: it cannot be read, or a key or value is none of those that the module's docstring lists.
     """
-    name = f"parts {shown(str(file))}"
-    document = document_of(text_of(file, "parts"), name)
-    if not isinstance(document, Mapping):
-        raise ConfigurationError(f"{name}: expected a mapping of names, got {shown(document)}")
-    _known(document, [each.name for each in fields(PartsMap)], name)
-    hull = _word(document.get("hull"), f"{name}: hull")
-    listed = document.get("thrusters", [])
-    if not isinstance(listed, Sequence) or isinstance(listed, str):
-        raise ConfigurationError(f"{name}: thrusters: expected a list, got {shown(listed)}")
-    trim = document.get("trim")
-    return PartsMap(
-        hull=hull,
-        arm_base=_word(document.get("arm_base"), f"{name}: arm_base"),
-        tip=_site(document.get("tip"), f"{name}: tip"),
-        camera=_site(document.get("camera"), f"{name}: camera"),
-        tool=_word(document.get("tool"), f"{name}: tool"),
-        joints=_joints(document.get("joints"), f"{name}: joints"),
-        thrusters=tuple(_thruster(each, i, hull, name) for i, each in enumerate(listed, start=1)),
-        trim=None if trim is None else finite_number(trim, f"{name}: trim [m]", least=0.0, most=10.0),
-    )
+    document = yaml_of(file, "parts", _MOST_BYTES)
+    try:
+        parts = _READER.made(PartsMap, document)
+    except ConfigurationError as error:
+        raise ConfigurationError(f"{named(file, 'parts')}: {error}") from error
+
+    numbered = enumerate(parts.thrusters, start=1)
+    named_all = (replace(thruster, name=thruster.name or str(k)) for k, thruster in numbered)
+    return replace(parts, thrusters=tuple(named_all))
 
 
-def _known(given: Mapping[str, Any], allowed: Sequence[str], name: str) -> None:
-    for key in given:
-        if key not in allowed:
-            meant = did_you_mean(str(key), allowed)
-            raise ConfigurationError(f"{name}: no key {shown(key)}; there are {', '.join(allowed)}{meant}")
-
-
-def _word(value: Any, name: str) -> str | None:
-    if value is not None and (not isinstance(value, str) or not value):
-        raise ConfigurationError(f"{name}: expected a name, got {shown(value)}")
-    return value
-
-
-def _required(value: Any, name: str) -> str:
-    found = _word(value, name)
-    if found is None:
-        raise ConfigurationError(f"{name}: is missing")
-    return found
-
-
-def _vector(value: Any, name: str, default: Sequence[float] | None = None) -> Array:
-    given = default if value is None else value
-    if given is None:
-        raise ConfigurationError(f"{name}: three numbers are missing")
-    return readonly(checked(given, (3,), name))
-
-
-def _site(value: Any, name: str) -> str | PartPlace | None:
-    if not isinstance(value, Mapping):
-        return _word(value, name)
-    _known(value, _PLACE, name)
-    return PartPlace(
-        body=_required(value.get("body"), f"{name}: body"),
-        pos=_vector(value.get("pos"), f"{name}: pos [m]", (0.0, 0.0, 0.0)),
-        z=unit_vector(_vector(value.get("z"), f"{name}: z", (0.0, 0.0, 1.0)), f"{name}: z"),
-    )
-
-
-def _joints(value: Any, name: str) -> Mapping[str, float | None] | None:
-    if value is None:
-        return None
-    if isinstance(value, Mapping) and value:
-        return {
-            _required(joint, name): None if limit is None else finite_number(limit, f"{name}: {joint} [N m]", above=0.0)
-            for joint, limit in value.items()
-        }
-    if isinstance(value, Sequence) and not isinstance(value, str) and value:
-        return {_required(joint, name): None for joint in value}
-    raise ConfigurationError(f"{name}: expected names, or names with torque limits [N m], got {shown(value)}")
-
-
-def _thruster(value: Any, number: int, hull: str | None, name: str) -> MappedThruster:
-    said = f"{name}: thruster {number}"
-    if not isinstance(value, Mapping):
-        raise ConfigurationError(f"{said}: expected a mapping, got {shown(value)}")
-    _known(value, _THRUSTER, said)
-    actuator, site = _word(value.get("actuator"), f"{said}: actuator"), _word(value.get("site"), f"{said}: site")
-    placed = "pos" in value or "body" in value
-    if (actuator is not None) + (site is not None) + placed != 1:
-        raise ConfigurationError(f"{said}: needs one of actuator, site, and pos with direction, got {shown(value)}")
-    direction = value.get("direction")
-    if direction is not None or placed:
-        direction = unit_vector(_vector(direction, f"{said}: direction"), f"{said}: direction")
-    if actuator is not None and direction is not None:
-        raise ConfigurationError(f"{said}: the actuator has a direction, that of its gear; leave it out")
-    place = None
-    if placed and direction is not None:
-        body = _word(value.get("body"), f"{said}: body") or hull or ""
-        place = PartPlace(body=body, pos=_vector(value.get("pos"), f"{said}: pos [m]"), z=direction)
-    return MappedThruster(
-        name=_word(value.get("name"), f"{said}: name") or actuator or site or str(number),
-        actuator=actuator,
-        site=site,
-        place=place,
-        direction=None if placed else direction,
-        thruster=_kind(value.get("kind", "t200"), f"{said}: kind"),
-    )
-
-
-def _kind(value: Any, said: str) -> Thruster:
-    if isinstance(value, str) and value != "t200":
-        raise ConfigurationError(
-            f"{said}: t200 is the only one by name, got {value!r}; others by figures: {{forward: N, reverse: N}}, "
-            "{of_table: ...} or {of_polynomial: ...}"
-        )
-    return thruster_of(_T200 if value == "t200" else value, said)
+_READER = TableReader(choose=water_kind, places_faults=True)

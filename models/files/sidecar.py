@@ -18,34 +18,35 @@ A custom element has the path of one number, or row of numbers: `water/hull/volu
 `water/hull/strips/0/start`, `water/water_density`, `thruster/bow/forward`.
 """
 
-import inspect
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import MISSING, fields, is_dataclass, replace
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import MISSING, dataclass, field, fields, is_dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 from xml.sax.saxutils import quoteattr
 
 import mujoco
 import numpy as np
-import yaml
 
 from uuv.models import hydrodynamics
 from uuv.models.files.exact_mjcf import exact_xml
-from uuv.models.files.yaml_files import document_of
-from uuv.models.hydrodynamics import BodyHydrodynamics, StripDrag
+from uuv.models.hydrodynamics import BodyHydrodynamics
 from uuv.models.water import thrusters
+from uuv.models.water.bounds import LARGEST
 from uuv.models.water.forms import CrossTerms, FadingDamping, Form, LiftDrag, MunkFactor, PlanarStrip
 from uuv.models.water.thrusters import Thruster
+from uuv.sim.interfaces.documents import checked, inside, named, yaml_of, yaml_text
 from uuv.sim.interfaces.errors import ConfigurationError, did_you_mean
-from uuv.sim.interfaces.files import text_of
 from uuv.sim.interfaces.spatial import Array, shown
+from uuv.sim.interfaces.tables import Table, TableReader, WithFields
 
 ENDING: Final = ".water.yaml"  # takes the place of the MJCF's own ending
 _WATER, _THRUSTER = hydrodynamics.ELEMENTS
 _DENSITY: Final = "water_density"
-_SECTIONS: Final = (_DENSITY, "bodies", "thrusters")
-_MOST = 500  # numbers in a row, and entries in a list
+_TWICE: Final = "in user data or stated twice"
+_MOST = 500  # entries of a list
+_MOST_BYTES = 1_000_000  # of a file
+_LARGEST_EXACT = 2.0**53  # beyond, whole numbers are no longer exact in a double
 
 SHAPES: Final[dict[str, Callable[..., BodyHydrodynamics]]] = {
     "sphere": hydrodynamics.sphere,
@@ -55,19 +56,22 @@ SHAPES: Final[dict[str, Callable[..., BodyHydrodynamics]]] = {
 }
 _THRUSTER_MAKERS: Final[dict[str, Callable[..., Thruster]]] = {
     "t200": thrusters.t200,
-    "of_table": Thruster.of_table,
-    "of_polynomial": Thruster.of_polynomial,
+    "of_table": WithFields(Thruster.of_table, Thruster),
+    "of_polynomial": WithFields(Thruster.of_polynomial, Thruster),
 }
 _FORM_MAKERS: Final[dict[str, Callable[..., Form]]] = {
     "munk_factor": MunkFactor,
     "fading_damping": FadingDamping,
     "lift_drag": LiftDrag,
-    "wing": LiftDrag.of_wing,
+    "wing": WithFields(LiftDrag.of_wing, LiftDrag),
     "cross_terms": CrossTerms,
     "planar_strip": PlanarStrip,
 }
 _FORM_NAMES: Final = {maker: name for name, maker in _FORM_MAKERS.items()}
-_BODY_FIELDS: Final = tuple(field.name for field in fields(BodyHydrodynamics))
+_BODY_FIELDS: Final = tuple(entry.name for entry in fields(BodyHydrodynamics))
+_ROWS: Final = ("ahead", "astern", "command", "thrust")  # of a curve
+_PAIRS: Final = ("polynomial", "table")  # of rows
+_ELEMENT_NAMES: Final = (_WATER.rstrip("/"), _THRUSTER.rstrip("/"))
 _UPPER: Final = np.triu_indices(6)
 
 
@@ -89,22 +93,21 @@ def attach_beside(spec: mujoco.MjSpec, mjcf: str | Path, sidecar: str | Path | N
         ConfigurationError: a file that cannot be read, an unknown name, a wrong number, or water stated twice.
     """
     in_file = elements_of(spec)
-    found = beside(mjcf) if sidecar is None else Path(sidecar)
-    if sidecar is not None or found.is_file():
-        said = read_sidecar(found)
+    file = beside(mjcf) if sidecar is None else Path(sidecar)
+    if sidecar is not None or file.is_file():
+        in_sidecar = read_sidecar(file)
+        what = named(file, "water file")
         for section in ("bodies", "thrusters"):
-            if twice := sorted(set(in_file.get(section, {})) & set(said.get(section, {}))):
-                raise ConfigurationError(
-                    f"water file {shown(str(found))}: {section} {', '.join(twice)} have custom elements in the MJCF too"
-                )
-        if _DENSITY in in_file and _DENSITY in said:
-            raise ConfigurationError(f"water file {shown(str(found))}: {_DENSITY} is a custom element of the MJCF too")
-        where = f"water file {shown(str(found))}"
+            if twice := sorted(set(in_file.get(section, {})) & set(in_sidecar.get(section, {}))):
+                both = f"{section} {', '.join(twice)}"
+                raise ConfigurationError(f"{what}: {both} have custom elements in the MJCF too")
+        if _DENSITY in in_file and _DENSITY in in_sidecar:
+            raise ConfigurationError(f"{what}: {_DENSITY} is a custom element of the MJCF too")
         if in_file:
-            attach_tree(spec, _with_density_of(said, in_file), "MJCF")
-        attach_tree(spec, _with_density_of(in_file, said), where)
+            attach_tree(spec, _with_density_of(in_sidecar, in_file), "MJCF", _ELEMENT_NAMES)
+        attach_tree(spec, _with_density_of(in_file, in_sidecar), what)
     else:
-        attach_tree(spec, in_file, "MJCF")
+        attach_tree(spec, in_file, "MJCF", _ELEMENT_NAMES)
     for element in [each for each in spec.numerics if each.name.startswith(hydrodynamics.ELEMENTS)]:
         spec.delete(element)
 
@@ -115,24 +118,20 @@ def read_sidecar(file: str | Path) -> dict[str, Any]:
     Raises:
         ConfigurationError: the file cannot be read, is no YAML, or has another section.
     """
-    what = f"water file {shown(str(file))}"
-    return checked_tree(document_of(text_of(file, "water file"), what), what)
+    return checked_tree(yaml_of(file, "water file", _MOST_BYTES), named(file, "water file"))
 
 
 def checked_tree(document: Any, what: str) -> dict[str, Any]:
     """`document` as a tree with known sections; `what` begins error messages.
 
     Raises:
-        ConfigurationError: it is no mapping, or has another section.
+        ConfigurationError: it is no mapping, or has another section, or a number that is NaN.
     """
-    tree = _mapping(document, what)
-    _known(tree, _SECTIONS, what, "section")
-    for section in _SECTIONS[1:]:
-        if section in tree:
-            _mapping(tree[section], f"{what}: {section}")
-    if _DENSITY in tree:
-        _read(float, tree[_DENSITY], f"{what}: {_DENSITY}")
-    return tree
+    try:
+        _READER.made(_Sections, checked(document))
+    except ConfigurationError as error:
+        raise ConfigurationError(f"{what}: {error}") from error
+    return dict(document)
 
 
 def elements_of(spec: mujoco.MjSpec) -> dict[str, Any]:
@@ -147,7 +146,7 @@ def elements_of(spec: mujoco.MjSpec) -> dict[str, Any]:
     for element in spec.numerics:
         name = str(element.name)
         numbers = [float(x) for x in element.data]
-        value: Any = numbers[0] if len(numbers) == 1 else numbers
+        value: Any = checked(numbers[0] if len(numbers) == 1 else numbers, f"custom element {name!r}")
         if name == _WATER + _DENSITY:
             tree[_DENSITY] = value
         elif name.startswith(_WATER):
@@ -157,110 +156,43 @@ def elements_of(spec: mujoco.MjSpec) -> dict[str, Any]:
     return {section: _of_owners(branch) if isinstance(branch, dict) else branch for section, branch in tree.items()}
 
 
-def attach_tree(spec: mujoco.MjSpec, tree: Mapping[str, Any], what: str) -> None:
+def attach_tree(
+    spec: mujoco.MjSpec, tree: Mapping[str, Any], what: str, names: tuple[str, str] = ("bodies", "thrusters")
+) -> None:
     """Attach the water and thrusters of a tree to `spec`.
 
     Args:
         spec: changed in place.
         tree: as `read_sidecar` or `elements_of` returns.
         what: begins error messages.
+        names: of its two sections in messages.
 
     Raises:
         ConfigurationError: an unknown body, actuator or field; a wrong number; water that the user data holds already.
     """
-    if not tree:
-        return
-    density = _read(float, tree[_DENSITY], f"{what}: {_DENSITY}") if _DENSITY in tree else None
-    names = [body.name for body in spec.bodies[1:] if body.name]
-    wet, driven = {}, {}
-    for name, entry in tree.get("bodies", {}).items():
-        _known([name], names, what, "body")
-        if hydrodynamics.carries(spec.body(name).userdata):
-            raise ConfigurationError(f"{what}: body {name!r} has its water already, in user data or stated twice")
-        wet[name] = body_of(entry, f"{what}: body {name!r}", density)
-    actuators = {actuator.name: actuator for actuator in spec.actuators if actuator.name}
-    for name, entry in tree.get("thrusters", {}).items():
-        _known([name], actuators, what, "actuator")
-        if thrusters.carries(np.array(actuators[name].userdata)):
-            raise ConfigurationError(f"{what}: thruster {name!r} has its table already, in user data or stated twice")
-        driven[name] = thruster_of(entry, f"{what}: thruster {name!r}")
     try:
-        if wet or density is not None:
-            hydrodynamics.attach(spec, wet, density)
+        sections = _READER.made(_Sections, tree)
+        bodies = {body.name: body for body in spec.bodies[1:] if body.name}
+        actuators = {actuator.name: actuator for actuator in spec.actuators if actuator.name}
+        _check_names(sections.bodies, bodies, "body")
+        _check_names(sections.thrusters, actuators, "actuator")
+
+        wet, driven = {}, {}
+        for name, entry in sections.bodies.items():
+            if hydrodynamics.carries(bodies[name].userdata):
+                raise ConfigurationError(f"body {name!r} has its water already, {_TWICE}")
+            wet[name] = _body_of(entry, inside(names[0], name), sections.water_density)
+        for name, entry in sections.thrusters.items():
+            if thrusters.carries(np.array(actuators[name].userdata)):
+                raise ConfigurationError(f"thruster {name!r} has its table already, {_TWICE}")
+            driven[name] = _READER.made(Thruster, entry, inside(names[1], name))
+
+        if wet or sections.water_density is not None:
+            hydrodynamics.attach(spec, wet, sections.water_density)
         if driven:
             thrusters.attach(spec, driven)
     except ConfigurationError as error:
         raise ConfigurationError(f"{what}: {error}") from error
-
-
-def body_of(entry: Any, what: str, water_density: float | None = None) -> BodyHydrodynamics:
-    """Coefficients of a body's entry: fields of BodyHydrodynamics, or one shape, of which fields may replace some.
-
-    Args:
-        entry: mapping of names to numbers.
-        what: begins error messages.
-        water_density: [kg/m^3] of a shape that states none; by default that of the shape's function.
-
-    Raises:
-        ConfigurationError: an unknown name or a wrong number.
-    """
-    entry = _mapping(entry, what)
-    _known(entry, (*_BODY_FIELDS, *SHAPES), what, "field")
-    shapes = [name for name in entry if name in SHAPES]
-    if len(shapes) > 1:
-        raise ConfigurationError(f"{what}: one shape, not {' and '.join(shapes)}")
-    given = {name: value for name, value in entry.items() if name not in SHAPES}
-    for name, value in given.items():
-        if name in ("added_mass", "linear_damping"):
-            given[name] = _square(_plain(value, f"{what}: {name}"), name == "added_mass", f"{what}: {name}")
-        elif name == "strips":
-            given[name] = tuple(
-                _call(StripDrag, each, f"{what}: strip {k}") for k, each in enumerate(_list(value, f"{what}: strips"))
-            )
-        elif name == "forms":
-            given[name] = tuple(
-                _form(each, f"{what}: form {k}") for k, each in enumerate(_list(value, f"{what}: forms"))
-            )
-        else:
-            given[name] = _plain(value, f"{what}: {name}")
-    try:
-        if not shapes:
-            if "volume" not in given:
-                raise ConfigurationError(f"volume or a shape ({', '.join(SHAPES)}) is missing")
-            return BodyHydrodynamics(**given)
-        of_shape = _mapping(entry[shapes[0]], f"{what}: {shapes[0]}")
-        if water_density is not None:
-            of_shape = {_DENSITY: water_density, **of_shape}
-        return replace(_call(SHAPES[shapes[0]], of_shape, f"{what}: {shapes[0]}"), **given)
-    except ConfigurationError as error:
-        raise _of(what, error) from error
-
-
-def _form(entry: Any, what: str) -> Form:
-    """Form of an entry with one name: that of its kind, with the fields below it."""
-    entry = _mapping(entry, what)
-    _known(entry, _FORM_MAKERS, what, "form")
-    if len(entry) != 1:
-        raise ConfigurationError(f"{what}: expected one of {', '.join(_FORM_MAKERS)}, got {shown(list(entry))}")
-    ((name, given),) = entry.items()
-    return _call(_FORM_MAKERS[name], given, f"{what}: {name}", LiftDrag)
-
-
-def thruster_of(entry: Any, what: str) -> Thruster:
-    """Thruster of an entry: fields of Thruster, or one of `t200`, `of_table` and `of_polynomial` with its arguments.
-
-    Raises:
-        ConfigurationError: an unknown name or a wrong number; the message begins with `what`.
-    """
-    entry = _mapping(entry, what)
-    makers = [name for name in entry if name in _THRUSTER_MAKERS]
-    if not makers:
-        _known(entry, (*(field.name for field in fields(Thruster)), *_THRUSTER_MAKERS), what, "field")
-        return _call(Thruster, entry, what)
-    if len(entry) > 1:
-        raise ConfigurationError(f"{what}: {makers[0]} takes the other fields as its own, got {', '.join(entry)}")
-    given = {} if entry[makers[0]] is None else entry[makers[0]]  # `t200:` alone
-    return _call(_THRUSTER_MAKERS[makers[0]], given, f"{what}: {makers[0]}")
 
 
 def tree_of(spec: mujoco.MjSpec) -> dict[str, Any]:
@@ -298,9 +230,8 @@ def write_sidecar(spec: mujoco.MjSpec, file: str | Path) -> Path:
         ConfigurationError: as `tree_of` does, or the file cannot be written.
     """
     path = Path(file)
-    text = yaml.safe_dump(tree_of(spec), sort_keys=False, default_flow_style=None, width=120, allow_unicode=True)
     try:
-        path.write_text(text, encoding="utf-8")
+        path.write_text(yaml_text(tree_of(spec), width=120), encoding="utf-8")
     except OSError as error:
         raise ConfigurationError(f"water file {shown(str(path))}: cannot be written ({error.strerror})") from error
     return path
@@ -382,87 +313,121 @@ def _with_lists(branch: Any) -> Any:
     return {key: _with_lists(value) for key, value in branch.items()}
 
 
-def _mapping(value: Any, what: str) -> dict[str, Any]:
-    if not isinstance(value, Mapping):
-        raise ConfigurationError(f"{what}: expected names with their numbers, got {shown(value)}")
-    return dict(value)
+_OF_DENSITY: Final = {"schema": {"unit": "kg/m^3", "exclusiveMinimum": 0, "maximum": LARGEST}}
 
 
-def _list(value: Any, what: str) -> list[Any]:
-    if isinstance(value, Mapping):
-        return [value]
-    if not isinstance(value, list) or len(value) > _MOST:
-        raise ConfigurationError(f"{what}: expected a list of at most {_MOST}, got {shown(value)}")
-    return value
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Sections:
+    """A tree; the entries of bodies and actuators are read once the model is known to have these."""
+
+    water_density: float | None = field(default=None, metadata=_OF_DENSITY)
+    bodies: Mapping[str, Any] = field(default_factory=dict)
+    thrusters: Mapping[str, Any] = field(default_factory=dict)
 
 
-def _known(given: Iterable[Any], allowed: Iterable[str], what: str, kind: str) -> None:
-    allowed = list(allowed)
+def _check_names(given: Mapping[str, Any], known: Mapping[str, Any], kind: str) -> None:
     for name in given:
-        if name not in allowed:
-            near = did_you_mean(name, allowed) or f"; there are {', '.join(allowed)}"
-            raise ConfigurationError(f"{what}: unknown {kind} {shown(name)}{near}")
+        if name not in known:
+            near = did_you_mean(name, known) or f"; there are {', '.join(known)}"
+            raise ConfigurationError(f"unknown {kind} {shown(name)}{near}")
 
 
-def _call(maker: Callable[..., Any], entry: Any, what: str, figures: type = Thruster) -> Any:
-    """What `maker` makes of the arguments in `entry`; its `**figures` are fields of the class `figures`."""
-    entry = _mapping(entry, what)
-    wanted = dict(inspect.signature(maker).parameters)
-    if any(each.kind is each.VAR_KEYWORD for each in wanted.values()):
-        wanted = {name: each for name, each in wanted.items() if each.kind is not each.VAR_KEYWORD}
-        others = inspect.signature(figures).parameters
-        wanted |= {name: each.replace(default=None) for name, each in others.items() if name not in wanted}
-    _known(entry, wanted, what, "field")
-    if missing := [name for name, each in wanted.items() if each.default is each.empty and name not in entry]:
-        raise ConfigurationError(f"{what}: {', '.join(missing)} is missing")
-    given = {name: _read(wanted[name].annotation, value, f"{what}: {name}") for name, value in entry.items()}
+def _body_of(entry: Any, where: str, water_density: float | None) -> BodyHydrodynamics:
+    """Coefficients of a body's entry: fields of BodyHydrodynamics, which may replace those of a shape.
+
+    Args:
+        entry: table of names with their numbers.
+        where: place of the table.
+        water_density: [kg/m^3] of a shape that states none; None: that of the shape's function.
+
+    Raises:
+        ConfigurationError: an unknown name or a wrong number.
+    """
+    entry = _spelt_out(_READER.table(entry, where), where)
+    _READER.check_keys(entry, (*_BODY_FIELDS, *SHAPES), where)
+    shapes = [name for name in entry if name in SHAPES]
+    if len(shapes) > 1:
+        raise ConfigurationError(f"{where}: one shape, not {' and '.join(shapes)}")
+    if not shapes and "volume" not in entry:
+        raise ConfigurationError(f"{where}: volume or a shape ({', '.join(SHAPES)}) is missing")
+
+    stated = {name: value for name, value in entry.items() if name not in SHAPES}
+    for name in ("added_mass", "linear_damping"):
+        if name in stated:
+            alone = {name: stated[name]}
+            numbers = _READER.values(BodyHydrodynamics, alone, where, complete=False)[name]
+            stated[name] = _square(numbers, name == "added_mass", inside(where, name)).tolist()
+    if not shapes:
+        return _READER.made(BodyHydrodynamics, stated, where)
+
+    shape, place = shapes[0], inside(where, shapes[0])
+    density = {} if water_density is None else {_DENSITY: water_density}
+    body = _READER.made(SHAPES[shape], {**density, **_READER.table(entry[shape], place)}, place)
     try:
-        return maker(**given)
+        return replace(body, **_READER.values(BodyHydrodynamics, stated, where, complete=False))
     except ConfigurationError as error:
-        raise _of(what, error) from error
+        raise ConfigurationError(f"{where}: {error}") from error
 
 
-def _read(kind: Any, value: Any, what: str) -> Any:
-    """`value` as the `kind` of argument, int, float or rows of numbers; what numbers are allowed is the callee's."""
-    value = _plain(value, what)
-    if kind in (int, float) and isinstance(value, list):
-        raise ConfigurationError(f"{what}: expected one number, got {shown(value)}")
-    if kind is int and float(value).is_integer():
-        return int(value)
-    if kind == Thruster.__annotations__["table"] and isinstance(value, list):
-        return [each if isinstance(each, list) else [each] for each in value]  # an element of one number is no row
-    return value
+def water_kind(kind: Any, table: Table, where: str) -> tuple[Any, Table, str]:
+    """What makes a form or a thruster of a table (`tables.Chooser`); any other kind makes itself.
+
+    A form has one key, its name, with its fields below it. So has a thruster with one of `t200`,
+    `of_table` and `of_polynomial`; any other has the fields of Thruster.
+
+    Raises:
+        ConfigurationError: another form, or fields beside the name of what makes the thruster.
+    """
+    if kind is Form:
+        _READER.check_keys(table, _FORM_MAKERS, where)
+        if len(table) != 1:
+            known = ", ".join(_FORM_MAKERS)
+            raise ConfigurationError(f"{where}: must be one of {known}, got {shown(list(table))}")
+        ((name, entry),) = table.items()
+        return _FORM_MAKERS[name], entry, inside(where, name)
+    if kind is not Thruster:
+        return kind, table, where
+
+    makers = [name for name in table if name in _THRUSTER_MAKERS]
+    if makers and len(table) > 1:
+        got = ", ".join(table)
+        raise ConfigurationError(f"{where}: {makers[0]} takes the other fields as its own, got {got}")
+    if makers:
+        entry = {} if table[makers[0]] is None else table[makers[0]]  # `t200:` alone
+        return _THRUSTER_MAKERS[makers[0]], _spelt_out(entry, where), inside(where, makers[0])
+    own = [entry.name for entry in fields(Thruster)]
+    _READER.check_keys(table, (*own, *_THRUSTER_MAKERS), where)
+    return Thruster, _spelt_out(table, where), where
 
 
-def _plain(value: Any, what: str, depth: int = 0) -> Any:
-    """`value` if it is a number, or a row of numbers, or rows of numbers; numbers as floats."""
-    if isinstance(value, int | float) and not isinstance(value, bool):
-        number = float(value) if isinstance(value, float) or abs(value) < 2**1000 else math.inf
-        if math.isnan(number):
-            raise ConfigurationError(f"{what}: must not be NaN")
-        return number
-    if isinstance(value, list) and len(value) <= _MOST and depth < 2:
-        return [_plain(each, what, depth + 1) for each in value]
-    hint = ""
-    if isinstance(value, str) and _is_number(value):
-        hint = f"; YAML reads it as text: write {float(value)!r}" if "e" in value.lower() else "; leave out the quotes"
-    raise ConfigurationError(f"{what}: expected a number, or a row of at most {_MOST}, got {shown(value)}{hint}")
+_READER: Final = TableReader(choose=water_kind, places_faults=True)
 
 
-def _is_number(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True
+def _spelt_out(value: Any, where: str) -> Any:
+    """`value` of a document as the fields' types have it.
+
+    A custom element knows no whole numbers, and no row of one number: 5.0 is 5, and a row of a
+    curve may be a number.
+    """
+    if isinstance(value, Mapping):
+        tree = {key: _spelt_out(entry, inside(where, key)) for key, entry in value.items()}
+        tree |= {key: _row(tree[key]) for key in _ROWS if key in tree}
+        pairs = {key: _row(tree[key]) for key in _PAIRS if key in tree}
+        return tree | {key: [_row(row) for row in rows] for key, rows in pairs.items()}
+    if isinstance(value, list):
+        if len(value) > _MOST:
+            raise ConfigurationError(f"{where}: must be at most {_MOST} entries, got {len(value)}")
+        return [_spelt_out(entry, inside(where, i)) for i, entry in enumerate(value)]
+    exact = isinstance(value, float) and value.is_integer() and abs(value) < _LARGEST_EXACT
+    return int(value) if exact and not (value == 0.0 and math.copysign(1.0, value) < 0.0) else value
 
 
-def _square(value: Any, triangle: bool, what: str) -> Array:
-    """Matrix (6, 6) of its diagonal, its upper triangle by rows (if `triangle`), or all its numbers; else `value`."""
-    try:
-        numbers = np.array(value, dtype=np.float64)
-    except ValueError:
-        numbers = np.zeros(0)
+def _row(value: Any) -> Any:
+    return value if isinstance(value, list) else [value]
+
+
+def _square(numbers: Array, triangle: bool, where: str) -> Array:
+    """Matrix (6, 6) of its diagonal, all its numbers or, if `triangle`, its upper triangle by rows."""
     if numbers.shape == (6,):
         return np.diag(numbers) if triangle else numbers
     if triangle and numbers.shape == (21,):
@@ -472,12 +437,7 @@ def _square(value: Any, triangle: bool, what: str) -> Array:
     if numbers.shape in ((36,), (6, 6)):
         return numbers.reshape(6, 6)
     count = "6, 21 (upper triangle by rows) or 6 x 6" if triangle else "6 or 6 x 6"
-    raise ConfigurationError(f"{what}: expected {count} numbers, got {shown(value)}")
-
-
-def _of(what: str, error: ConfigurationError) -> ConfigurationError:
-    """`error` with `what` before it, unless it says so already."""
-    return error if str(error).startswith(what) else ConfigurationError(f"{what}: {error}")
+    raise ConfigurationError(f"{where}: must be {count} numbers, got {shown(numbers)}")
 
 
 # ------------------------------------------------------------------------------------------------------------- writing
@@ -486,13 +446,13 @@ def _of(what: str, error: ConfigurationError) -> ConfigurationError:
 def _written(thing: Any) -> dict[str, Any]:
     """Fields of a dataclass that differ from their defaults, as plain numbers, rows and mappings."""
     tree = {}
-    for field in fields(thing):
-        value = getattr(thing, field.name)
-        if field.name == "linear_damping" and _same(value, np.diag(np.diag(value))):
+    for entry in fields(thing):
+        value = getattr(thing, entry.name)
+        if entry.name == "linear_damping" and _same(value, np.diag(np.diag(value))):
             value = np.diag(value)
-        default = field.default_factory() if field.default_factory is not MISSING else field.default
+        default = entry.default_factory() if entry.default_factory is not MISSING else entry.default
         if default is MISSING or not _same(value, default):
-            tree[field.name] = _tree(value)
+            tree[entry.name] = _tree(value)
     return tree
 
 

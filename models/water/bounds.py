@@ -44,10 +44,12 @@ def not_negative(value: float, name: str) -> float:
 
 
 def positive(value: float, name: str) -> float:
-    """`value` as a float > 0; else ConfigurationError."""
+    """`value` as a float > 0, and not so near to it that one over it is none; else ConfigurationError."""
     number = not_negative(value, name)
     if number == 0.0:
         raise ConfigurationError(f"{name}: must be positive, got {number}")
+    if number < 1.0 / LARGEST:
+        raise ConfigurationError(f"{name}: must be at least {1.0 / LARGEST:g}, got {number}")
     return number
 
 

@@ -7,11 +7,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from uuv.models.water.bounds import bounded
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.kernels import kernel
-from uuv.sim.interfaces.spatial import Array
+from uuv.sim.interfaces.spatial import Array, shown
 
 QUADRATIC, POLYNOMIAL, TABLE = range(3)
+_NOTHING = 1e-12  # share of the largest coefficient that turns no curve
 
 # A row: kind, number of points or coefficients, ends of the dead band, least thrust [N]. Then as many commands, thrusts
 # [N] and slopes of a table, or coefficients ahead and astern.
@@ -247,9 +249,15 @@ def check_polynomial(coefficients: Sequence[float]) -> float:
     """
     c = np.asarray(coefficients, dtype=np.float64)
     if c.ndim != 1 or c.size == 0 or not np.isfinite(c).all():
-        raise ConfigurationError(f"thruster polynomial: expected finite coefficients, got {coefficients}")
+        got = shown(coefficients)
+        raise ConfigurationError(f"thruster polynomial: expected finite coefficients, got {got}")
+    bounded(c, c.shape, "thruster polynomial")
+
+    # Last coefficients that are nothing beside the others would only overflow in the roots.
     slope = np.polynomial.Polynomial(c * np.arange(1, c.size + 1))
-    roots = slope.roots()
+    roots = slope.trim(_NOTHING * np.abs(slope.coef).max()).roots()
+
+    # Between its turns the curve rises or falls throughout.
     turns = np.sort(roots[(np.abs(roots.imag) < 1e-9) & (roots.real > 0.0) & (roots.real < 1.0)].real)
     between = 0.5 * (np.array([0.0, *turns]) + np.array([*turns, 1.0]))
     if falls := [float(r) for r in between if not slope(r) > 0.0]:

@@ -107,16 +107,17 @@ class Thruster:
         Args:
             ahead: coefficients [N]; r in [0, 1] is the share of the command beyond the dead band.
             astern: coefficients [N]; by default as `ahead`.
-            **figures: the other fields.
+            **figures: the other fields, without those of the curve.
 
         Returns:
             The thruster.
 
         Raises:
-            ConfigurationError: a side that does not rise.
+            ConfigurationError: a side that does not rise, or a field that the curve determines.
         """
         from uuv.models.water.thruster_curves import check_polynomial
 
+        _refuse_curve(figures)
         both = _pair((ahead, ahead if astern is None else astern), "polynomial")
         assert both is not None
         forward, reverse = (check_polynomial(side) for side in both)
@@ -137,15 +138,18 @@ class Thruster:
             thrust: (k,) [N], rising from below zero through zero.
             neutral: table command of u = 0.
             full: table range of u = 1; by default to the farther end.
-            **figures: the other fields.
+            **figures: the other fields, without those of the curve.
 
         Returns:
             The thruster.
 
         Raises:
-            ConfigurationError: commands or thrusts that do not rise, or thrusts of one sign.
+            ConfigurationError: commands or thrusts that do not rise, thrusts of one sign, or a
+                field that the curve determines.
         """
         from uuv.models.water.thruster_curves import check_table
+
+        _refuse_curve(figures)
 
         neutral, full = number(neutral, "thruster neutral"), None if full is None else number(full, "thruster full")
         given = _pair((command, thrust), "table")
@@ -381,6 +385,14 @@ def inflow_levers(table: Array, wrench: Array) -> Array:
     levers = np.array(wrench)
     levers[3:] -= table[:, TORQUE] * levers[:3]
     return levers
+
+
+def _refuse_curve(figures: Mapping[str, Any]) -> None:
+    # They would contradict the curve, or do no more than repeat it.
+    of_curve = [name for name in ("forward", "reverse", "polynomial", "table") if name in figures]
+    if of_curve:
+        names = ", ".join(of_curve)
+        raise ConfigurationError(f"thruster {names}: follows from the curve; leave it out")
 
 
 def _pair(value: Any, name: str) -> tuple[tuple[float, ...], tuple[float, ...]] | None:

@@ -1,1 +1,4 @@
-"""Shared base of all packages: spatial algebra, messages, protocols, errors. Imports numpy only, but for `kernels`."""
+"""Shared base of all packages: spatial algebra, messages, protocols, documents, errors. Imports numpy only.
+
+`kernels` imports numba too, and `documents` the package of a format when a file is read or written.
+"""

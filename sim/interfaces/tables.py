@@ -1,253 +1,409 @@
-"""Tables of files that others wrote, as dataclasses; a fault is told with its place in the document.
+"""Tables of documents that others wrote, as dataclasses; a fault is told with its place.
 
     about = TableReader("study.json").made(About, json_of(folder / "study.json", "study"))
 
-`json_of` and `toml_of` read a document, `TableReader` makes dataclasses of its tables by their annotations, and
-`checked` passes what is kept as it is. Bounds of a field are the keywords of JSON Schema in its metadata, "schema".
+`uuv.sim.interfaces.documents` reads the text. `TableReader` makes dataclasses of the tables by the
+annotations of their fields, or calls functions by those of their parameters. A field states its
+unit and its bounds as keywords of JSON Schema in its metadata:
+
+    speed: float = field(metadata={"schema": {"unit": "m/s", "exclusiveMinimum": 0, "maximum": 1}})
 """
 
-import json
 import math
 import re
-import tomllib
 import types
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import MISSING, Field, dataclass, fields, is_dataclass
+from dataclasses import MISSING, dataclass, fields, is_dataclass
 from functools import cache
-from pathlib import Path
+from inspect import Parameter, signature
 from typing import Any, Literal, TypeVar, Union, cast, get_args, get_origin, get_type_hints
 
-from uuv.sim.interfaces.errors import ConfigurationError, commands_a_terminal, did_you_mean
-from uuv.sim.interfaces.files import text_of
-from uuv.sim.interfaces.spatial import shown
+import numpy as np
+from numpy.typing import ArrayLike
+
+from uuv.sim.interfaces.documents import inside
+from uuv.sim.interfaces.errors import ConfigurationError, did_you_mean
+from uuv.sim.interfaces.spatial import Array, shown
 
 Made = TypeVar("Made")
-Chooser = Callable[[type, dict[str, Any], str], type]
-
-MOST_BYTES = 8_000_000  # of a document; its values take some thirty times as much memory
-DEEPEST = 32  # tables and lists within each other
-_LONGEST_KEY = 200  # [characters]
-_LARGEST_WHOLE = 2**63  # whole numbers beyond fit no array and no other language's integer
-
-
-# -- documents ---------------------------------------------------------------------------------------------------------
-
-
-def json_of(file: str | Path, what: str, most: int = MOST_BYTES) -> Any:
-    """The checked document of a JSON file, at most `most` bytes; `what` begins the error message.
-
-    Raises:
-        ConfigurationError: The file cannot be read, is no JSON, or as `checked` says.
-    """
-
-    def document(text: str) -> Any:
-        return json.loads(text, object_pairs_hook=_table_of, parse_constant=_no_number)
-
-    return _document(file, what, most, document)
-
-
-def toml_of(file: str | Path, what: str, most: int = MOST_BYTES) -> dict[str, Any]:
-    """The checked document of a TOML file, at most `most` bytes; `what` begins the error message.
-
-    Numbers that are not finite are passed: TOML has them, and the classes refuse them where they mean nothing.
-
-    Raises:
-        ConfigurationError: The file cannot be read, is no TOML, or as `checked` says.
-    """
-    return _document(file, what, most, tomllib.loads, finite=False)
-
-
-def _document(file: str | Path, what: str, most: int, parse: Callable[[str], Any], *, finite: bool = True) -> Any:
-    text = text_of(file, what, most)
-    try:
-        found = parse(text)
-    except RecursionError as error:
-        raise ConfigurationError(f"{what} {shown(str(file))}: more than {DEEPEST} tables deep") from error
-    except ValueError as error:
-        raise ConfigurationError(f"{what} {shown(str(file))}: cannot be read ({error})") from error
-    try:
-        return checked(found, finite=finite)
-    except ConfigurationError as error:
-        raise ConfigurationError(f"{what} {shown(str(file))}: {error}") from error
-
-
-def _table_of(pairs: Iterable[tuple[str, Any]]) -> dict[str, Any]:
-    """A JSON object; a key that stands in it twice would hide a value."""
-    table: dict[str, Any] = {}
-    for key, value in pairs:
-        if key in table:
-            raise ValueError(f"the key {shown(key)} stands twice in one table")
-        table[key] = value
-    return table
-
-
-def _no_number(word: str) -> Any:
-    raise ValueError(f"{word} is no JSON")
-
-
-def checked(value: Any, where: str = "", *, finite: bool = True) -> Any:
-    """`value` of a document, if every key, text and number in it can be printed, computed with and drawn.
-
-    Raises:
-        ConfigurationError: A text holds a control character, a number is out of range, or it is nested too deeply.
-    """
-    _check(value, where, DEEPEST, finite)
-    return value
-
-
-def _check(value: Any, where: str, depth: int, finite: bool) -> None:
-    if isinstance(value, str):
-        if commands_a_terminal(value):
-            raise ConfigurationError(f"{_place(where)}: a control character in the text {shown(value)}")
-    elif isinstance(value, int | float):
-        if isinstance(value, int) and abs(value) >= _LARGEST_WHOLE:
-            raise ConfigurationError(f"{_place(where)}: a whole number of more than 63 bits, got {shown(value)}")
-        if finite and not math.isfinite(value):
-            raise ConfigurationError(f"{_place(where)}: must be a finite number, got {shown(value)}")
-    elif isinstance(value, Mapping | list):
-        if not depth:
-            raise ConfigurationError(f"{_place(where)}: more than {DEEPEST} tables deep")
-        for key, each in value.items() if isinstance(value, Mapping) else enumerate(value):
-            if isinstance(key, str) and (len(key) > _LONGEST_KEY or commands_a_terminal(key) or "\n" in key):
-                raise ConfigurationError(f"{_place(where)}: {shown(key)} is no name of a value")
-            _check(each, _inside(where, str(key)), depth - 1, finite)
-
-
-# -- dataclasses -------------------------------------------------------------------------------------------------------
+Schema = Mapping[str, Any]  # keywords of JSON Schema, and `unit`; its `title` is for messages
+Table = Mapping[str, Any]
+# What makes a thing of a kind from a table at a place: class or function, with its table and place.
+Chooser = Callable[[Any, Table, str], tuple[Callable[..., Any], Table, str]]
 
 
 @dataclass(frozen=True, slots=True)
 class TableReader:
     """Makes dataclasses of tables by the annotations of their fields.
 
-    Annotations may be numbers, text, literals, lists, tuples, mappings, dataclasses, `Any`, and each of them or None.
+    Annotations may be numbers, text, literals, lists, tuples, mappings, arrays, dataclasses, `Any`,
+    and unions of kinds that a document tells apart: None, text, number, list, table.
     """
 
     whole: str = "the file"  # what messages call the outermost table
-    choose: Chooser | None = None  # class for an annotation, by a table at a place; it may take a key out of the table
-    passes_unknown: bool = False  # keys that the class lacks are passed over, as those of a later version
+    choose: Chooser | None = None
+    passes_unknown: bool = False  # keys that the class lacks are passed over: of a later version
+    places_faults: bool = False  # what a class refuses itself is told with the place of its table
 
-    def made(self, kind: type[Made], given: Any, where: str = "") -> Made:
-        """An instance of the dataclass `kind` from the table `given`.
+    def made(self, maker: Callable[..., Made], given: Any, where: str = "") -> Made:
+        """What `maker` makes of the table `given`.
 
         Args:
-            kind: Dataclass, or a base that `choose` finds one for.
+            maker: Dataclass or function, or a base that `choose` finds one for.
             given: Table of a document.
             where: Place of the table in the document; empty: it is the outermost.
 
         Raises:
-            ConfigurationError: The table lacks a key, has one too many, or a value of another type or out of bounds.
+            ConfigurationError: The table lacks a key, has one too many, or a value of another type
+                or out of bounds.
         """
-        place = _place(where, self.whole)
+        table = self.table(given, where)
+        chosen: Callable[..., Made] = maker
+        if self.choose is not None:
+            chosen, entry, where = self.choose(maker, table, where)
+            table = self.table(entry, where)
+        values = self.values(chosen, table, where)
+        try:
+            return chosen(**values)
+        except ConfigurationError as error:
+            if self.places_faults:
+                raise ConfigurationError(f"{where or self.whole}: {error}") from error
+            raise
+
+    def values(
+        self, maker: Callable[..., Any], table: Table, where: str = "", *, complete: bool = True
+    ) -> dict[str, Any]:
+        """Arguments of `maker` from a table.
+
+        Args:
+            maker: Dataclass or function.
+            table: Table of a document.
+            where: Its place in the document.
+            complete: False: keys without a default may be missing.
+
+        Raises:
+            ConfigurationError: As `made` does.
+        """
+        slots = _slots(maker)
+        known = {key: value for key, value in table.items() if key in slots}
+        if not self.passes_unknown:
+            self.check_keys(table, slots, where)
+
+        missing = [name for name, slot in slots.items() if slot.required and name not in known]
+        if complete and missing:
+            are = "are" if missing[1:] else "is"
+            raise ConfigurationError(f"{self.place(where)}: {', '.join(missing)} {are} missing")
+
+        return {
+            key: self._value(slots[key].hint, value, _Spot(inside(where, key), slots[key].schema))
+            for key, value in known.items()
+        }
+
+    def table(self, given: Any, where: str = "") -> dict[str, Any]:
+        """`given` as a table of its own.
+
+        Raises:
+            ConfigurationError: It is none.
+        """
         if not isinstance(given, Mapping):
-            raise ConfigurationError(f"{place}: must be a table, got {shown(given)}")
-        values = dict(given)
-        chosen = cast(Any, kind if self.choose is None else self.choose(kind, values, place))
+            raise ConfigurationError(f"{self.place(where)}: must be a table, got {shown(given)}")
+        return dict(given)
 
-        allowed = {field.name: field for field in fields(chosen)}
-        for key in [key for key in values if key not in allowed]:
-            if not self.passes_unknown:
-                known = ", ".join(allowed)
-                raise ConfigurationError(f"{place} has no {shown(key)}; it has {known}{did_you_mean(key, allowed)}")
-            del values[key]
-        for name, field in allowed.items():
-            if name not in values and field.default is MISSING and field.default_factory is MISSING:
-                raise ConfigurationError(f"{place}: {name} is missing")
+    def check_keys(self, table: Table, allowed: Iterable[str], where: str = "") -> None:
+        """Refuses a table with a key that is not among the `allowed` ones.
 
-        hints = _hints(chosen)
-        made = {key: self._value(hints[key], value, _inside(where, key)) for key, value in values.items()}
-        for key, value in made.items():
-            _check_bounds(allowed[key], value, _inside(where, key))
-        return chosen(**made)
+        Raises:
+            ConfigurationError: It has one.
+        """
+        allowed = list(allowed)
+        for key in table:
+            if key not in allowed:
+                known = ", ".join(allowed) + did_you_mean(key, allowed)
+                raise ConfigurationError(f"{self.place(where)} has no {shown(key)}; it has {known}")
 
     def value(self, hint: Any, item: Any, where: str) -> Any:
         """A value of a document as the type `hint` asks for; `where` begins the message."""
-        return self._value(hint, item, where)
+        return self._value(hint, item, _Spot(where, {}))
 
-    def _value(self, hint: Any, given: Any, where: str) -> Any:
-        """`given` as the type `hint` asks for."""
+    def place(self, where: str) -> str:
+        """What messages call the table at a place."""
+        if "[" in where:  # an item of a list: perturbations[0]
+            return where
+        return f"[{where}]" if where else self.whole
+
+    def _item(self, hint: Any, given: Any, outer: "_Spot", key: str | int) -> Any:
+        """`given`, which stands in a table or a list, as the type `hint` asks for."""
+        if not outer.schema and type(given) in _unchanged(hint):  # as most of a table of rows
+            return given
+        return self._value(hint, given, outer.of(key))
+
+    def _value(self, hint: Any, given: Any, spot: "_Spot") -> Any:
+        """`given` as the type `hint` asks for, within the bounds of its field."""
+        value = self._typed(hint, given, spot)
+        if spot.schema:
+            _check_bounds(value, spot)
+        return value
+
+    def _typed(self, hint: Any, given: Any, spot: "_Spot") -> Any:
         origin, args = get_origin(hint), get_args(hint)
-        if origin in (Union, types.UnionType):
-            if given is None and type(None) in args:
-                return None
-            options = [arg for arg in args if arg is not type(None)]
-            if len(options) == 1:
-                return self._value(options[0], given, where)
-            return _chosen([word for option in options for word in get_args(option)], given, where)  # of literals
-        if origin is Literal:
-            return _chosen(args, given, where)
-        if origin is tuple:
-            return tuple(self._several(args, given, where))
-        if origin is list:
-            return self._several((args[0], Ellipsis), given, where)
-        if isinstance(origin, type) and issubclass(origin, Mapping):
-            if not isinstance(given, Mapping):
-                raise ConfigurationError(f"{where}: must be a table, got {shown(given)}")
-            return {key: self._value(args[1], each, _inside(where, key)) for key, each in given.items()}
-        if is_dataclass(hint):
-            return self.made(cast(type, hint), given, where)
-        return given if hint is Any else _plain(hint, given, where)
+        if given is None and type(None) in args:
+            return None
+        if origin in (Union, types.UnionType) and not _is_array(hint):
+            return self._typed(_option(args, given, spot), given, spot)
 
-    def _several(self, args: tuple[Any, ...], given: Any, where: str) -> list[Any]:
-        """The items of a list: of one type, where `args` ends with an ellipsis, else of one type each."""
+        # Single values.
+        if hint is Any:
+            return given
+        if hint in _WORDS:
+            return _plain(hint, given, spot)
+        if origin is Literal:
+            return _chosen(args, given, spot)
+
+        # Lists.
+        if _is_array(hint):
+            return _array(given, spot)
+        if origin is tuple or origin is list:
+            items = self._several((args[0], Ellipsis) if origin is list else args, given, spot)
+            return items if origin is list else tuple(items)
+
+        # Tables.
+        if not isinstance(given, Mapping):
+            raise spot.refused("a table", given)
+        if isinstance(origin, type) and issubclass(cast(Any, origin), Mapping):
+            return {key: self._item(args[1], value, spot, key) for key, value in given.items()}
+        return self.made(hint, given, spot.where)
+
+    def _several(self, args: tuple[Any, ...], given: Any, spot: "_Spot") -> list[Any]:
+        """The items of a list, of one type where `args` ends with an ellipsis, else of one each."""
         if not isinstance(given, list):
-            raise ConfigurationError(f"{where}: must be a list, got {shown(given)}")
+            raise spot.refused("a list", given)
         if args[-1] is Ellipsis:
-            return [self._value(args[0], each, where) for each in given]
-        if len(given) != len(args):
-            raise ConfigurationError(f"{where}: must be {len(args)} values, got {shown(given)}")
-        return [self._value(arg, each, where) for arg, each in zip(args, given, strict=True)]
+            args = (args[0],) * len(given)
+        elif len(given) != len(args):
+            raise spot.refused(f"{len(args)} values", given)
+
+        pairs = enumerate(zip(args, given, strict=True))
+        return [self._item(arg, value, spot, i) for i, (arg, value) in pairs]
+
+
+# -- what a table is read into ---------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class WithFields:
+    """A function whose `**others` are fields of a class; none of them need be given."""
+
+    function: Callable[..., Any]
+    others: type
+
+    def __call__(self, **arguments: Any) -> Any:
+        """What the function returns."""
+        return self.function(**arguments)
+
+
+@dataclass(frozen=True, slots=True)
+class _Slot:
+    """A key that a table may have."""
+
+    hint: Any
+    required: bool
+    schema: Schema
 
 
 @cache
-def _hints(kind: type) -> dict[str, Any]:
-    """Annotations of a class; a table of rows asks for them once a row."""
-    return get_type_hints(kind)
+def _slots(maker: Callable[..., Any]) -> dict[str, _Slot]:
+    """Keys of the table of a dataclass or a function; a table of rows asks for them once a row."""
+    if isinstance(maker, WithFields):
+        slots = _slots(maker.function)
+        others = {name: slot for name, slot in _slots(maker.others).items() if name not in slots}
+        return slots | {name: _Slot(slot.hint, False, slot.schema) for name, slot in others.items()}
+
+    hints = get_type_hints(maker)
+    if is_dataclass(maker):
+        return {
+            entry.name: _Slot(
+                hints[entry.name],
+                entry.default is MISSING and entry.default_factory is MISSING,
+                entry.metadata.get("schema", {}),
+            )
+            for entry in fields(maker)
+        }
+
+    return {
+        name: _Slot(hints[name], parameter.default is Parameter.empty, {})
+        for name, parameter in signature(maker).parameters.items()
+        if parameter.kind is not Parameter.VAR_KEYWORD
+    }
 
 
-def _place(where: str, whole: str = "the file") -> str:
-    return f"[{where}]" if where else whole
+@cache
+def _unchanged(hint: Any) -> frozenset[type]:
+    """Types whose values stand for themselves where a document is asked for `hint`."""
+    plain = {str, int, float, bool, type(None)}
+    options = get_args(hint) if get_origin(hint) in (Union, types.UnionType) else (hint,)
+    return frozenset(plain & {option for option in options if isinstance(option, type)})
 
 
-def _inside(where: str, key: str) -> str:
-    return f"{where}.{key}" if where else key
+_ARRAY_KINDS = frozenset(get_args(ArrayLike))  # a union, which a further None would join
 
 
-def _chosen(allowed: Iterable[Any], given: Any, where: str) -> Any:
-    words = list(allowed)
-    if given not in words:
-        meant = did_you_mean(given, [word for word in words if isinstance(word, str)])
-        raise ConfigurationError(f"{where}: allowed {', '.join(map(str, words))}, got {shown(given)}{meant}")
-    return given
+def _is_array(hint: Any) -> bool:
+    return get_origin(hint) is np.ndarray or {*get_args(hint)} - {type(None)} == _ARRAY_KINDS
 
 
-_WORDS: Mapping[type, tuple[str, Callable[[Any], bool]]] = {
+@dataclass(frozen=True, slots=True)
+class _Spot:
+    """Place of a value in a document, with what its field states about it."""
+
+    where: str
+    schema: Schema
+
+    def of(self, key: str | int) -> "_Spot":
+        """Place of an item of this list, or of a value of this table."""
+        unit = {"unit": self.schema["unit"]} if "unit" in self.schema else {}
+        stated = self.schema.get("items" if isinstance(key, int) else "additionalProperties")
+        schema = {**unit, **stated} if isinstance(stated, Mapping) else unit
+        return _Spot(inside(self.where, key), schema)
+
+    def refused(self, words: str, given: Any, hint: str = "") -> ConfigurationError:
+        """Error for a value that is not what its field's title or, without one, `words` say."""
+        unit = f" [{self.schema['unit']}]" if "unit" in self.schema else ""
+        allowed = self.schema.get("title", words)
+        place = f"{self.where}{unit}"
+        return ConfigurationError(f"{place}: must be {allowed}, got {shown(given)}{hint}")
+
+    @property
+    def limits(self) -> str:
+        """Bounds of a number in words; empty: there are none."""
+        words = []
+        for key, (word, _) in _BOUNDS.items():
+            if key in self.schema:
+                bound = self.schema[key]
+                words.append(f"{word} {bound if isinstance(bound, int) else f'{bound:g}'}")
+        return " and ".join(words)
+
+
+def _option(options: Iterable[Any], given: Any, spot: _Spot) -> Any:
+    """The kind among those of a union that a value is of; literals count as one kind."""
+    options = [option for option in options if option is not type(None)]
+    literals = [option for option in options if get_origin(option) is Literal]
+    if literals:
+        words = tuple(word for option in literals for word in get_args(option))
+        options = [Literal[words], *(option for option in options if option not in literals)]
+    if len(options) == 1:
+        return options[0]
+
+    fitting = [option for option in options if _kind(option)[1](given)]
+    if not fitting:
+        kinds = " or ".join(dict.fromkeys(_kind(option)[0] for option in options))
+        raise spot.refused(kinds, given, _if_quoted(options, given))
+    return fitting[0]
+
+
+def _kind(hint: Any) -> tuple[str, Callable[[Any], bool]]:
+    """Words for what stands in a document for `hint`, and whether a value is of that kind."""
+    if hint in _WORDS:
+        return _WORDS[hint]
+    origin = get_origin(hint)
+    if origin is Literal:
+        return ", ".join(map(str, get_args(hint))), lambda value: isinstance(value, str)
+    if origin in (list, tuple) or _is_array(hint):
+        return "a list", lambda value: isinstance(value, list)
+    return "a table", lambda value: isinstance(value, Mapping)
+
+
+_LONGEST_NUMBER = 40  # [characters] of a number that a person writes
+_WORDS: Mapping[Any, tuple[str, Callable[[Any], bool]]] = {
     bool: ("true or false", lambda value: isinstance(value, bool)),
-    int: ("a whole number", lambda value: isinstance(value, int) and not isinstance(value, bool)),
-    float: ("a number", lambda value: isinstance(value, int | float) and not isinstance(value, bool)),
+    int: ("a whole number", lambda value: type(value) is int),
+    float: ("a number", lambda value: type(value) in (int, float)),
     str: ("text", lambda value: isinstance(value, str)),
 }
 
 
-def _plain(kind: type, given: Any, where: str) -> Any:
+# -- single values ---------------------------------------------------------------------------------
+
+
+def _chosen(allowed: Iterable[Any], given: Any, spot: _Spot) -> Any:
+    words = list(allowed)
+    if given not in words:
+        meant = did_you_mean(given, [word for word in words if isinstance(word, str)])
+        known = ", ".join(map(str, words))
+        raise ConfigurationError(f"{spot.where}: allowed {known}, got {shown(given)}{meant}")
+    return given
+
+
+def _plain(kind: type, given: Any, spot: _Spot) -> Any:
     word, fits = _WORDS[kind]
     if not fits(given):
-        raise ConfigurationError(f"{where}: must be {word}, got {shown(given)}")
+        words = f"{word}, {spot.limits}" if spot.limits else word
+        raise spot.refused(words, given, _if_quoted([kind], given))
     try:
         return kind(given)
     except OverflowError as error:
-        raise ConfigurationError(f"{where}: must be {word} that a float can hold, got {shown(given)}") from error
+        raise spot.refused(f"{word} that a float can hold", given) from error
 
 
-def _check_bounds(field: "Field[Any]", value: Any, where: str) -> None:
+def _if_quoted(kinds: Iterable[Any], word: Any) -> str:
+    """What to do about a number that was written as text."""
+    if not isinstance(word, str) or len(word) > _LONGEST_NUMBER or not {int, float} & set(kinds):
+        return ""
+    try:
+        float(word)
+    except ValueError:
+        return ""
+    return "; it is text: leave out the quotes"
+
+
+def _array(given: Any, spot: _Spot) -> Array:
+    """Array of a number, a row of numbers, or rows of one length; the callee checks its shape."""
+
+    def numbers(value: Any, inner: _Spot) -> Any:
+        if isinstance(value, list):
+            return [numbers(item, inner.of(i)) for i, item in enumerate(value)]
+        return _plain(float, value, inner)
+
+    # A text for the whole is no wrong item of it.
+    if not (isinstance(given, list) or _WORDS[float][1](given)):
+        raise spot.refused("a list of numbers", given)
+    try:
+        return np.array(numbers(given, spot))
+    except ValueError as error:
+        if isinstance(error, ConfigurationError):
+            raise
+        raise spot.refused("rows of one length", given) from error
+
+
+# -- bounds ----------------------------------------------------------------------------------------
+
+_BOUNDS: Mapping[str, tuple[str, Callable[[Any, Any], bool]]] = {
+    "minimum": ("at least", lambda value, bound: value >= bound),
+    "exclusiveMinimum": ("above", lambda value, bound: value > bound),
+    "maximum": ("at most", lambda value, bound: value <= bound),
+    "exclusiveMaximum": ("below", lambda value, bound: value < bound),
+}
+
+
+def _check_bounds(value: Any, spot: _Spot) -> None:
     """Refuses a value beyond the bounds that its field states by keywords of JSON Schema."""
-    stated = field.metadata.get("schema", {})
-    least, most, form = (stated.get(word) for word in ("minimum", "maximum", "pattern"))
-    if isinstance(value, int | float):
-        if (least is not None and value < least) or (most is not None and value > most):
-            limits = [
-                f"{word} {bound:g}" for word, bound in (("at least", least), ("at most", most)) if bound is not None
-            ]
-            raise ConfigurationError(f"{where}: must be {' and '.join(limits)}, got {shown(value)}")
-    elif isinstance(value, str) and form is not None and not re.search(form, value):
-        raise ConfigurationError(f"{where}: must be of the form {form}, got {shown(value)}")
+    schema = spot.schema
+    if isinstance(value, int | float) and not isinstance(value, bool):
+        bounds = [(keeps, schema[key]) for key, (_, keeps) in _BOUNDS.items() if key in schema]
+        if bounds and not math.isfinite(value):
+            raise spot.refused(f"finite, {spot.limits}", value)
+        if not all(keeps(value, bound) for keeps, bound in bounds):
+            raise spot.refused(spot.limits, value)
+
+    elif isinstance(value, str):
+        if len(value) < schema.get("minLength", 0):
+            raise spot.refused(f"at least {schema['minLength']} characters long", value)
+        if not re.search(schema.get("pattern", ""), value):
+            raise spot.refused(f"of the form {schema.get('pattern')}", value)
+
+    elif isinstance(value, list | tuple | Mapping):
+        word = "Properties" if isinstance(value, Mapping) else "Items"
+        least = schema.get(f"min{word}", 0)
+        most = schema.get(f"max{word}", len(value))
+        if not least <= len(value) <= most:
+            limits = f"{least} to {most}" if f"max{word}" in schema else f"{least} or more"
+            raise spot.refused(f"{limits} entries", value)

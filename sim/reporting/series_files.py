@@ -15,11 +15,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from uuv.sim.interfaces.documents import checked, parsed_json
 from uuv.sim.interfaces.errors import ConfigurationError, commands_a_terminal
 from uuv.sim.interfaces.extras import wanted
 from uuv.sim.interfaces.files import bytes_of
 from uuv.sim.interfaces.spatial import shown
-from uuv.sim.interfaces.tables import TableReader, checked
+from uuv.sim.interfaces.tables import TableReader
 from uuv.sim.runs.saving import write_whole
 
 if TYPE_CHECKING:
@@ -168,7 +169,7 @@ def _from_npz(file: Path, what: str) -> list[Column]:
             if sum(entry.file_size for entry in archive.infolist()) > _MOST_BYTES:
                 raise ConfigurationError(f"{what}: more than {MOST_NUMBERS} values")
         with np.load(raw) as stored:  # which unpickles nothing
-            about = checked(json.loads(str(stored[_ABOUT])))
+            about = parsed_json(str(stored[_ABOUT]), f"{what}: about")
             names = TableReader("about").made(_Abouts, {"columns": about}).columns
             return [Column(name, stored[name], each.unit, each.series) for name, each in names.items()]
     except (*_BROKEN, RecursionError) as error:

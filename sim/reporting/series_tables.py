@@ -14,11 +14,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from uuv.sim.evaluation.run_metrics import EveryRun
+from uuv.sim.interfaces.documents import json_of
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.extras import wanted
 from uuv.sim.interfaces.messages import AbortCode, WorkState
 from uuv.sim.interfaces.spatial import one_of, shown
-from uuv.sim.interfaces.tables import TableReader, json_of
+from uuv.sim.interfaces.tables import TableReader
 from uuv.sim.reporting.series_files import ENDINGS, MOST_NUMBERS, Column, arrow_table, read_table, write_table
 from uuv.sim.runs.run_folder import checked_format
 

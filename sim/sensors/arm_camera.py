@@ -8,8 +8,7 @@ the error that is drawn, and of the message. A direction that the view does not 
 generator of a plain barrel.
 """
 
-import tomllib
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -17,9 +16,11 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from uuv.sim.interfaces.documents import named, toml_of
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.messages import SurfaceMotionMeasurement
 from uuv.sim.interfaces.spatial import Array, inverse, pose, rotation_from_z
+from uuv.sim.interfaces.tables import TableReader
 from uuv.sim.sensors.textured_view import ALBEDO, BACKSCATTER, BLUR, LAMP_RANGE, SmallStereo, Texture, Turbidity
 from uuv.sim.sensors.view_conditions import ViewConditions
 from uuv.sim.sensors.visible_world import Rays, VisibleWorld, body_id, site_on_body
@@ -36,6 +37,10 @@ KEY_SHIFT = 0.25  # share of the view's width, or of the range along the view, f
 KEY_TURN = 0.2  # [rad] the same of its rotation
 MOST_LOST = 5  # pictures lost in a row that end a track
 LEAST_SEEN = 0.25  # share of the view with a surface that a track needs
+_WHAT = "errors of the arm camera"
+_SHARE = {"schema": {"minimum": 0, "maximum": 1}}
+_FACTOR = {"schema": {"minimum": 1, "maximum": 1000}}
+_EXPONENTS = {"schema": {"items": {"minimum": -100, "maximum": 100}}}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -47,25 +52,29 @@ class ErrorModel:
     gradient to noise. A picture is lost with probability 1 / (1 + exp(-lost . x)).
     """
 
-    texture: tuple[float, float, float, float]
-    shape: tuple[float, float, float, float]
-    lost: tuple[float, float, float, float]
-    common: float  # share of the variance that all pictures of a key have in common
-    outliers: float  # share of pictures with an error beyond the gate of the fit
-    outlier_factor: float  # by which their errors are larger
-    bias: tuple[float, float, float]  # [m] mean error, camera axes
-    pairs: int  # rendered pairs of the fit
+    texture: tuple[float, float, float, float] = field(metadata=_EXPONENTS)
+    shape: tuple[float, float, float, float] = field(metadata=_EXPONENTS)
+    lost: tuple[float, float, float, float] = field(metadata=_EXPONENTS)
+    common: float = field(metadata=_SHARE)  # of the variance, of all pictures of a key
+    outliers: float = field(metadata=_SHARE)  # of pictures with an error beyond the gate of the fit
+    outlier_factor: float = field(metadata=_FACTOR)  # by which their errors are larger
+    bias: tuple[float, float, float] = field(  # mean error, camera axes
+        metadata={"schema": {"unit": "m", "items": {"minimum": -1, "maximum": 1}}}
+    )
+    pairs: int = field(metadata={"schema": {"minimum": 1}})  # rendered pairs of the fit
 
     @classmethod
     def read(cls, file: Path = TABLE) -> "ErrorModel":
-        """The model in a TOML file."""
-        with file.open("rb") as stream:
-            table = tomllib.load(stream)
-        return cls(**{f.name: _tupled(table[f.name]) for f in fields(cls)})
+        """The model in a TOML file.
 
-
-def _tupled(value: Any) -> Any:
-    return tuple(value) if isinstance(value, list) else value
+        Raises:
+            ConfigurationError: The file cannot be read, or a key or value is none of those allowed.
+        """
+        table = toml_of(file, _WHAT)
+        try:
+            return TableReader().made(cls, table)
+        except ConfigurationError as error:
+            raise ConfigurationError(f"{named(file, _WHAT)}: {error}") from error
 
 
 @cache

@@ -22,6 +22,7 @@ import warnings
 import zlib
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 from types import FrameType
 from typing import Any, NamedTuple
@@ -34,13 +35,16 @@ from uuv.calib import Arm, MapFit
 from uuv.calib import identify as calibrate
 from uuv.calib.arm_files import read_arm
 from uuv.calib.touch_files import read_touches
+from uuv.campaigns.campaign import read_campaign
 from uuv.cli import main as verbs
 from uuv.cli.completion import options_class, options_in
 from uuv.controllers.mkps import Chain, IkOptions, Tracker, solve, solve_many
-from uuv.jobs import BY_NAME
+from uuv.jobs import BY_NAME, clean_barrel
 from uuv.jobs.command_line import options_class as options_of_job
 from uuv.jobs.command_line import typed
 from uuv.models.arms import published_arms
+from uuv.models.files import sidecar
+from uuv.models.files.parts_file import read_parts
 from uuv.models.objects import deformed, targets
 from uuv.models.objects.target_model import ModelPath, Symmetry, TargetModel
 from uuv.models.site import scenes
@@ -52,9 +56,12 @@ from uuv.perception.clouds.point_files import read_targets
 from uuv.perception.clouds.scan import Scan, SensorModel
 from uuv.perception.seabed.terrain_path import plan_seabed_work
 from uuv.perception.toolpath.path_shapes import circle, laid_on, line, raster
+from uuv.perturbations.pad import Pad
+from uuv.perturbations.vehicle import Water
 from uuv.sim.interfaces.errors import LONGEST as LONGEST_MESSAGE
 from uuv.sim.interfaces.errors import UuvError
 from uuv.sim.runs import command_line as startup
+from uuv.sim.sensors import arm_camera
 from uuv.sim.water.current import Current
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -413,6 +420,50 @@ _UR = b"""kinematics:
   forearm: {x: -0.6, y: 0, z: 0, roll: 0, pitch: 0, yaw: 0}
   hash: calib_1
 """
+_PARTS = b"""hull: hull
+tip: {body: b, pos: [0.1, 0, 0], z: [1, 0, 0]}
+camera: camera
+joints: {j1: 10, j2: null}
+thrusters:
+- {name: port, pos: [-0.2, 0.1, 0], direction: [1, 0, 0], kind: t200}
+- {actuator: thruster_t1, kind: {forward: 30, reverse: 22.5, dead_band: 5e-2, time_constant: 0.15}}
+- &last {site: t2, direction: [0, 1, 0], kind: {of_table: {command: [-1, 0, 1], thrust: [-4, 0, 5]}}}
+- {<<: *last, name: other}
+trim: 0.05
+"""
+_WATER = b"""water_density: 1010.5
+bodies:
+  hull: &hull
+    volume: 0.06
+    center_of_buoyancy: [0.01, 0, 0.1]
+    added_mass: [15.1, 20, 25, 0.4, 0.8, 0.9]
+    quadratic_damping: [30, 60, 80, 1, 2, 3.3]
+    strips: [{start: [0, 0, 0], end: [0.3, 0, 0], normal: 3.1, stations: 5}]
+    forms: [{munk_factor: {factor: [0, 0.5, 1]}}, {wing: {area: 0.1, span: 0.3, drag_0: 0.1}}]
+  a: {cylinder: {radius: 3e-2, start: [0, 0, 0], end: [0.3, 0.1, 0]}, volume: 0.001}
+thrusters:
+  thruster_t1: {of_polynomial: {ahead: [20], astern: [10, 5], slew_rate: .inf}}
+"""
+_CAMPAIGN = b"""base = "clean-barrel"
+quick = true
+cases = 3
+design = "sobol"
+kept = 0.5
+[set]
+"belief.water_error" = 0.1
+[distributions]
+"site.current" = { direction = [0.1, 0.4] }
+"perturbations.Pad.stiffness" = { log_uniform = [1e4, 1e6] }
+[metrics]
+names = ["contact.force_error_rms_n"]
+[bounds]
+"contact.lost_s" = 0.0
+[limits]
+time_s = 30.0
+"""
+_SCENARIO = scenario_file.to_toml(
+    replace(clean_barrel(quick=True), perturbations=(Pad(stiffness=1e5), Water(spread=0.2)))
+)
 _OBJ = b"v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nvn 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3\n"
 _PLY = (
     b"ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\nelement face 4\n"
@@ -465,6 +516,11 @@ def _touch_files() -> dict[str, bytes]:
 
 
 VALID: dict[str, dict[str, bytes]] = {
+    "parts": {"a.yaml": _PARTS},
+    "water": {"a.yaml": _WATER},
+    "campaign": {"a.toml": _CAMPAIGN},
+    "scenario": {"a.toml": _SCENARIO.encode()},
+    "arm camera": {"a.toml": arm_camera.TABLE.read_bytes()},
     "vehicle": {"a.xml": _VEHICLE.encode(), "b.mjcf": _VEHICLE.encode()},
     "mesh": {"a.obj": _OBJ, "a.ply": _PLY, "a.off": _OFF, "a.stl": _STL, "b.stl": _BINARY_STL},
     "cloud": _cloud_files(),
@@ -481,6 +537,19 @@ def give(door: str, file: Path, rng: Rng | None = None) -> Any:
         model = scenes.vehicle_spec(str(file)).compile()
         out = [model.qpos0, model.body_mass, model.body_inertia, model.geom_size, model.body_pos, model.site_pos]
         return [*map(np.array, out), Vehicle.of(model)]
+    if door == "parts":
+        parts = read_parts(file)
+        return [parts, [(each.axis, each.place, each.thruster) for each in parts.thrusters]]
+    if door == "water":
+        spec = mujoco.MjSpec.from_string(_VEHICLE)
+        sidecar.attach_tree(spec, sidecar.read_sidecar(file), "file")
+        return [np.array(each.userdata) for each in (*spec.bodies, *spec.actuators)]
+    if door == "campaign":
+        return [run.values for run in read_campaign(file).runs(2)]
+    if door == "scenario":
+        return scenario_file.read_scenario(file)
+    if door == "arm camera":
+        return arm_camera.ErrorModel.read(file)
     if door == "mesh":
         return targets.of(str(file), None if rng is None or rng.random() < 0.7 else 1e-3)
     if door == "cloud":

@@ -6,7 +6,6 @@ crash, a silence beyond the limits or a wrong answer raises `EntryError` in the 
 """
 
 import ctypes
-import json
 import os
 import pickle
 import socket
@@ -15,7 +14,8 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from multiprocessing.connection import Connection
 from typing import Any, Self
 
@@ -33,9 +33,11 @@ from uuv.benchmark.wire import (
 )
 from uuv.experiment.loaded_code import told_by_another
 from uuv.models.vehicle import Vehicle
+from uuv.sim.interfaces.documents import parsed_json
 from uuv.sim.interfaces.errors import one_line
 from uuv.sim.interfaces.messages import Command, Measurement, Reference, StateEstimate
 from uuv.sim.interfaces.spatial import finite_number
+from uuv.sim.interfaces.tables import TableReader
 
 START_LIMIT = 180.0  # [s] wall, to import and make the entry
 STEP_LIMIT = 60.0  # [s] wall, to answer one estimate; a machine with more work than cores makes every entry slow
@@ -251,12 +253,20 @@ def _environment() -> dict[str, str]:
     return {**kept, "PYTHONPATH": os.pathsep.join(map(os.path.abspath, filter(None, sys.path)))}
 
 
-def _digests(told: bytes) -> dict[str, str]:
+def _digests(message: bytes) -> Mapping[str, str]:
     """Digests of files, by name, that an entry's process has told."""
     try:
-        return {str(name): str(digest) for name, digest in json.loads(told).items()}
-    except (ValueError, AttributeError) as error:
+        files = parsed_json(message.decode(), "digests")
+        return TableReader().made(_Digests, {"files": files}).files
+    except ValueError as error:  # of the text's encoding, or what it holds
         raise EntryError("the entry answered before it was asked") from error
+
+
+@dataclass(frozen=True, slots=True)
+class _Digests:
+    """What an entry's process tells of its code."""
+
+    files: Mapping[str, str]  # digests by name
 
 
 def _pickled(message: Any) -> bytes:

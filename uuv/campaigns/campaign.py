@@ -21,7 +21,7 @@ docs/campaigns.md lists all keys.
 import copy
 import traceback
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -34,10 +34,11 @@ from uuv.experiment.worker import Limits
 from uuv.scenario import Scenario
 from uuv.scenario_file import as_dict, assigned, from_dict, put, read_scenario, refuse_code
 from uuv.sim.evaluation import schema_files
+from uuv.sim.interfaces.documents import inside, named, toml_of
 from uuv.sim.interfaces.errors import ConfigurationError, UuvError, did_you_mean
 from uuv.sim.interfaces.files import folder_name
 from uuv.sim.interfaces.spatial import finite_number, shown, whole_number
-from uuv.sim.interfaces.tables import TableReader, toml_of
+from uuv.sim.interfaces.tables import TableReader
 from uuv.sim.runs.run_folder import FORMAT_KEY
 
 _MOST_CASES = 10_000_000  # runs of a campaign: 10 GB of rows
@@ -70,7 +71,8 @@ class Campaign:
         allowed = metric_names(self.base)
         for name in (*self.metrics, *self.bounds):
             if name not in allowed:
-                raise ConfigurationError(f"no metric {shown(name)}; this task has {', '.join(sorted(allowed))}")
+                known = ", ".join(sorted(allowed)) + did_you_mean(name, sorted(allowed))
+                raise ConfigurationError(f"no metric {shown(name)}; this task has {known}")
         for name, bound in self.bounds.items():
             finite_number(bound, f"bounds: {name}")
         for name in self.distributions:
@@ -124,13 +126,12 @@ def read_campaign(file: str | Path, changed: Sequence[str] = (), *, trust: bool 
             allowed; the message names them.
     """
     path = Path(file)
-    given, what = toml_of(path, "campaign"), f"campaign {shown(str(path))}"
-    refuse_code(given, what, trust=trust)
+    document = toml_of(path, "campaign")
+    what = named(path, "campaign")
+    refuse_code(document, what, trust=trust)
     try:
-        entries = assigned(changed)
-        if "distributions" in given:  # a value that is set is no longer drawn
-            given["distributions"] = {k: v for k, v in _table(given, "distributions").items() if k not in entries}
-        return _campaign({**given, "set": {**_table(given, "set"), **entries}}, path, trust=trust)
+        content = _READER.made(_CampaignFile, document)
+        return _campaign(content, path, assigned(changed), trust=trust)
     except ConfigurationError as error:
         raise ConfigurationError(f"{what}: {error}") from error
 
@@ -168,7 +169,7 @@ class _CampaignRow:
     case: int
     values: Mapping[str, Any]
     state: str
-    metrics: Mapping[str, float | None]
+    metrics: Mapping[str, float | bool | None]
     drawn: Mapping[str, Any] = field(default_factory=dict)
     code: str = ""
     accepted: bool = False
@@ -181,10 +182,7 @@ def checked_row(row: Mapping[str, Any]) -> Mapping[str, Any]:
     Raises:
         ConfigurationError: It is none.
     """
-    verdicts_as_numbers = {
-        name: float(value) if isinstance(value, bool) else value for name, value in _table(row, "metrics").items()
-    }
-    TableReader("a row of a campaign", passes_unknown=True).made(_CampaignRow, {**row, "metrics": verdicts_as_numbers})
+    TableReader("a row of a campaign", passes_unknown=True).made(_CampaignRow, row)
     return row
 
 
@@ -243,71 +241,77 @@ def _checked_key(base: Scenario, name: str) -> None:
     put(as_dict(base), name, None)
 
 
-def _campaign(given: dict[str, Any], path: Path, *, trust: bool) -> Campaign:
-    allowed = ("name", "base", "quick", "cases", "seed", "design", "set", "distributions", "metrics", "bounds", "kept")
-    for key in given:
-        if key not in (*allowed, "limits"):
-            raise ConfigurationError(f"no key {shown(key)}; there are {', '.join((*allowed, 'limits'))}")
-    for key in ("base", "cases"):
-        if key not in given:
-            raise ConfigurationError(f"{key} is missing")
-    base = _base(given["base"], given.get("quick", False), path.parent, trust=trust)
-    name = folder_name(given.get("name", path.stem), "name")
-    nested = as_dict(base)
-    for key, value in _table(given, "set").items():
+_NAMES = {"schema": {"title": "a list of names", "items": {"title": "a name"}}}
+_BASE = f"{', '.join(jobs.JOBS.names())} or a scenario file (.toml)"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _MetricNames:
+    """Table [metrics] of a campaign's file."""
+
+    names: tuple[str, ...] = field(default=(), metadata=_NAMES)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _CampaignFile:
+    """Keys of a campaign's file; `Campaign` says what they are."""
+
+    base: str = field(metadata={"schema": {"title": _BASE}})
+    cases: int = field(metadata={"schema": {"minimum": 1, "maximum": _MOST_CASES}})
+    name: str | None = None  # None: that of the file
+    quick: bool = False
+    seed: int = field(default=0, metadata={"schema": {"minimum": 0}})
+    design: Design = "random"
+    set: Mapping[str, Any] = field(default_factory=dict)  # by dotted key of a scenario file
+    distributions: Mapping[str, Any] = field(default_factory=dict)  # likewise
+    metrics: _MetricNames = field(default_factory=_MetricNames)
+    bounds: Mapping[str, float] = field(default_factory=dict)
+    kept: float | None = field(default=None, metadata={"schema": {"minimum": 0, "maximum": 1}})
+    limits: Limits = field(default_factory=Limits)
+
+
+_READER = TableReader(places_faults=True)
+
+
+def _campaign(file: _CampaignFile, path: Path, changed: Mapping[str, Any], *, trust: bool) -> Campaign:
+    """The campaign of a file, with the values that are `changed`, which are no longer drawn."""
+    name = folder_name(path.stem if file.name is None else file.name, "name")
+    nested = as_dict(_base(file, path.parent, trust=trust))
+    for key, value in {**file.set, **changed}.items():
         put(nested, key, value)
+
     distributions = {}
-    for key, value in _table(given, "distributions").items():
+    for key, value in file.distributions.items():
+        if key in changed:
+            continue
         try:
             distributions[key] = Distribution.of(value)
         except ConfigurationError as error:
-            raise ConfigurationError(f"distributions: {key}: {error}") from error
-    kept = _table(given, "metrics")
-    for key in kept:
-        if key != "names":
-            raise ConfigurationError(f"metrics: no key {shown(key)}; there is names")
-    names = kept.get("names", [])
-    if not isinstance(names, list) or not all(isinstance(each, str) for each in names):
-        raise ConfigurationError(f"metrics.names: must be a list of names, got {shown(names)}")
-    known = [each.name for each in fields(Limits)]
-    for key in (limits := _table(given, "limits")):
-        if key not in known:
-            raise ConfigurationError(f"limits: no key {shown(key)}; there are {', '.join(known)}")
-    more = {key: given[key] for key in ("seed", "design", "kept") if key in given}
+            raise ConfigurationError(f"{inside('distributions', key)}: {error}") from error
     return Campaign(
         name=name,
         base=replace(from_dict(nested), name=name),
         distributions=distributions,
-        metrics=tuple(names),
-        cases=given["cases"],
-        bounds=_table(given, "bounds"),
-        limits=Limits(**limits),
-        **more,
+        metrics=file.metrics.names,
+        cases=file.cases,
+        seed=file.seed,
+        design=file.design,
+        bounds=file.bounds,
+        kept=file.kept,
+        limits=file.limits,
     )
 
 
-def _table(given: Mapping[str, Any], key: str) -> dict[str, Any]:
-    table = given.get(key, {})
-    if not isinstance(table, dict):
-        raise ConfigurationError(f"{key}: must be a table, got {shown(table)}")
-    return table
+def _base(file: _CampaignFile, beside: Path, *, trust: bool) -> Scenario:
+    """A job by its name, or a scenario in a file."""
+    if file.base in jobs.JOBS:
+        job = jobs.named(file.base)
+        return job(quick=True) if file.quick else job()
 
-
-def _base(given: Any, quick: Any, beside: Path, *, trust: bool) -> Scenario:
-    if not isinstance(quick, bool):
-        raise ConfigurationError(f"quick: must be true or false, got {shown(quick)}")
-
-    # A job by its name, or a file.
-    name = given if isinstance(given, str) else ""
-    if name in jobs.JOBS:
-        job = jobs.named(name)
-        return job(quick=True) if quick else job()
-    if not name.endswith(".toml"):
-        known = jobs.JOBS.names()
-        allowed = ", ".join(known)
-        meant = did_you_mean(name, known)
-        got = f"got {shown(given)}{meant}"
-        raise ConfigurationError(f"base: allowed {allowed} or a scenario file (.toml), {got}")
-    if quick:
-        raise ConfigurationError("quick: only with a job as base; a scenario file says how long its job is")
-    return read_scenario(beside / given, trust=trust)
+    if not file.base.endswith(".toml"):
+        near = did_you_mean(file.base, jobs.JOBS.names())
+        raise ConfigurationError(f"base: allowed {_BASE}, got {shown(file.base)}{near}")
+    if file.quick:
+        rule = "only with a job as base; a scenario file says how long its job is"
+        raise ConfigurationError(f"quick: {rule}")
+    return read_scenario(beside / file.base, trust=trust)

@@ -14,9 +14,10 @@ from uuv.campaigns.sensitivity import LEVEL, RESAMPLES
 from uuv.campaigns.sensitivity_report import shown_p
 from uuv.experiment import Row, Summary, Table, read_rows
 from uuv.experiment.row_log import METRICS
+from uuv.sim.interfaces.documents import json_of
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import Array, shown
-from uuv.sim.interfaces.tables import TableReader, json_of
+from uuv.sim.interfaces.tables import TableReader
 from uuv.sim.reporting.palette import BLUE, FAINT, INK, WIDTH
 
 _PART = 1_000_000  # values drawn at a time: bounds the memory

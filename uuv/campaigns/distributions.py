@@ -8,7 +8,7 @@ from typing import Any, Literal, get_args
 
 import numpy as np
 
-from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.errors import ConfigurationError, did_you_mean
 from uuv.sim.interfaces.spatial import Array, finite_number, shown
 
 Design = Literal["random", "sobol", "latin-hypercube"]
@@ -28,7 +28,8 @@ class Distribution:
 
     def __post_init__(self) -> None:
         if self.kind not in KINDS:
-            raise ConfigurationError(f"no distribution {shown(self.kind)}; there are {', '.join(KINDS)}")
+            known = ", ".join(KINDS) + did_you_mean(self.kind, KINDS)
+            raise ConfigurationError(f"no distribution {shown(self.kind)}; there are {known}")
         if self.step is not None:
             finite_number(self.step, STEP, above=0.0)
             largest = max((abs(each) for each in self.values if isinstance(each, int | float)), default=0.0)

@@ -79,7 +79,7 @@ def run_printed(scenario: "Scenario", options: RunOptions, output: Output, start
     if not output.quiet:
         return work()
     code, folder = folder_of(work)
-    from uuv.sim.interfaces.tables import json_of
+    from uuv.sim.interfaces.documents import json_of
 
     metrics = json_of(folder / METRICS, "metrics")
     failed = "; ".join(metrics.get("failed", ()))  # trials may have no bounds

@@ -9,6 +9,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
+from uuv.sim.interfaces.documents import json_of
 from uuv.sim.runs.run_folder import claimed_folder
 
 
@@ -36,7 +37,7 @@ def file_alone(work: Callable[[], int], name: str) -> int:
         UuvError: As `work` does.
     """
     code, folder = folder_of(work)
-    print_json(json.loads((folder / name).read_text(encoding="utf-8")))
+    print_json(json_of(folder / name, "result"))
     return code
 
 

@@ -8,8 +8,9 @@ from typing import Any, Self
 
 from uuv.experiment.loaded_code import digests
 from uuv.experiment.row_table import SCHEMA_VERSION, Row, RowTable, delete_rows, has_rows
+from uuv.sim.interfaces.documents import json_of
 from uuv.sim.interfaces.errors import ConfigurationError
-from uuv.sim.interfaces.tables import TableReader, json_of
+from uuv.sim.interfaces.tables import TableReader
 from uuv.sim.runs.provenance import versions
 from uuv.sim.runs.run_folder import alone_in
 from uuv.sim.runs.saving import write_json

@@ -7,7 +7,7 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from types import FrameType
 from typing import NoReturn
 
@@ -21,9 +21,14 @@ _GRACE = 5.0  # [s] after the limit, and again the limit: then the process is en
 class Limits:
     """Limits of each run of a study."""
 
-    time_s: float | None = None  # [s] wall time of a run
-    memory_mb: int | None = None  # [MB] private memory of a worker
-    retries: int = 1  # times that a run whose process died is done again; at least once: its neighbours die with it
+    time_s: float | None = field(  # wall time of a run
+        default=None, metadata={"schema": {"unit": "s", "exclusiveMinimum": 0}}
+    )
+    memory_mb: int | None = field(  # private memory of a worker
+        default=None, metadata={"schema": {"unit": "MB", "minimum": 1}}
+    )
+    # Times that a run whose process died is done again; once at least: its neighbours die with it.
+    retries: int = field(default=1, metadata={"schema": {"minimum": 1}})
 
     def __post_init__(self) -> None:
         if self.time_s is not None:

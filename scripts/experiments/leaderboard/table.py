@@ -8,8 +8,9 @@ from typing import Any
 from uuv.benchmark.score import by_family, totals
 from uuv.experiment import Table
 from uuv.experiment.row_log import METRICS
+from uuv.sim.interfaces.documents import json_of
 from uuv.sim.interfaces.errors import ConfigurationError
-from uuv.sim.interfaces.tables import TableReader, json_of
+from uuv.sim.interfaces.tables import TableReader
 
 _BOTH = "score both with the same --cases and the same seed"
 _SAME = {  # that all results of one table share: its name, and what to do

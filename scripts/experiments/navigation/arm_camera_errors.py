@@ -4,7 +4,7 @@ A case is one key picture and three pictures after it. Object, place, range, tex
 error of the predicted motion are drawn from the case's seed.
 """
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -18,6 +18,7 @@ from uuv.models.objects.target_model import TargetModel
 from uuv.models.vehicles import uuv_puma
 from uuv.perception.navigation.surface_alignment import Alignment, align, prepare
 from uuv.sensors.rendered_arm_camera import hidden_by, picture_noise
+from uuv.sim.interfaces.documents import toml_text
 from uuv.sim.interfaces.spatial import Array, exp_so3, pose, rotation_from_z
 from uuv.sim.sensors.arm_camera import (
     GRID,
@@ -362,12 +363,9 @@ def _group(group: list[Pair], parameters: Array) -> tuple[str, ...]:
 
 def to_toml(model: ErrorModel) -> str:
     """Text of the package's table."""
-    lines = [
-        "# Errors of the camera on the arm, fitted to rendered pairs by",
-        "#     ./uvw run scripts/experiments/navigation/fit_arm_camera.py --runs 700 --seed 1 --write",
-        f"# texture, shape, lost: factors of {', '.join(CONDITION)} (sim/sensors/arm_camera.py)",
-    ]
-    for name in ErrorModel.__dataclass_fields__:
-        value = getattr(model, name)
-        lines.append(f"{name} = {list(value) if isinstance(value, tuple) else value}")
-    return "\n".join(lines) + "\n"
+    heading = (
+        "Errors of the camera on the arm, fitted to rendered pairs by\n"
+        "    ./uvw run scripts/experiments/navigation/fit_arm_camera.py --runs 700 --seed 1 --write\n"
+        f"texture, shape, lost: factors of {', '.join(CONDITION)} (sim/sensors/arm_camera.py)"
+    )
+    return toml_text(asdict(model), heading)

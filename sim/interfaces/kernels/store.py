@@ -22,6 +22,10 @@ from functools import cache
 from pathlib import Path
 from uuid import uuid4
 
+from uuv.sim.interfaces.documents import json_of
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.tables import TableReader
+
 FOLDER = "UUV_KERNEL_STORE"  # environment: a folder, or OFF
 LIMIT = "UUV_KERNEL_STORE_MB"  # environment: most megabytes
 OFF = "off"
@@ -30,6 +34,7 @@ DEFAULT_LIMIT = 512.0  # [MB]
 _MAGIC = b"uuv kernel 1\n"
 _SUFFIX, _PART = ".kernel", ".part"  # of whole files, and of those being written
 _LAST_START = "last_start.json"
+_SHORT = 10_000  # [bytes] more than it has
 _STALE = 3600.0  # [s] age from which a part is one of a process that died
 _RECENT = 3600.0  # [s] a use is noted once in this time: a note is a write
 
@@ -171,9 +176,8 @@ def last_start() -> LastStart | None:
     if place is None:
         return None
     try:
-        noted = json.loads((place / _LAST_START).read_bytes())
-        return LastStart(int(noted["loaded"]), int(noted["compiled"]), float(noted["time"]))
-    except (OSError, ValueError, TypeError, KeyError):
+        return TableReader().made(LastStart, json_of(place / _LAST_START, "last start", _SHORT))
+    except ConfigurationError:
         return None
 
 

@@ -133,6 +133,22 @@ def test_dh_table_as_yaml(tmp_path):
     np.testing.assert_array_equal(source.tcp, [0, 0, 0.1])
 
 
+ROWS = "dh:\n- [0, 0.1, 0.2, 1.5]\n- {theta: 0, d: 0, a: 3e-1, alpha: 0}\n"
+
+
+def test_what_a_yaml_of_an_arm_may_hold(tmp_path):
+    """Numbers with an exponent, names that are numbers, no limits, a key that is not read."""
+    (tmp_path / "a.yaml").write_text(ROWS + "joint_names: [1, two]\nlimits: [[-.inf, 1], [null, null]]\nlimts: []\n")
+    source = read_arm(tmp_path / "a.yaml")
+    assert source.arm.table[1, 2] == 0.3
+    assert source.arm.joint_names == ("1", "two")
+    np.testing.assert_array_equal(source.arm.limits, [[-np.inf, 1], [-np.inf, np.inf]])
+    assert any("no 'limts' is read (did you mean limits?)" in note for note in source.notes)
+    joint = "{x: 1e-1, y: 0, z: 2e-05, roll: 0, pitch: 0, yaw: 0, more: 1}"
+    (tmp_path / "ur.yaml").write_text(f"kinematics:\n  a: {joint}\n  b: {joint}\n  hash: 12e4\n")
+    assert read_arm(tmp_path / "ur.yaml").arm.joint_names == ("a", "b")
+
+
 @pytest.mark.parametrize(
     ("name", "text", "said"),
     [
@@ -140,8 +156,27 @@ def test_dh_table_as_yaml(tmp_path):
         ("a.csv", "1,2,3\n", "lacks alpha"),
         ("a.csv", "0,nan,0,0\n", "finite"),
         ("a.csv", "theta,d,a,alpha\n0,x,0,0\n", "must be a number"),
-        ("a.yaml", "dh: [1, 2]\n", "row 1"),
-        ("a.yaml", "{", "no YAML"),
+        ("a.yaml", "dh: [1, 2]\n", r"dh\[0\]: must be theta, d, a, alpha"),
+        ("a.yaml", "{", "cannot be read"),
+        ("a.yaml", ROWS + "limits: [[.nan, 1], [0, 1]]", r"limits\[0\]\[0\]: must not be NaN"),
+        ("a.yaml", ROWS + "limits: [[0, 1]]", r"limits: 2 pairs of numbers, got"),
+        ("a.yaml", ROWS + "limits: [[0, 1, 2], [0, 1]]", r"limits\[0\]: must be 2 values, got \[0, 1, 2\]"),
+        ("a.yaml", ROWS + "units: {angel: deg}", r"\[units\] has no 'angel'; .*did you mean angle"),
+        ("a.yaml", ROWS + "units: deg", r"units: must be \{angle: rad or deg, length: m or mm\}, got 'deg'"),
+        ("a.yaml", ROWS + "units: {angle: grad}", r"units.angle: allowed rad, deg, got 'grad'"),
+        ("a.yaml", ROWS + "joint_types: rx", r"joint_types: must be letters r \(hinge\) and p"),
+        ("a.yaml", ROWS + "joint_names: [[1], [2]]", r"joint_names\[0\]: must be text or a whole number, got \[1\]"),
+        ("a.yaml", ROWS + "base: [a]", r"base: must be text, got \['a'\]"),
+        ("a.yaml", ROWS + "base: a\nbase: b", r"the key 'base' stands twice .*line 5"),
+        ("a.yaml", ROWS + "tcp: [0, 0, up]", r"tcp\[2\] \[m\]: must be a number, got 'up'"),
+        ("a.yaml", "dh: [[1, 2, 3]]", r"dh\[0\]: must be theta, d, a, alpha.*got \[1.0, 2.0, 3.0\]"),
+        ("a.yaml", "dhh: [[1, 2, 3, 4]]", r"rows under 'dh' .*got \['dhh'\] \(did you mean dh\?\)"),
+        ("a.yaml", "kinematics: {a: {x: 1}}", r"\[kinematics.a\]: y, z, roll, pitch, yaw are missing"),
+        (
+            "a.yaml",
+            "kinematics: {a: {x: true, y: 0, z: 0, roll: 0, pitch: 0, yaw: 0}}",
+            "kinematics.a.x: must be a number",
+        ),
         ("a.urdf", "<robot", "no XML"),
         ("a.urdf", URDF, "--tip"),
         ("a.xml", "<mujoco><worldbody/></mujoco>", "no body named 'arm_base'"),

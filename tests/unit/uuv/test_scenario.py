@@ -117,7 +117,7 @@ WORK = 'name = "x"\n[task]\nkind = "SurfaceWork"\n'
     ("text", "said"),
     [
         ("seed = ", "cannot be read"),
-        ("seed = 1", "the file: name is missing"),
+        ("seed = 1", "the file: name, task are missing"),
         ('name = "x"\nseeds = 1', "the file has no 'seeds'; it has name, task, seed, site"),
         ('name = "x"', "the file: task is missing"),
         ('name = "x"\n[task]\nspeed = 1', r"\[task\]: needs a kind; there are .*SurfaceWork"),
@@ -128,6 +128,8 @@ WORK = 'name = "x"\n[task]\nkind = "SurfaceWork"\n'
         (WORK + "forces = []", r"forces \[N\]: needs at least one set force, got none"),
         ('name = "x"\nseed = true\n[task]\nkind = "SurfaceWork"', "seed: must be a whole number, got True"),
         (WORK + "[site]\ncurrent = [1]", "site.current: must be 3 values"),
+        (WORK + "[site]\ncurrent = [nan, 0, 0]", r"site.current\[0\]: must not be NaN"),
+        (WORK + '[[perturbations]]\nkind = "Water"\nspraed = 2', r"perturbations\[0\] has no 'spraed'; it has spread"),
         (WORK + '[control]\nwithout = ["luck"]', "allowed compensation, .*got 'luck'"),
         (WORK + '[site.object]\nkind = "Barrel"\nlenght = 1', r"\[site.object\] has no 'le"),
         (WORK + '[[perturbations]]\nkind = "Water"\nspread = 2', "Water spread: must be in"),
@@ -175,6 +177,10 @@ def test_set_may_be_repeated_and_takes_several():
         ("tsak.speed=1", "the file has no 'tsak'; it has name, task"),
         ("task.sped=1", r"\[task\] has no 'sped'; it has"),
         ("task.speed=fast", "task.speed: must be a number, got 'fast'"),
+        ("seed=" + "[" * 50_000, r"seed: must be a whole number, got '\[\[\["),
+        ("seed=" + "9" * 5000, "seed: must be a whole number, got '999"),
+        ("seed=4\nname='a'", "seed: must be a whole number, got "),
+        ("site.current=[nan,0,0]", r"site.current\[0\]: must not be NaN"),
     ],
 )
 def test_a_value_that_cannot_be_set_is_refused(assignment, said):

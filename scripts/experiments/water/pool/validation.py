@@ -12,9 +12,9 @@ from experiments.water.pool.pool_vehicle import NOMINAL, PARAMETERS, pool_model
 from experiments.water.pool.replay import Residuals, TrialScore, replay, score_of
 from experiments.water.pool.trials import PoolTrial
 from uuv.calib.water.named_fit import NamedFit, fit_named, values_of
+from uuv.sim.interfaces.documents import json_of
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import Array, shown
-from uuv.sim.interfaces.tables import json_of
 
 BUOYANCIES = (-0.5, 2.5)  # [N] among which that of a trajectory number is sought
 FITTED = Path(__file__).with_name("wu2018.json")  # parameters fitted to the 24 trials of docs/pool.md

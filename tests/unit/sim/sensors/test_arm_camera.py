@@ -14,7 +14,17 @@ from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.messages import SurfaceMotionMeasurement
 from uuv.sim.interfaces.spatial import Array
 from uuv.sim.sensors import arm_camera
-from uuv.sim.sensors.arm_camera import CELL, GRID, OBSERVED, ArmCamera, Prediction, ViewConditions, fitted, predict
+from uuv.sim.sensors.arm_camera import (
+    CELL,
+    GRID,
+    OBSERVED,
+    ArmCamera,
+    ErrorModel,
+    Prediction,
+    ViewConditions,
+    fitted,
+    predict,
+)
 from uuv.sim.sensors.textured_view import SmallStereo, Texture, Turbidity
 
 SCENE = """
@@ -52,6 +62,25 @@ def truth(model: mujoco.MjModel, time: float, p: Array) -> Truth:
     data.qpos[:3] = p
     mujoco.mj_kinematics(model, data)
     return Truth(time, data.xpos.copy(), data.xmat.copy(), np.zeros(0))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("pairs = 2086\n", "", "the file: pairs is missing"),
+        ("pairs = 2086", "pairs = 2086\npears = 1", "the file has no 'pears'; .*did you mean pairs"),
+        ("pairs = 2086", "pairs = 2.5", "pairs: must be a whole number, at least 1, got 2.5"),
+        ("common = 0.279", "common = 3.0", "common: must be at least 0 and at most 1, got 3.0"),
+        ("common = 0.279", "common = nan", "common: must not be NaN"),
+        ("bias = [-8.9e-06, ", "bias = [", r"bias \[m\]: must be 3 values"),
+    ],
+)
+def test_a_wrong_table_of_errors_is_one_line(old, new, said, tmp_path):
+    text = arm_camera.TABLE.read_text()
+    assert old in text
+    (tmp_path / "camera.toml").write_text(text.replace(old, new))
+    with pytest.raises(ConfigurationError, match=f"^errors of the arm camera '.*camera.toml': {said}"):
+        ErrorModel.read(tmp_path / "camera.toml")
 
 
 def readings(

@@ -307,8 +307,8 @@ def test_a_seed_that_is_none_is_refused(text: str, verb, monkeypatch):
     ("change", "said"),
     [
         ("[]", r"must be a table, got \[\]"),
-        ('{"benchmark": 5, "rows": []}', r"\[benchmark\]: must be a table, got 5"),
-        ('{"benchmark": {"version": 1}, "rows": []}', r"\[benchmark\]: seed is missing"),
+        ('{"benchmark": 5, "rows": []}', r"benchmark: must be a table, got 5"),
+        ('{"benchmark": {"version": 1}, "rows": []}', r"\[benchmark\]: seed, public, .* are missing"),
         ("[" * 9000 + "]" * 9000, "tables deep"),
     ],
 )

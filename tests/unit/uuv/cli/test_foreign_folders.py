@@ -79,13 +79,13 @@ def with_run(**changes: Any) -> str:
 METRICS: dict[str, tuple[str, str]] = {
     "list": ("[]", r"metrics\.json: must be a table, got \[\]"),
     "number": ("5", r"must be a table, got 5"),
-    "empty table": ("{}", r"run is missing"),
-    "no run": ('{"run": null}', r"accepted is missing"),
+    "empty table": ("{}", r"run, accepted, failed, timings are missing"),
+    "no run": ('{"run": null}', r"accepted, failed, timings are missing"),
     "deep": ("[" * 10_000, r"tables deep"),
     "cut": (with_run()[:-40], r"cannot be read"),
     "state": (with_run(state="flying"), r"run.state: allowed .*, got 'flying'"),
     "digest": (with_run(trajectory_sha256=5), r"run.trajectory_sha256: must be text, got 5"),
-    "escape": (with_run(note="\x1b[2J"), r"\[run.note\]: a control character"),
+    "escape": (with_run(note="\x1b[2J"), r"run.note: a control character"),
 }
 
 

@@ -1,21 +1,54 @@
-"""Gives a user's model the names of `uuv.models.naming`: renames its parts, adds sites, motors and thrusters."""
+"""Gives a user's model the names of `uuv.models.naming`: renames its parts, adds sites, motors and thrusters.
 
-from collections.abc import Mapping
+spec = mapped(read("rov.urdf"))  # a VehicleFile, under its own names, becomes a vehicle by the contract
+"""
+
+from collections.abc import Iterable, Mapping
 
 import mujoco
 import numpy as np
 
-from uuv.models import hydrodynamics
 from uuv.models.files.keyframes import keyframes_kept
+from uuv.models.files.mjcf_files import compiled
+from uuv.models.files.notes import note
 from uuv.models.files.parts_file import MappedThruster, PartPlace, PartsMap
-from uuv.models.naming import ARM_BASE_BODY, CAMERA_SITE, HOME_KEY, HULL_BODY, TIP_SITE, TOOL_GEOM
+from uuv.models.files.vehicle_file import VehicleFile
+from uuv.models.naming import ARM_BASE_BODY, CAMERA_SITE, HULL_BODY, TIP_SITE, TOOL_GEOM
 from uuv.models.water import thrusters
 from uuv.sim.interfaces.errors import ConfigurationError, did_you_mean
 from uuv.sim.interfaces.spatial import Array, quat_wxyz_from_rotation, rotation_from_z
 
-_TRIMMED = 2.0  # largest factor by which ballast changes the hull's volume
-
 _UP, _AHEAD, _STARBOARD = (0.0, 0.0, 1.0), (1.0, 0.0, 0.0), (0.0, -1.0, 0.0)
+
+
+def mapped(file: VehicleFile) -> mujoco.MjSpec:
+    """The vehicle of a file under the names of the contract; lines about the file are kept in it.
+
+    A model without a mapping keeps its names, but its only body, if it floats, is the hull. A
+    format that has neither free joints nor motors gets both.
+
+    Args:
+        file: as `uuv.models.files.vehicle_file.read` returns it; its spec is changed in place.
+
+    Returns:
+        The spec of the file.
+
+    Raises:
+        ConfigurationError: a part that the mapping names is not in the model, or cannot serve; or
+            the model cannot be compiled.
+    """
+    spec, lines = file.spec, list(file.notes)
+    if file.bare:
+        apply(spec, file.parts or PartsMap(), file.parts_name)
+        add_motors(spec, joints_between(spec), file.name)
+    elif file.parts is not None:
+        apply(spec, file.parts, file.parts_name)
+    elif line := name_hull(spec):
+        lines.append(line)
+
+    compiled(spec, file.name)
+    note(spec, lines)
+    return spec
 
 
 def apply(spec: mujoco.MjSpec, parts: PartsMap, name: str) -> None:
@@ -43,6 +76,7 @@ def _apply(spec: mujoco.MjSpec, parts: PartsMap, name: str) -> None:
     if hull is not None:
         _rename_body(spec, hull, HULL_BODY)
         if not hull.joints:
+            _check_root(spec, hull, before, name)
             with keyframes_kept(spec):
                 hull.add_freejoint(name=HULL_BODY)
     if parts.arm_base:
@@ -69,25 +103,6 @@ def name_hull(spec: mujoco.MjSpec) -> str:
     return f"body hull: {before!r}, the only body on the world"
 
 
-def ballast(spec: mujoco.MjSpec, metacentric_height: float, name: str) -> str:
-    """Trim the hull in the posture `home`; returns a line about what that changed.
-
-    Raises:
-        ConfigurationError: The hull has no coefficients, or a volume that is not near to one that floats the vehicle.
-    """
-    if HULL_BODY not in hydrodynamics.attached(spec):
-        raise ConfigurationError(f"{name}: trim: the hull has no hydrodynamic coefficients that could be trimmed")
-    home = next((key.qpos for key in spec.keys if key.name == HOME_KEY), None)
-    before = hydrodynamics.attached(spec)[HULL_BODY].volume
-    after = hydrodynamics.trim(spec, HULL_BODY, metacentric_height=metacentric_height, qpos=home).volume
-    if before > 0.0 and not 1.0 / _TRIMMED < after / before < _TRIMMED:
-        raise ConfigurationError(
-            f"{name}: trim: the hull's volume is {before:.4g} m^3, and {after:.4g} m^3 would make the vehicle "
-            f"weightless; at most a factor of {_TRIMMED:g} is trimmed, and volumes are in m^3"
-        )
-    return f"trim: the hull's volume from {1e3 * before:.4g} to {1e3 * after:.4g} litres"
-
-
 def _only_body(spec: mujoco.MjSpec, name: str) -> mujoco.MjsBody | None:
     """The hull by its usual name, or the only body that hangs on the world."""
     usual = next((body for body in spec.bodies if body.name == HULL_BODY), None)
@@ -97,6 +112,15 @@ def _only_body(spec: mujoco.MjSpec, name: str) -> mujoco.MjsBody | None:
     if len(roots) != 1:
         raise ConfigurationError(f"{name}: hull: which body is it? there are {', '.join(b.name for b in roots)}")
     return roots[0]
+
+
+def _check_root(spec: mujoco.MjSpec, hull: mujoco.MjsBody, before: str | None, name: str) -> None:
+    """Refuse to let a body float that another one carries."""
+    roots = [body.name for body in spec.worldbody.bodies]
+    if hull.name not in roots:
+        raise ConfigurationError(
+            f"{name}: hull: {before!r} is carried by another body, and only one on the world floats: {', '.join(roots)}"
+        )
 
 
 def _missing(name: str, kind: str, wanted: str, there: list[str]) -> ConfigurationError:
@@ -251,6 +275,19 @@ def add_motor(spec: mujoco.MjSpec, joint: mujoco.MjsJoint, limit: float | None, 
     joint.actfrclimited = mujoco.mjtLimited.mjLIMITED_FALSE  # the motor's own range limits it
     motor = spec.add_actuator(name=joint.name, trntype=mujoco.mjtTrn.mjTRN_JOINT, target=joint.name)
     motor.ctrlrange, motor.ctrllimited = [-limit, limit], mujoco.mjtLimited.mjLIMITED_TRUE
+
+
+def add_motors(spec: mujoco.MjSpec, joints: Iterable[str], name: str) -> None:
+    """Drive those of `joints` that no actuator drives, with the effort of the URDF.
+
+    Raises:
+        ConfigurationError: a joint has no effort.
+    """
+    of_joints = [a for a in spec.actuators if a.trntype == mujoco.mjtTrn.mjTRN_JOINT]
+    driven = {actuator.target for actuator in of_joints}
+    for joint in joints:
+        if joint not in driven:
+            add_motor(spec, spec.joint(joint), None, name)
 
 
 def is_motor(actuator: mujoco.MjsActuator) -> bool:

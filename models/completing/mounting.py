@@ -6,10 +6,10 @@ import mujoco
 import numpy as np
 from numpy.typing import ArrayLike
 
-from uuv.models.completing.mapping import joints_between
-from uuv.models.completing.urdf_vehicle import add_motors, spec_of_urdf
+from uuv.models.completing.mapping import add_motors, joints_between
 from uuv.models.files import urdf
 from uuv.models.files.urdf import rotation_from_rpy
+from uuv.models.files.urdf_vehicle import spec_of_urdf
 from uuv.models.naming import ARM_BASE_BODY, HOME_KEY, HULL_BODY, READY_KEY, TIP_SITE
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import Array, checked, quat_wxyz_from_rotation, rotation_from_z, shown
@@ -60,8 +60,6 @@ def mount_arm(
         raise ConfigurationError(f"{name}: tip: there are the links {', '.join(links)}, got {shown(tip)}")
     z: Array = checked(tip_z, (3,), "tip_z")
     R = rotation_from_z(z, np.eye(3)[int(np.argmin(np.abs(z)))])
-    for joint in list(links[root].joints):
-        arm.delete(joint)  # the free joint
     links[root].name = ARM_BASE_BODY.removeprefix(_PREFIX)
     quat = quat_wxyz_from_rotation(rotation_from_rpy(checked(rpy, (3,), "rpy")))
     for key in [key for key in spec.keys if key.name in (HOME_KEY, READY_KEY)]:

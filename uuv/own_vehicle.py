@@ -1,4 +1,4 @@
-"""A vehicle's way to work, `vehicle_spec`: read, mapped, completed, checked; and its model of itself, `OwnVehicle`."""
+"""A vehicle's way to work: read, mapped, completed, checked; and its model of itself."""
 
 from collections.abc import Collection
 from dataclasses import dataclass, replace
@@ -91,7 +91,7 @@ def vehicle_spec(
     spares: Collection[str] | None = None,
     computed: bool = True,
 ) -> mujoco.MjSpec:
-    """A vehicle ready for work: read, mapped to the contract, completed, with its tool, and checked.
+    """A vehicle ready for work: read, mapped to the contract, completed, and checked.
 
     Every door takes this way: jobs, `uuv check`, the environments.
 
@@ -109,8 +109,8 @@ def vehicle_spec(
         Its spec with its water; `uuv.models.files.notes.computed` tells what was added.
 
     Raises:
-        ConfigurationError: there is no such vehicle or tool, its file cannot be read or compiled, or
-            it lacks a part.
+        ConfigurationError: there is no such vehicle or tool, its file cannot be read or compiled,
+            or it lacks a part.
     """
     file = read(vehicle, parts=parts, water=water, tool=tool or needs)
     spec = mapped(file)

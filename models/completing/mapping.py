@@ -37,7 +37,8 @@ def mapped(file: VehicleFile) -> mujoco.MjSpec:
         ConfigurationError: a part that the mapping names is not in the model, or cannot serve; or
             the model cannot be compiled.
     """
-    spec, lines = file.spec, list(file.notes)
+    spec = file.spec
+    lines = list(file.notes)
     if file.bare:
         apply(spec, file.parts or PartsMap(), file.parts_name)
         add_motors(spec, joints_between(spec), file.name)

@@ -77,7 +77,7 @@ def read(
         parts = beside(vehicle) if parts is None else parts
         of_urdf = is_urdf(vehicle, "vehicle")
         file = _of_urdf(vehicle, water) if of_urdf else _of_mjcf(vehicle, water)
-        water = None
+        water = None  # it is attached
 
     if water is not None:
         raise ConfigurationError(f"{file.name}: has its own water, so a water file is refused")
@@ -112,6 +112,7 @@ def _of_name(name: str, tool: str | None) -> VehicleFile:
 def _of_urdf(file: str | Path, water: str | Path | None) -> VehicleFile:
     spec, lines = spec_of_urdf(file)
     sidecar.attach_beside(spec, file, water)
+
     return VehicleFile(name=f"vehicle {shown(str(file))}", spec=spec, notes=tuple(lines), bare=True)
 
 
@@ -119,6 +120,7 @@ def _of_mjcf(file: str | Path, water: str | Path | None) -> VehicleFile:
     spec, _ = read_mjcf(file, "vehicle")
     notes.forget(spec)  # lines about computed parts of an earlier state, saved with it
     sidecar.attach_beside(spec, file, water)
+
     if hydrodynamics.attached(spec):
         hydrodynamics.attach(spec, {})  # MJCF keeps user data of bodies but not of the world
     return VehicleFile(name=f"vehicle {shown(str(file))}", spec=spec)

@@ -32,7 +32,7 @@ from uuv.models.tools.tools import TOOLS
 from uuv.models.vehicle import Vehicle
 from uuv.own_vehicle import vehicle_spec
 from uuv.sim import hydrodynamics
-from uuv.sim.interfaces.errors import ConfigurationError, HydrodynamicsError, PhysicsWarning, UuvError
+from uuv.sim.interfaces.errors import HydrodynamicsError, PhysicsWarning, UuvError
 from uuv.tasks.surface_work import SurfaceWorkTask
 
 _OF_ARM = ("motor", "thruster-rank", "timestep")  # faults that leave station keeping to its simulation
@@ -72,7 +72,7 @@ def check_vehicle(
     name = vehicle.modelname or "vehicle"
     try:
         spec = vehicle_spec(vehicle, tool, file)
-    except ConfigurationError as error:
+    except UuvError as error:
         said = " ".join(str(error).split())
         code = "inertia" if "inertia" in said else "contract"
         return VehicleCheck(vehicle=name, findings=(VehicleFinding(code=code, level="fault", said=said),))

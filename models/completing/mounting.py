@@ -53,8 +53,8 @@ def mount_arm(
     if HULL_BODY not in bodies or ARM_BASE_BODY in bodies:
         raise ConfigurationError(f"an arm is mounted on a vehicle with a body {HULL_BODY!r} and no {ARM_BASE_BODY!r}")
     name = f"arm {shown(str(file))}"
-    root = urdf.parse(Path(file), name).root
-    arm, _ = spec_of_urdf(file)
+    arm, _ = spec_of_urdf(urdf.parse(file, name), Path(file).resolve().parent)
+    root = arm.worldbody.bodies[0].name
     links = {body.name: body for body in arm.bodies if body.name != "world"}
     if tip not in links:
         raise ConfigurationError(f"{name}: tip: there are the links {', '.join(links)}, got {shown(tip)}")

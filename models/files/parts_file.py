@@ -68,13 +68,6 @@ class PartsMap:
     trim: float | None = None  # [m] metacentric height to which the hull is ballasted
 
 
-def beside(model: str | Path) -> Path | None:
-    """The mapping that lies beside a model's file; None: there is none."""
-    path = Path(model)
-    found = path.with_name(path.stem + PARTS_SUFFIX)
-    return found if found.is_file() else None
-
-
 def read_parts(file: str | Path) -> PartsMap:
     """Read a mapping of parts.
 

@@ -16,8 +16,6 @@ import numpy as np
 from uuv.models.files import urdf
 from uuv.models.files.urdf import UrdfRobot, origin_of, parse
 from uuv.sim.interfaces.errors import ConfigurationError
-from uuv.sim.interfaces.files import existing_file
-from uuv.sim.interfaces.spatial import shown
 
 _WORLD = "world"  # link of ROS that stands for the world
 _SHAPES = ("visual", "collision")
@@ -26,26 +24,25 @@ _UNCOUPLED = ("floating", "planar")
 _KEPT = {"fusestatic": "false", "discardvisual": "false", "strippath": "false"}
 
 
-def spec_of_urdf(file: str | Path) -> tuple[mujoco.MjSpec, list[str]]:
-    """Read the URDF of a vehicle.
+def spec_of_urdf(robot: UrdfRobot, folder: Path) -> tuple[mujoco.MjSpec, list[str]]:
+    """The model of a vehicle, or of an arm, from its URDF.
 
     Args:
-        file: path.
+        robot: as parsed; its XML is changed in place.
+        folder: of its file, from which the paths of its meshes count.
 
     Returns:
         The spec, its root link a body on the world without a joint; and what was left out, one
         line each.
 
     Raises:
-        ConfigurationError: it is no URDF, or MuJoCo does not accept it.
+        ConfigurationError: MuJoCo does not accept it.
     """
-    name = f"vehicle {shown(str(file))}"
-    existing_file(file, "vehicle")
-    robot, notes = with_floating_root(parse(Path(file), name))
+    robot, notes = with_floating_root(robot)
 
     # What MuJoCo would refuse, or read in a way of its own.
     notes += _weightless_links(robot.xml)
-    notes += _missing_meshes(robot.xml, Path(file).resolve().parent)
+    notes += _missing_meshes(robot.xml, folder)
     notes += _held_joints(robot.xml)
     for old in robot.xml.findall("mujoco"):
         robot.xml.remove(old)
@@ -56,7 +53,7 @@ def spec_of_urdf(file: str | Path) -> tuple[mujoco.MjSpec, list[str]]:
         spec = mujoco.MjSpec.from_string(ElementTree.tostring(robot.xml, encoding="unicode"))
     except (ValueError, TypeError, RecursionError, mujoco.FatalError) as error:
         reason = " ".join(str(error).split())
-        raise ConfigurationError(f"{name}: MuJoCo does not accept it: {reason}") from error
+        raise ConfigurationError(f"{robot.name}: MuJoCo does not accept it: {reason}") from error
 
     # What a URDF does not say: integrator, friction cone, which shapes meet.
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST

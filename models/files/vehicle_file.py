@@ -15,8 +15,8 @@ from uuv import models
 from uuv.models import hydrodynamics
 from uuv.models.files import notes, sidecar
 from uuv.models.files.mjcf_files import read_mjcf
-from uuv.models.files.parts_file import PartsMap, beside, read_parts
-from uuv.models.files.urdf import is_urdf
+from uuv.models.files.parts_file import PARTS_SUFFIX, PartsMap, read_parts
+from uuv.models.files.urdf import UrdfRobot, robot_of
 from uuv.models.files.urdf_vehicle import spec_of_urdf
 from uuv.sim.interfaces.errors import ConfigurationError, did_you_mean
 from uuv.sim.interfaces.files import existing_file
@@ -36,11 +36,7 @@ class VehicleFile:
     has_tool: bool = False  # it was made with the tool that was asked for
     parts: PartsMap | None = None  # its mapping to the contract; None: it has none
     parts_name: str = ""  # with which messages about the mapping begin
-
-    @property
-    def trim(self) -> float | None:
-        """Metacentric height [m] to which the hull is to be ballasted; None: it stays as it is."""
-        return None if self.parts is None else self.parts.trim
+    trim: float | None = None  # [m] metacentric height to which the hull is to be ballasted
 
 
 def read(
@@ -66,24 +62,25 @@ def read(
     Raises:
         ConfigurationError: neither a name nor a file, or a file that cannot be read.
     """
-    if isinstance(vehicle, mujoco.MjSpec):
-        file = VehicleFile(name=f"vehicle {shown(vehicle.modelname)}", spec=vehicle.copy())
-    elif not isinstance(vehicle, str | Path):
-        raise ConfigurationError(f"vehicle: expected a name or a file, got {shown(vehicle)}")
+    if not isinstance(vehicle, str | Path):
+        file = _of_spec(vehicle)
     elif check_name(str(vehicle)):
         file = _of_name(str(vehicle), tool if parts is None else None)
     else:
-        existing_file(vehicle, "vehicle")
-        parts = beside(vehicle) if parts is None else parts
-        of_urdf = is_urdf(vehicle, "vehicle")
-        file = _of_urdf(vehicle, water) if of_urdf else _of_mjcf(vehicle, water)
+        path = existing_file(vehicle, "vehicle")
+        parts = _parts_beside(path) if parts is None else parts
+        robot = robot_of(path, f"vehicle {shown(str(path))}")
+        file = _of_mjcf(path, water) if robot is None else _of_urdf(path, robot, water)
         water = None  # it is attached
 
     if water is not None:
         raise ConfigurationError(f"{file.name}: has its own water, so a water file is refused")
     if parts is None:
         return replace(file, parts_name=file.name)
-    return replace(file, parts=read_parts(parts), parts_name=f"parts {shown(str(parts))}")
+
+    mapping = read_parts(parts)
+    name = f"parts {shown(str(parts))}"
+    return replace(file, parts=mapping, parts_name=name, trim=mapping.trim)
 
 
 def check_name(vehicle: str) -> bool:
@@ -103,20 +100,32 @@ def check_name(vehicle: str) -> bool:
     )
 
 
+def _of_spec(spec: mujoco.MjSpec) -> VehicleFile:
+    if not isinstance(spec, mujoco.MjSpec):
+        raise ConfigurationError(f"vehicle: expected a name or a file, got {shown(spec)}")
+    return VehicleFile(name=f"vehicle {shown(spec.modelname)}", spec=spec.copy())
+
+
 def _of_name(name: str, tool: str | None) -> VehicleFile:
     takes = tool is not None and name in _TAKE_TOOL
     spec = models.VEHICLES.load(name, tool=tool) if takes else models.load(name)
     return VehicleFile(name=f"vehicle {shown(name)}", spec=spec, has_tool=takes)
 
 
-def _of_urdf(file: str | Path, water: str | Path | None) -> VehicleFile:
-    spec, lines = spec_of_urdf(file)
+def _of_urdf(file: Path, robot: UrdfRobot, water: str | Path | None) -> VehicleFile:
+    spec, lines = spec_of_urdf(robot, file.resolve().parent)
     sidecar.attach_beside(spec, file, water)
 
-    return VehicleFile(name=f"vehicle {shown(str(file))}", spec=spec, notes=tuple(lines), bare=True)
+    return VehicleFile(name=robot.name, spec=spec, notes=tuple(lines), bare=True)
 
 
-def _of_mjcf(file: str | Path, water: str | Path | None) -> VehicleFile:
+def _parts_beside(file: Path) -> Path | None:
+    """The mapping that lies beside a vehicle's file; None: there is none."""
+    mapping = file.with_name(file.stem + PARTS_SUFFIX)
+    return mapping if mapping.is_file() else None
+
+
+def _of_mjcf(file: Path, water: str | Path | None) -> VehicleFile:
     spec, _ = read_mjcf(file, "vehicle")
     notes.forget(spec)  # lines about computed parts of an earlier state, saved with it
     sidecar.attach_beside(spec, file, water)

@@ -40,19 +40,20 @@ def mapped(file: VehicleFile) -> mujoco.MjSpec:
     spec = file.spec
     lines = list(file.notes)
     if file.bare:
-        apply(spec, file.parts or PartsMap(), file.parts_name)
+        _apply(spec, file.parts or PartsMap(), file.parts_name)
         add_motors(spec, joints_between(spec), file.name)
     elif file.parts is not None:
-        apply(spec, file.parts, file.parts_name)
-    elif line := name_hull(spec):
+        _apply(spec, file.parts, file.parts_name)
+    elif line := _name_hull(spec):
         lines.append(line)
 
-    compiled(spec, file.name)
+    # What compiled before, as an MJCF does when it is read, was broken by the mapping.
+    compiled(spec, file.name if file.bare else file.parts_name)
     note(spec, lines)
     return spec
 
 
-def apply(spec: mujoco.MjSpec, parts: PartsMap, name: str) -> None:
+def _apply(spec: mujoco.MjSpec, parts: PartsMap, name: str) -> None:
     """Give the parts of `spec` the names of the contract, in place.
 
     Args:
@@ -64,16 +65,17 @@ def apply(spec: mujoco.MjSpec, parts: PartsMap, name: str) -> None:
         ConfigurationError: a part that the mapping names is not in the model, or cannot serve.
     """
     try:
-        _apply(spec, parts, name)
+        _name_parts(spec, parts, name)
     except ConfigurationError:
         raise
     except (ValueError, mujoco.FatalError) as error:  # of MuJoCo, such as a name that is there already
         raise ConfigurationError(f"{name}: {' '.join(str(error).split())}") from error
 
 
-def _apply(spec: mujoco.MjSpec, parts: PartsMap, name: str) -> None:
+def _name_parts(spec: mujoco.MjSpec, parts: PartsMap, name: str) -> None:
     hull = _body(spec, parts.hull, name) if parts.hull else _only_body(spec, name)
     before = parts.hull if hull is None else hull.name
+
     if hull is not None:
         _rename_body(spec, hull, HULL_BODY)
         if not hull.joints:
@@ -82,18 +84,20 @@ def _apply(spec: mujoco.MjSpec, parts: PartsMap, name: str) -> None:
                 hull.add_freejoint(name=HULL_BODY)
     if parts.arm_base:
         _rename_body(spec, _body(spec, parts.arm_base, name, parts.hull), ARM_BASE_BODY)
+
     renamed = {before: HULL_BODY, parts.arm_base: ARM_BASE_BODY}
     _add_site(spec, TIP_SITE, parts.tip, renamed, name)
     _add_site(spec, CAMERA_SITE, parts.camera, renamed, name)
     if parts.tool:
         _rename_geom(spec, parts.tool, name)
+
     if parts.joints is not None:
         _drive(spec, parts.joints, name)
     for thruster in parts.thrusters:
         _thruster(spec, thruster, renamed, name)
 
 
-def name_hull(spec: mujoco.MjSpec) -> str:
+def _name_hull(spec: mujoco.MjSpec) -> str:
     """Take the only body on the world for the hull, if it floats and no other is called so; returns a line about it."""
     roots = list(spec.worldbody.bodies)
     free = len(roots) == 1 and any(joint.type == mujoco.mjtJoint.mjJNT_FREE for joint in roots[0].joints)
@@ -228,7 +232,7 @@ def _drive(spec: mujoco.MjSpec, joints: Mapping[str, float | None], name: str) -
             for joint in locked:
                 _lock(spec, joint)
     for wanted, limit in joints.items():
-        add_motor(spec, there[wanted], limit, name)
+        _add_motor(spec, there[wanted], limit, name)
 
 
 def _lock(spec: mujoco.MjSpec, joint: mujoco.MjsJoint) -> None:
@@ -248,7 +252,7 @@ def _lock(spec: mujoco.MjSpec, joint: mujoco.MjsJoint) -> None:
 _TURNING = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
 
 
-def add_motor(spec: mujoco.MjSpec, joint: mujoco.MjsJoint, limit: float | None, name: str) -> None:
+def _add_motor(spec: mujoco.MjSpec, joint: mujoco.MjsJoint, limit: float | None, name: str) -> None:
     """Drive a joint by a motor, gear 1, in place of another kind of actuator that it has.
 
     Args:
@@ -261,7 +265,7 @@ def add_motor(spec: mujoco.MjSpec, joint: mujoco.MjsJoint, limit: float | None, 
         ConfigurationError: no limit is known.
     """
     own = [a for a in spec.actuators if a.target == joint.name and a.trntype == mujoco.mjtTrn.mjTRN_JOINT]
-    known = [np.abs(a.ctrlrange).min() for a in own if is_motor(a) and np.ptp(a.ctrlrange) > 0.0]
+    known = [np.abs(a.ctrlrange).min() for a in own if _is_motor(a) and np.ptp(a.ctrlrange) > 0.0]
     known += [np.abs(a.forcerange).min() for a in own if np.ptp(a.forcerange) > 0.0]
     known += [np.abs(joint.actfrcrange).min()] if np.ptp(joint.actfrcrange) > 0.0 else []
     if limit is None:
@@ -288,10 +292,10 @@ def add_motors(spec: mujoco.MjSpec, joints: Iterable[str], name: str) -> None:
     driven = {actuator.target for actuator in of_joints}
     for joint in joints:
         if joint not in driven:
-            add_motor(spec, spec.joint(joint), None, name)
+            _add_motor(spec, spec.joint(joint), None, name)
 
 
-def is_motor(actuator: mujoco.MjsActuator) -> bool:
+def _is_motor(actuator: mujoco.MjsActuator) -> bool:
     """True if the control of an actuator on a joint is its torque [N m]."""
     return (
         actuator.gaintype == mujoco.mjtGain.mjGAIN_FIXED

@@ -209,5 +209,5 @@ class ProgressPrinter:
             self._console.print(f"{truth.time:7.1f} s  {reference.state}{note}", highlight=False, soft_wrap=True)
         if moment.tick % self.slow_ticks[0] == 0:
             felt = moment.command.contact.normal
-            said = f"{felt:5.1f} N felt" if reference.force and math.isfinite(felt) else ""
+            said = f"{felt:5.1f} N felt" if reference.set_force and math.isfinite(felt) else ""
             self._progress.update(self._bar, description=str(reference.state), completed=reference.path_s, note=said)

@@ -9,13 +9,10 @@ from pathlib import Path
 
 import mujoco
 
-from uuv import models
 from uuv.kinds import CONTROLLER, CONTROLLERS, SENSORS, class_of
-from uuv.models.completing.complete import COMPUTABLE, is_armed
-from uuv.models.naming import check_parts
-from uuv.models.site.scenes import given_vehicle
+from uuv.models.files.vehicle_file import check_name
 from uuv.models.tools.tools import TOOLS
-from uuv.own_vehicle import vehicle_spec, with_tool
+from uuv.own_vehicle import vehicle_spec
 from uuv.scenario import Scenario, VehicleSetup
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import finite_number
@@ -76,13 +73,7 @@ def check_vehicle(
         ConfigurationError: Which vehicle, file or part.
     """
     _check_names(setup)
-    if setup.vehicle in models.available() and setup.parts is None:
-        spec = vehicle_spec(setup.vehicle, setup.tool, None, needs)
-    else:
-        spec = with_tool(given_vehicle(setup.vehicle, parts=setup.parts)[0], setup.tool, needs)
-    if spares is not None:
-        check_parts(spec.compile(), {*spares, *(COMPUTABLE if is_armed(spec) else ())})
-    return spec
+    return vehicle_spec(setup.vehicle, setup.tool, setup.parts, needs, spares=spares, computed=False)
 
 
 def _check_limit(scenario: Scenario, longest: float) -> None:
@@ -95,5 +86,4 @@ def _check_limit(scenario: Scenario, longest: float) -> None:
 def _check_names(setup: VehicleSetup) -> None:
     if setup.tool is not None:
         TOOLS.resolve(setup.tool)
-    if ":" not in setup.vehicle and not Path(setup.vehicle).suffix and setup.vehicle not in models.available():
-        given_vehicle(setup.vehicle)  # which refuses it
+    check_name(setup.vehicle)

@@ -1,18 +1,20 @@
-"""The vehicle's model of itself: compiled without the scene and checked once, with all that parts are made of."""
+"""A vehicle's way to work: read, mapped, completed, checked; and its model of itself."""
 
 from collections.abc import Collection
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Self
 
 import mujoco
 
+from uuv.models.completing.complete import COMPUTABLE, complete, is_armed
 from uuv.models.completing.hull_box import hull_box
+from uuv.models.completing.mapping import mapped
+from uuv.models.files.vehicle_file import read
 from uuv.models.naming import ARM_BASE_BODY, CAMERA_SITE, TIP_SITE, TOOL_GEOM, check_parts, find
-from uuv.models.site import scenes
 from uuv.models.tools import attachment
 from uuv.models.tools.tools import TOOLS
 from uuv.models.vehicle import Vehicle, pose_in_body
-from uuv.models.vehicles import uuv_puma
 from uuv.sim.interfaces.spatial import Array
 
 if TYPE_CHECKING:
@@ -80,25 +82,60 @@ class OwnVehicle:
 
 
 def vehicle_spec(
-    name: str, tool: str | None = None, parts: str | None = None, needs: str | None = None
+    vehicle: str | Path | mujoco.MjSpec,
+    tool: str | None = None,
+    parts: str | Path | None = None,
+    needs: str | None = None,
+    *,
+    water: str | Path | None = None,
+    spares: Collection[str] | None = None,
+    computed: bool = True,
 ) -> mujoco.MjSpec:
-    """The vehicle's spec, complete as `uuv.models.site.scenes.vehicle_spec` makes it, with a tool on its tip.
+    """A vehicle ready for work: read, mapped to the contract, completed, and checked.
+
+    Every door takes this way: jobs, `uuv check`, the environments.
 
     Args:
-        name: Of the vehicle, or its file.
-        tool: A tool of `uuv.models.tools.tools.TOOLS` in place of its own; None: its own.
-        parts: File that maps its names to those of the contract; None: the one beside its file.
-        needs: Tool of a task, put on if none is asked for and its own has another shape.
+        vehicle: a name of `uuv.models.available()`, MODULE:FUNCTION, a file, MJCF or URDF, or a
+            spec, which is left as it is.
+        tool: of `uuv.models.tools.tools.TOOLS`, in place of its own; None: its own.
+        parts: file that maps its names to those of the contract; None: the one beside its file.
+        needs: tool of a task, put on if none is asked for and its own has another shape.
+        water: sidecar of its file; None: the one beside its file.
+        spares: named parts that the work does without; None: no part is asked for.
+        computed: False leaves out what is computed, which takes a search of postures.
+
+    Returns:
+        Its spec with its water; `uuv.models.files.notes.computed` tells what was added.
 
     Raises:
-        ConfigurationError: There is no such vehicle or tool, or its file cannot be read.
+        ConfigurationError: there is no such vehicle or tool, its file cannot be read or compiled,
+            or it lacks a part.
     """
-    wanted = tool or needs
-    if wanted is None:
-        return scenes.vehicle_spec(name, parts=parts)
-    if name == "uuv_puma" and parts is None:
-        return uuv_puma.build(wanted)
-    return with_tool(scenes.vehicle_spec(name, parts=parts), tool, needs)
+    file = read(vehicle, parts=parts, water=water, tool=tool or needs)
+    spec = mapped(file)
+    if computed:
+        complete(spec, trim=file.trim, name=file.name)
+    if not file.has_tool:
+        with_tool(spec, tool, needs)
+    if spares is not None:
+        check(spec, spares, computed=computed)
+    return spec
+
+
+def check(spec: mujoco.MjSpec, spares: Collection[str], *, computed: bool = True) -> None:
+    """Refuses a vehicle that lacks a part which work with the arm needs.
+
+    Args:
+        spec: of the vehicle.
+        spares: named parts that the work does without.
+        computed: False: what can be computed is not asked for.
+
+    Raises:
+        ConfigurationError: parts are missing; the message names them all and their purpose.
+    """
+    computable = () if computed or not is_armed(spec) else COMPUTABLE
+    check_parts(spec.compile(), {*spares, *computable})
 
 
 def with_tool(spec: mujoco.MjSpec, tool: str | None, needs: str | None = None) -> mujoco.MjSpec:

@@ -11,11 +11,11 @@ from numba.core.errors import NumbaError
 from numba.extending import intrinsic
 from numba.np.numpy_support import carray
 
-from uuv.controllers.arm.position_force import NUMBERS, WANTED, ForceDisplacement, ForceDisplacementState, K
+from uuv.controllers.arm.position_force import NUMBERS, SET_FORCE, ForceDisplacement, ForceDisplacementState, K
 from uuv.sim.interfaces.errors import ConfigurationError, plain
 from uuv.sim.interfaces.kernels import c_function, kernel
 
-# double law(double* memory, double wanted, double felt, double servo_compliance, double dt)
+# double law(double* memory, double set_force, double felt, double servo_compliance, double dt)
 _LAW = types.float64(types.CPointer(types.float64), *(types.float64,) * 4)
 
 
@@ -27,7 +27,7 @@ class KernelForceLaw(ForceDisplacement):
     not count.
     """
 
-    law: Callable[..., float]  # law(memory, wanted, felt, servo_compliance, dt), see `step`: the displacement [m]
+    law: Callable[..., float]  # law(memory, set_force, felt, servo_compliance, dt), see `step`: the displacement [m]
     numbers: int = 1  # length of its memory, which is zero whenever the loop closes
     _compiled: Any = field(init=False, repr=False, compare=False)  # kept alive: `address` points into it
 
@@ -42,8 +42,8 @@ class KernelForceLaw(ForceDisplacement):
             raise ConfigurationError(f"numbers of the force law: must be at least 1, got {self.numbers}")
         size, law = self.numbers, kernel(self.law)
 
-        def of_pointer(memory: Any, wanted: float, felt: float, servo_compliance: float, dt: float) -> float:
-            return law(carray(memory, size), wanted, felt, servo_compliance, dt)
+        def of_pointer(memory: Any, set_force: float, felt: float, servo_compliance: float, dt: float) -> float:
+            return law(carray(memory, size), set_force, felt, servo_compliance, dt)
 
         try:
             object.__setattr__(self, "_compiled", c_function(_LAW)(of_pointer))
@@ -64,13 +64,13 @@ class KernelForceLaw(ForceDisplacement):
         return ForceDisplacementState(np.concatenate([usual, np.zeros(self.numbers)]))
 
     def step(
-        self, state: ForceDisplacementState, wanted: float, felt: float, servo_compliance: float, dt: float
+        self, state: ForceDisplacementState, set_force: float, felt: float, servo_compliance: float, dt: float
     ) -> float:
         """Displacement k by the law.
 
         Args:
             state: of `init`, or as the last step left it; changed in place.
-            wanted: [N] set normal force.
+            set_force: [N] normal force to press with.
             felt: [N] measured normal force.
             servo_compliance: [m/N] of the arm's servo along the tool axis.
             dt: [s] since the last step.
@@ -78,10 +78,12 @@ class KernelForceLaw(ForceDisplacement):
         Returns:
             The displacement k [m] along the tool axis, positive into the surface.
         """
-        return displace_by(self.address, (self.speed, self.limit), state.numbers, wanted, felt, servo_compliance, dt)
+        return displace_by(self.address, (self.speed, self.limit), state.numbers, set_force, felt, servo_compliance, dt)
 
 
-def _call(_typing: Any, _address: Any, _memory: Any, _wanted: Any, _felt: Any, _servo_compliance: Any, _dt: Any) -> Any:
+def _call(
+    _typing: Any, _address: Any, _memory: Any, _set_force: Any, _felt: Any, _servo_compliance: Any, _dt: Any
+) -> Any:
     """Intrinsic that calls the law at an address; `memory` is an address too."""
 
     def codegen(_context: Any, builder: ir.IRBuilder, _signature: Any, args: Any) -> ir.Value:
@@ -97,14 +99,14 @@ _call_law = cast(Any, intrinsic(_call))
 
 
 @kernel
-def displace_by(law, bounds, numbers, wanted, felt, servo_compliance, dt):
+def displace_by(law, bounds, numbers, set_force, felt, servo_compliance, dt):
     """Step of `KernelForceLaw`.
 
     Args:
         law: address of the compiled law.
         bounds: speed [m/s] and size [m] of the displacement.
         numbers: state; updated.
-        wanted: [N] set normal force.
+        set_force: [N] normal force to press with.
         felt: [N] measured normal force.
         servo_compliance: [m/N] of the arm's servo along the tool axis.
         dt: [s] since the last step.
@@ -114,10 +116,10 @@ def displace_by(law, bounds, numbers, wanted, felt, servo_compliance, dt):
     """
     speed, limit = bounds
     memory = numbers[NUMBERS:]
-    if np.isnan(numbers[WANTED]):
+    if np.isnan(numbers[SET_FORCE]):
         memory[:] = 0.0
-    numbers[WANTED] = wanted
-    k = _call_law(law, memory.ctypes.data, wanted, felt, servo_compliance, dt)
+    numbers[SET_FORCE] = set_force
+    k = _call_law(law, memory.ctypes.data, set_force, felt, servo_compliance, dt)
     k = min(max(k, numbers[K] - speed * dt), numbers[K] + speed * dt)
     numbers[K] = min(max(k, -limit), limit)
     return numbers[K]

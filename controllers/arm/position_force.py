@@ -27,7 +27,7 @@ from uuv.sim.interfaces.spatial import Array
 
 # Entries of `ForceDisplacementState.numbers`
 K, INTEGRAL = 0, 1  # [m] displacement along the tool axis, into the surface; its part from the error
-ERROR, WANTED, EXPECTED = 2, 3, 4  # [N] at the last step: error, set force (NaN: the loop was open), expected force
+ERROR, SET_FORCE, EXPECTED = 2, 3, 4  # [N] at the last step; NaN set force: the loop was open
 FELT, DISPLACED = 5, 6  # measured normal force [N] and displacement [m], smoothed for the slope
 COMPLIANCE = 7  # [m/N] of the surface, as identified
 SUMS = 8  # (5,) weight [s], means of F [N] and k [m], central moments FF [N^2] and Fk [N m]
@@ -36,7 +36,7 @@ NUMBERS = 13  # number of entries
 
 def _open_loop() -> Array:
     numbers = np.zeros(NUMBERS)
-    numbers[WANTED] = np.nan
+    numbers[SET_FORCE] = np.nan
     return numbers
 
 
@@ -96,13 +96,13 @@ class ForceDisplacement(ForceLoopTuning):
         return ForceDisplacementState()
 
     def step(
-        self, state: ForceDisplacementState, wanted: float, felt: float, servo_compliance: float, dt: float
+        self, state: ForceDisplacementState, set_force: float, felt: float, servo_compliance: float, dt: float
     ) -> float:
         """Displacement k for a set and a measured normal force.
 
         Args:
             state: of the loop; changed in place.
-            wanted: [N] set normal force.
+            set_force: [N] normal force to press with.
             felt: [N] measured normal force.
             servo_compliance: [m/N] of the arm's servo along the tool axis.
             dt: [s] since the last step.
@@ -110,7 +110,7 @@ class ForceDisplacement(ForceLoopTuning):
         Returns:
             The displacement k [m] along the tool axis, positive into the surface.
         """
-        return displace(self.gains, state.numbers, wanted, felt, servo_compliance, dt)
+        return displace(self.gains, state.numbers, set_force, felt, servo_compliance, dt)
 
     def release(self, state: ForceDisplacementState, dt: float, *, inwards: bool = True) -> float:
         """Return the displacement to zero at the limited speed, with the force loop open.
@@ -127,13 +127,13 @@ class ForceDisplacement(ForceLoopTuning):
 
 
 @kernel
-def displace(gains, numbers, wanted, felt, servo_compliance, dt):
+def displace(gains, numbers, set_force, felt, servo_compliance, dt):
     """Step of `ForceDisplacement`.
 
     Args:
         gains: `ForceLoopGains`.
         numbers: (NUMBERS,) state; updated.
-        wanted: [N] set normal force.
+        set_force: [N] normal force to press with.
         felt: [N] measured normal force.
         servo_compliance: [m/N] of the arm's servo along the tool axis.
         dt: [s] since the last step.
@@ -141,17 +141,17 @@ def displace(gains, numbers, wanted, felt, servo_compliance, dt):
     Returns:
         The displacement k [m].
     """
-    if np.isnan(numbers[WANTED]):
-        numbers[WANTED], numbers[EXPECTED], numbers[ERROR] = wanted, wanted, wanted - felt
+    if np.isnan(numbers[SET_FORCE]):
+        numbers[SET_FORCE], numbers[EXPECTED], numbers[ERROR] = set_force, set_force, set_force - felt
         numbers[FELT], numbers[DISPLACED] = felt, numbers[K]
-    numbers[EXPECTED] += min(1.0, dt / gains.response) * (wanted - numbers[EXPECTED])
+    numbers[EXPECTED] += min(1.0, dt / gains.response) * (set_force - numbers[EXPECTED])
     error = numbers[EXPECTED] - felt
-    change = wanted - numbers[WANTED]
+    change = set_force - numbers[SET_FORCE]
     _learn(gains, numbers, felt, change, dt)
     integral = gains.bandwidth * (servo_compliance + numbers[COMPLIANCE])  # [m/(N s)] gain
     proportional = integral * gains.proportional_time  # [m/N] gain
     rate = (error - numbers[ERROR]) / dt
-    numbers[WANTED], numbers[ERROR] = wanted, error
+    numbers[SET_FORCE], numbers[ERROR] = set_force, error
     numbers[INTEGRAL] += integral * error * dt + numbers[COMPLIANCE] * change
     k_wanted = numbers[INTEGRAL] + proportional * (error + gains.derivative_time * rate)
     most = gains.speed * dt
@@ -191,7 +191,7 @@ def _learn(gains, numbers, felt, change, dt):
 def let_go(numbers, most, inwards):
     """Step of `ForceDisplacement.release`, by at most `most` [m]; returns the displacement k [m]."""
     numbers[K] -= min(max(numbers[K], -most if inwards else 0.0), most)
-    numbers[INTEGRAL], numbers[ERROR], numbers[WANTED] = numbers[K], 0.0, np.nan
+    numbers[INTEGRAL], numbers[ERROR], numbers[SET_FORCE] = numbers[K], 0.0, np.nan
     return numbers[K]
 
 
@@ -207,13 +207,13 @@ class NominalStiffness(ForceDisplacement):
         return False
 
     def step(
-        self, state: ForceDisplacementState, wanted: float, felt: float, servo_compliance: float, dt: float
+        self, state: ForceDisplacementState, set_force: float, felt: float, servo_compliance: float, dt: float
     ) -> float:
         """Displacement k for a set normal force.
 
         Args:
             state: of the law; changed in place.
-            wanted: [N] set normal force.
+            set_force: [N] normal force to press with.
             felt: [N] not used.
             servo_compliance: [m/N] not used.
             dt: [s] not used.
@@ -221,5 +221,5 @@ class NominalStiffness(ForceDisplacement):
         Returns:
             The displacement k [m] along the tool axis.
         """
-        state.k = wanted / self.stiffness
+        state.k = set_force / self.stiffness
         return state.k

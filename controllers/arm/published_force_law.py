@@ -45,12 +45,12 @@ class PublishedForceLaw(PublishedForceTuning):
         """Initial state: no displacement."""
         return PidState()
 
-    def step(self, state: PidState, wanted: float, felt: float, servo_compliance: float, dt: float) -> float:
+    def step(self, state: PidState, set_force: float, felt: float, servo_compliance: float, dt: float) -> float:
         """Displacement k for a set and a measured normal force.
 
         Args:
             state: of the loop; changed in place.
-            wanted: [N] set normal force.
+            set_force: [N] normal force to press with.
             felt: [N] measured normal force.
             servo_compliance: [m/N] not used: the published gains are fixed.
             dt: [s] since the last step.
@@ -58,7 +58,7 @@ class PublishedForceLaw(PublishedForceTuning):
         Returns:
             The displacement k [m] along the tool axis, positive into the surface.
         """
-        error = wanted - felt
+        error = set_force - felt
         rate = 0.0 if state.error is None else (error - state.error) / dt
         state.error = error
         state.integral += self.integral * error * dt

@@ -256,7 +256,7 @@ class FrictionMotion:
             w_WG_W=np.zeros(3),
             q=q,
             qd=np.array(qd, dtype=np.float64),
-            force=0.0,
+            set_force=0.0,
             force_control=False,
             tare=False,
             scan=False,

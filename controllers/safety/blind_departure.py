@@ -116,9 +116,10 @@ class BlindDeparture:
 
 def _contact_force(command: Command, reference: Reference) -> Array:
     """Contact force (3,) [N], W, that the thrusts are to balance; zero where none is meant to be."""
-    if reference.force > 0.0 or reference.force_control:
-        as_set_W = np.zeros(3) if reference.X_WG is None else -reference.force * reference.X_WG[:3, 2]
-        for force_W in (command.contact.force_W, as_set_W):
+    if reference.set_force > 0.0 or reference.force_control:
+        X_WG = reference.X_WG
+        set_force_W = np.zeros(3) if X_WG is None else -reference.set_force * X_WG[:3, 2]
+        for force_W in (command.contact.force_W, set_force_W):
             if math.isfinite(force_W[0] + force_W[1] + force_W[2]):
                 return force_W
     return np.zeros(3)

@@ -89,7 +89,7 @@ class AxialPhase(Phase):
         return Setpoint(
             X_WG=X_WG,
             v_WG_W=held.speed * X_WG[:3, 2],
-            force=self._push.force if held.depth > self._push.beyond else 0.0,
+            set_force=self._push.force if held.depth > self._push.beyond else 0.0,
             force_control=self._push.force_control,
             compliant=held.depth > self._push.compliant_beyond,
         )

@@ -62,7 +62,7 @@ class GuardedApproach(Phase):
             held.depth = depth
             return PhaseEvent.DONE
         if touched:
-            held.force, held.speed = now.normal, 0.0
+            held.set_force, held.speed = now.normal, 0.0
             return PhaseEvent.DONE
         self._advance(held, now, limits.standoff)
         if held.depth > limits.standoff + limits.search:
@@ -109,7 +109,7 @@ class Press(Phase):
     def __init__(
         self,
         limits: PressLimits,
-        force: float,
+        set_force: float,
         rate: float,
         *,
         insist: bool = True,
@@ -119,13 +119,14 @@ class Press(Phase):
 
         Args:
             limits: when the force counts as reached.
-            force: [N] set force.
+            set_force: [N] to press with.
             rate: [N/s] of its change.
             insist: False: done at any force when the time is over (ablation).
             tip: place (3,) [m] of the tip in W, by the estimate; None: a surface that gives way is pressed on all the
                 same.
         """
-        self._limits, self._force, self._rate, self._insist, self._tip = limits, force, rate, insist, tip
+        self._limits, self._rate, self._insist, self._tip = limits, rate, insist, tip
+        self._set_force = set_force
 
     def enter(self, held: Held, now: Context) -> PressState:
         """Begin at the force that is felt."""
@@ -134,18 +135,21 @@ class Press(Phase):
 
     def step(self, state: PressState, held: Held, now: Context) -> Outcome:
         """Done once the force has been reached for long enough."""
-        limits, force = self._limits, self._force
+        limits, set_force = self._limits, self._set_force
         felt = now.normal
         if now.paused:
             state.since += now.period
-        held.force = towards(held.force, force, self._rate * now.period)
+        held.set_force = towards(held.set_force, set_force, self._rate * now.period)
         if self._tip is not None and state.p_WG is not None:
             yielded = float((self._tip(now.estimate) - state.p_WG) @ held.tool()[0][:3, 2])
             if yielded > limits.gives_way:
                 said = f"the surface gives way: {1e3 * yielded:.0f} mm under {max(felt, 0.0):.0f} N"
                 return Abort(AbortCode.GIVES_WAY, said)
+
+        # Reached: within a share of it, or within the noise of the estimate.
         noise = limits.noise * now.normal_sigma if math.isfinite(now.normal_sigma) else 0.0
-        if abs(felt - force) > max(limits.tolerance * force, noise) or held.force != force:
+        tolerance = max(limits.tolerance * set_force, noise)
+        if abs(felt - set_force) > tolerance or held.set_force != set_force:
             state.set_since = math.inf
         elif not math.isfinite(state.set_since):
             state.set_since = now.time
@@ -153,14 +157,14 @@ class Press(Phase):
         if now.time - state.set_since > limits.held or (late and not self._insist):
             return PhaseEvent.DONE
         if late:
-            said = f"the force did not settle at {force:g} N within {limits.within:g} s: {felt:.1f} N"
+            said = f"the force did not settle at {set_force:g} N within {limits.within:g} s: {felt:.1f} N"
             return Abort(AbortCode.FORCE_NOT_REACHED, said)
         return None
 
     def setpoint(self, state: PressState, held: Held, now: Context) -> Setpoint:
         """The tool at rest under force control."""
         del state, now
-        return Setpoint(X_WG=held.tool()[0], force=held.force, force_control=True)
+        return Setpoint(X_WG=held.tool()[0], set_force=held.set_force, force_control=True)
 
 
 class Dwell(Phase):
@@ -182,7 +186,7 @@ class Dwell(Phase):
     def setpoint(self, state: Since, held: Held, now: Context) -> Setpoint:
         """The tool at rest under force control."""
         del state, now
-        return Setpoint(X_WG=held.tool()[0], force=held.force, force_control=True)
+        return Setpoint(X_WG=held.tool()[0], set_force=held.set_force, force_control=True)
 
 
 @dataclass(slots=True)
@@ -234,7 +238,8 @@ class FollowPath(Phase):
         done, rate = progress.at(now.time - state.since)
         held.s = state.begin + done
         if self._forces:
-            held.force = towards(held.force, self._wanted(held, now), self._rate * now.period)
+            change = self._rate * now.period
+            held.set_force = towards(held.set_force, self._set_force(held, now), change)
         if now.time - state.since > progress.duration + limits.linger:
             return PhaseEvent.DONE if next_stretch(held) is None or not self._forces else PhaseEvent.MORE
         placement = held.start_of_line()
@@ -242,12 +247,12 @@ class FollowPath(Phase):
         state.v_WB_W = rate * state.pace / length * placement.hull_rate(held.s / length)
         return None
 
-    def _wanted(self, held: Held, now: Context) -> float:
+    def _set_force(self, held: Held, now: Context) -> float:
         """Set force [N] at the present place."""
         assert held.line is not None
         part = int(held.s / float(held.line.path.s[-1]) * len(self._forces))
-        force = self._forces[min(part, len(self._forces) - 1)]
-        return force * (self._limits.paused_force if now.paused else 1.0)
+        level = self._forces[min(part, len(self._forces) - 1)]
+        return level * (self._limits.paused_force if now.paused else 1.0)
 
     def _stops(self, state: FollowState, held: Held, now: Context) -> bool:
         """True while the tool is to stop; not any more at the path's end."""
@@ -256,7 +261,7 @@ class FollowPath(Phase):
         if now.time - state.since >= state.progress.duration:
             state.stops.end()
             return False
-        steady = held.force == self._wanted(held, now)
+        steady = held.set_force == self._set_force(held, now)
         return state.stops.step(state.pace, held.tool()[0][:3, 2], steady=steady, now=now)
 
     def setpoint(self, state: FollowState, held: Held, now: Context) -> Setpoint:
@@ -269,7 +274,7 @@ class FollowPath(Phase):
             v_WG_W=rate * tangent,
             w_WG_W=rate * turn,
             v_WB_W=state.v_WB_W,
-            force=held.force,
+            set_force=held.set_force,
             force_control=bool(self._forces),
             compliant=standing,
             standing=standing,
@@ -334,13 +339,13 @@ class Unload(Phase):
     def step(self, state: None, held: Held, now: Context) -> Outcome:
         """Done when the force is nearly zero."""
         del state
-        held.force = towards(held.force, 0.0, self._rate * now.period)
-        return None if held.force > self._until else PhaseEvent.DONE
+        held.set_force = towards(held.set_force, 0.0, self._rate * now.period)
+        return None if held.set_force > self._until else PhaseEvent.DONE
 
     def setpoint(self, state: None, held: Held, now: Context) -> Setpoint:
         """The tool at rest under force control."""
         del state, now
-        return Setpoint(X_WG=held.tool()[0], force=held.force, force_control=True)
+        return Setpoint(X_WG=held.tool()[0], set_force=held.set_force, force_control=True)
 
 
 class Retreat(Phase):
@@ -352,7 +357,7 @@ class Retreat(Phase):
 
     def enter(self, held: Held, now: Context) -> Since:
         """Begin at the surface, with no force set any more."""
-        held.force = 0.0
+        held.set_force = 0.0
         return Since(now.time)
 
     def step(self, state: Since, held: Held, now: Context) -> Outcome:

@@ -91,7 +91,7 @@ class Held:
     depth: float = 0.0  # [m] of the tool along its axis, see `ToolLine.offset`
     speed: float = 0.0  # [m/s] of that depth
     aside: tuple[float, float] = (0.0, 0.0)  # [m] offset of the tool along its x and y
-    force: float = 0.0  # [N] set normal force
+    set_force: float = 0.0  # [N] normal force to press with
     tries: int = 0  # times that the tool has stopped on its way in
     places: tuple[Array, ...] = ()  # (3,) [m] places in W that were touched
     note: str = ""  # message for the user
@@ -177,7 +177,7 @@ class Setpoint:
     v_WB_W: Array = field(default_factory=lambda: ZERO)
     w_WB_W: Array = field(default_factory=lambda: ZERO)
     qd: Array | None = None  # None: at rest
-    force: float = 0.0
+    set_force: float = 0.0
     force_control: bool = False
     tare: bool = False
     scan: bool = False

@@ -98,7 +98,7 @@ class Penetrate(AxialPhase):
         axial, _ = self._forces(held, now)
         self._advance(held, now, job.axial.speed, axial / job.push)
         if held.depth >= job.depth if job.drag else axial >= job.close * job.push:
-            held.speed, held.force = 0.0, job.push
+            held.speed, held.set_force = 0.0, job.push
             return PhaseEvent.DONE
         if held.depth < job.depth:
             return None

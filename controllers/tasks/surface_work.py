@@ -226,8 +226,8 @@ def surface_monitors(job: SurfaceTaskConfig) -> tuple[Monitor, ...]:
     at_work = frozenset({WorkState.WORK}) if job.presses else frozenset()
 
     def too_hard(held: Held, now: Context) -> str:
-        allowed = (1.0 + limits.excess) * held.force + touch
-        said = f"the force cannot be held: {now.normal:.0f} N felt, {held.force:.0f} N set"
+        allowed = (1.0 + limits.excess) * held.set_force + touch
+        said = f"the force cannot be held: {now.normal:.0f} N felt, {held.set_force:.0f} N set"
         return said if now.normal > allowed else ""
 
     def lost(held: Held, now: Context) -> str:
@@ -236,7 +236,7 @@ def surface_monitors(job: SurfaceTaskConfig) -> tuple[Monitor, ...]:
 
     def leaving_force(held: Held, now: Context) -> float:
         """In any direction once the tool is released; until then the surface's friction may act across it."""
-        return normal_force(held, now) if held.force > touch else contact_force(held, now)
+        return normal_force(held, now) if held.set_force > touch else contact_force(held, now)
 
     return (
         *fault_monitors(job.arrival.blind_time),

@@ -162,7 +162,7 @@ class TaskPlanner:
             w_WG_W=asked.w_WG_W,
             q=held.q,
             qd=np.zeros(len(held.q)) if asked.qd is None else asked.qd,
-            force=asked.force,
+            set_force=asked.set_force,
             force_control=asked.force_control,
             compliant=asked.compliant,
             standing=asked.standing,

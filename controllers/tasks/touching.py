@@ -254,7 +254,9 @@ class OverNest(Phase):
         X_WG = pose(touch.R_WG, aim + (self._start + self._speed * t) * nest.z_WN)
         if not self._reads:
             return Setpoint(X_WG=X_WG)
-        return Setpoint(X_WG=X_WG, force=tuning.push, touch=plan.at if t >= tuning.settle else None)
+
+        settled = plan.at if t >= tuning.settle else None
+        return Setpoint(X_WG=X_WG, set_force=tuning.push, touch=settled)
 
 
 class LeaveNest(OverNest):

@@ -64,7 +64,7 @@ class ReferenceRecord(NamedTuple):
     w_WG_W: Array  # (3,) [rad/s]
     q: Array  # (n,) [rad] joint angles to hold
     qd: Array  # (n,) [rad/s]
-    force: Array  # (1,) [N] set normal force
+    set_force: Array  # (1,) [N] normal force to press with
     flags: np.ndarray  # (3,) bool: a tool pose is followed; the force loop is closed; the torque sensors are tared
 
     @classmethod
@@ -83,7 +83,7 @@ class ReferenceRecord(NamedTuple):
 
     def refer(self, reference: Reference) -> None:
         """Take over the set points of `reference`."""
-        self.time[0], self.force[0] = reference.time, reference.force
+        self.time[0], self.set_force[0] = reference.time, reference.set_force
         self.flags[:] = reference.X_WG is not None, reference.force_control, reference.tare
         if reference.X_WG is not None:
             self.X_WG[:] = reference.X_WG
@@ -168,9 +168,9 @@ def drive_tick(record, estimate, reference):
             if closed:
                 compliance, bounds = numbers[SERVO_COMPLIANCE], (gains.force.speed, gains.force.limit)
                 if gains.law:
-                    k = displace_by(gains.law, bounds, record.force, reference.force[0], felt, compliance, dt)
+                    k = displace_by(gains.law, bounds, record.force, reference.set_force[0], felt, compliance, dt)
                 else:
-                    k = displace(gains.force, record.force, reference.force[0], felt, compliance, dt)
+                    k = displace(gains.force, record.force, reference.set_force[0], felt, compliance, dt)
             else:
                 k = let_go(record.force, most, False)
             target = ToolTarget(reference.X_WG, reference.v_WG_W, reference.w_WG_W)
@@ -187,10 +187,10 @@ def drive_tick(record, estimate, reference):
     elif numbers[SOFTNESS] > 0.0:
         numbers[SOFTNESS] = max(0.0, numbers[SOFTNESS] - gains.hardening)
     borne = BorneLoad(np.zeros(6), record.friction)
-    if reference.force[0] > 0.0 or closed:
+    if reference.set_force[0] > 0.0 or closed:
         for i in range(3):
             borne.wrench_G[i] = gains.friction_feedforward * sensed.f_G[i]
-    borne.wrench_G[2] = -reference.force[0] if closed else 0.0
+    borne.wrench_G[2] = -reference.set_force[0] if closed else 0.0
     target_of_joints = JointTarget(motion.q, motion.qd, motion.qdd, since * gains.period)
     soft = SoftAxis(motion.yielding, numbers[SOFTNESS])
     seen = SeenArm(e.q, e.qd, sensed.hull)

@@ -36,7 +36,7 @@ class NoDisplacement:
     def init(self) -> None:
         """No state."""
 
-    def step(self, state: None, wanted: float, felt: float, servo_compliance: float, dt: float) -> float:
+    def step(self, state: None, set_force: float, felt: float, servo_compliance: float, dt: float) -> float:
         """No displacement [m]."""
         return 0.0
 
@@ -124,10 +124,10 @@ class JointForceController:
         """Torques (n,) [N m] that bear the arm's weight and press the tool with the set force and its integral."""
         press = 0.0
         if reference.force_control:
-            lacking = reference.force - state.contact.estimate.normal
+            lacking = reference.set_force - state.contact.estimate.normal
             grown = state.extra + FORCE_BANDWIDTH * self.period * lacking
             state.extra = min(max(grown, -FORCE_LIMIT), FORCE_LIMIT)
-            press = max(0.0, reference.force + state.extra)
+            press = max(0.0, reference.set_force + state.extra)
         else:
             state.extra = 0.0
         rest, none = np.zeros(self._arm.n), np.zeros(6)

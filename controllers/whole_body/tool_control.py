@@ -35,12 +35,12 @@ class ForceLaw(Protocol):
         """Initial state: no displacement."""
         ...
 
-    def step(self, state: Any, wanted: float, felt: float, servo_compliance: float, dt: float) -> float:
+    def step(self, state: Any, set_force: float, felt: float, servo_compliance: float, dt: float) -> float:
         """Displacement [m] while the force is controlled.
 
         Args:
             state: of `init`, or as the last step left it; changed in place.
-            wanted: [N] set normal force.
+            set_force: [N] normal force to press with.
             felt: [N] estimated normal force.
             servo_compliance: [m/N] of the arm's servo along the tool axis.
             dt: [s] since the last step.
@@ -208,7 +208,7 @@ class ToolControl:
         dt, force = self._tuning.task_period, contact.estimate
         if reference.force_control:
             servo_compliance = self._servo_compliance(state, estimate, contact.sensed)
-            state.k = self.force_law.step(state.force, reference.force, force.normal, servo_compliance, dt)
+            state.k = self.force_law.step(state.force, reference.set_force, force.normal, servo_compliance, dt)
         else:
             state.k = self.force_law.release(state.force, dt, inwards=False)
         if self.compliance.acts(reference):

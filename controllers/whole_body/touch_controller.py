@@ -117,7 +117,7 @@ class CompliantTouch:
             share = min(1.0, dt / tuning.let_go)
             state.p_WG_held = np.array(end if state.p_WG_held is None else state.p_WG_held)
             state.p_WG_held += share * (X_WG[:3, 3] - state.p_WG_held)
-            state.push += share * (reference.force - state.push)
+            state.push += share * (reference.set_force - state.push)
             end = state.p_WG_held
         else:
             state.p_WG_held, state.push = None, 0.0

@@ -128,7 +128,7 @@ class WorkController:
         borne_G = np.zeros(6)
         if in_contact(reference):
             borne_G[:3] = self.tuning.gears.feedforward * contact.sensed.f_G
-        borne_G[2] = -reference.force if presses else 0.0
+        borne_G[2] = -reference.set_force if presses else 0.0
         tau = self.servo.step(
             servo,
             contact.arm,
@@ -170,7 +170,7 @@ class WorkController:
 
 def in_contact(reference: Reference) -> bool:
     """True while the tool is to touch something."""
-    return reference.force > 0.0 or reference.force_control
+    return reference.set_force > 0.0 or reference.force_control
 
 
 def _log(state: WorkControllerState) -> dict[str, Array]:

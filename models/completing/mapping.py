@@ -1,24 +1,59 @@
-"""Gives a user's model the names of `uuv.models.naming`: renames its parts, adds sites, motors and thrusters."""
+"""Gives a user's model the names of `uuv.models.naming`: renames its parts, adds sites, motors and thrusters.
 
-from collections.abc import Mapping
+spec = mapped(read("rov.urdf"))  # a VehicleFile, under its own names, becomes a vehicle by the contract
+"""
+
+from collections.abc import Iterable, Mapping
 
 import mujoco
 import numpy as np
 
-from uuv.models import hydrodynamics
 from uuv.models.files.keyframes import keyframes_kept
+from uuv.models.files.mjcf_files import compiled
+from uuv.models.files.notes import note
 from uuv.models.files.parts_file import MappedThruster, PartPlace, PartsMap
-from uuv.models.naming import ARM_BASE_BODY, CAMERA_SITE, HOME_KEY, HULL_BODY, TIP_SITE, TOOL_GEOM
+from uuv.models.files.vehicle_file import VehicleFile
+from uuv.models.naming import ARM_BASE_BODY, CAMERA_SITE, HULL_BODY, TIP_SITE, TOOL_GEOM
 from uuv.models.water import thrusters
 from uuv.sim.interfaces.errors import ConfigurationError, did_you_mean
 from uuv.sim.interfaces.spatial import Array, quat_wxyz_from_rotation, rotation_from_z
 
-_TRIMMED = 2.0  # largest factor by which ballast changes the hull's volume
-
 _UP, _AHEAD, _STARBOARD = (0.0, 0.0, 1.0), (1.0, 0.0, 0.0), (0.0, -1.0, 0.0)
 
 
-def apply(spec: mujoco.MjSpec, parts: PartsMap, name: str) -> None:
+def mapped(file: VehicleFile) -> mujoco.MjSpec:
+    """The vehicle of a file under the names of the contract; lines about the file are kept in it.
+
+    A model without a mapping keeps its names, but its only body, if it floats, is the hull. A
+    format that has neither free joints nor motors gets both.
+
+    Args:
+        file: as `uuv.models.files.vehicle_file.read` returns it; its spec is changed in place.
+
+    Returns:
+        The spec of the file.
+
+    Raises:
+        ConfigurationError: a part that the mapping names is not in the model, or cannot serve; or
+            the model cannot be compiled.
+    """
+    spec = file.spec
+    lines = list(file.notes)
+    if file.bare:
+        _apply(spec, file.parts or PartsMap(), file.parts_name)
+        add_motors(spec, joints_between(spec), file.name)
+    elif file.parts is not None:
+        _apply(spec, file.parts, file.parts_name)
+    elif line := _name_hull(spec):
+        lines.append(line)
+
+    # What compiled before, as an MJCF does when it is read, was broken by the mapping.
+    compiled(spec, file.name if file.bare else file.parts_name)
+    note(spec, lines)
+    return spec
+
+
+def _apply(spec: mujoco.MjSpec, parts: PartsMap, name: str) -> None:
     """Give the parts of `spec` the names of the contract, in place.
 
     Args:
@@ -30,35 +65,39 @@ def apply(spec: mujoco.MjSpec, parts: PartsMap, name: str) -> None:
         ConfigurationError: a part that the mapping names is not in the model, or cannot serve.
     """
     try:
-        _apply(spec, parts, name)
+        _name_parts(spec, parts, name)
     except ConfigurationError:
         raise
     except (ValueError, mujoco.FatalError) as error:  # of MuJoCo, such as a name that is there already
         raise ConfigurationError(f"{name}: {' '.join(str(error).split())}") from error
 
 
-def _apply(spec: mujoco.MjSpec, parts: PartsMap, name: str) -> None:
+def _name_parts(spec: mujoco.MjSpec, parts: PartsMap, name: str) -> None:
     hull = _body(spec, parts.hull, name) if parts.hull else _only_body(spec, name)
     before = parts.hull if hull is None else hull.name
+
     if hull is not None:
         _rename_body(spec, hull, HULL_BODY)
         if not hull.joints:
+            _check_root(spec, hull, before, name)
             with keyframes_kept(spec):
                 hull.add_freejoint(name=HULL_BODY)
     if parts.arm_base:
         _rename_body(spec, _body(spec, parts.arm_base, name, parts.hull), ARM_BASE_BODY)
+
     renamed = {before: HULL_BODY, parts.arm_base: ARM_BASE_BODY}
     _add_site(spec, TIP_SITE, parts.tip, renamed, name)
     _add_site(spec, CAMERA_SITE, parts.camera, renamed, name)
     if parts.tool:
         _rename_geom(spec, parts.tool, name)
+
     if parts.torque_limits is not None:
         _drive(spec, parts.torque_limits, name)
     for thruster in parts.thrusters:
         _thruster(spec, thruster, renamed, name)
 
 
-def name_hull(spec: mujoco.MjSpec) -> str:
+def _name_hull(spec: mujoco.MjSpec) -> str:
     """Take the only body on the world for the hull, if it floats and no other is called so; returns a line about it."""
     roots = list(spec.worldbody.bodies)
     free = len(roots) == 1 and any(joint.type == mujoco.mjtJoint.mjJNT_FREE for joint in roots[0].joints)
@@ -67,25 +106,6 @@ def name_hull(spec: mujoco.MjSpec) -> str:
     before = roots[0].name
     _rename_body(spec, roots[0], HULL_BODY)
     return f"body hull: {before!r}, the only body on the world"
-
-
-def ballast(spec: mujoco.MjSpec, metacentric_height: float, name: str) -> str:
-    """Trim the hull in the posture `home`; returns a line about what that changed.
-
-    Raises:
-        ConfigurationError: The hull has no coefficients, or a volume that is not near to one that floats the vehicle.
-    """
-    if HULL_BODY not in hydrodynamics.attached(spec):
-        raise ConfigurationError(f"{name}: trim: the hull has no hydrodynamic coefficients that could be trimmed")
-    home = next((key.qpos for key in spec.keys if key.name == HOME_KEY), None)
-    before = hydrodynamics.attached(spec)[HULL_BODY].volume
-    after = hydrodynamics.trim(spec, HULL_BODY, metacentric_height=metacentric_height, qpos=home).volume
-    if before > 0.0 and not 1.0 / _TRIMMED < after / before < _TRIMMED:
-        raise ConfigurationError(
-            f"{name}: trim: the hull's volume is {before:.4g} m^3, and {after:.4g} m^3 would make the vehicle "
-            f"weightless; at most a factor of {_TRIMMED:g} is trimmed, and volumes are in m^3"
-        )
-    return f"trim: the hull's volume from {1e3 * before:.4g} to {1e3 * after:.4g} litres"
 
 
 def _only_body(spec: mujoco.MjSpec, name: str) -> mujoco.MjsBody | None:
@@ -97,6 +117,15 @@ def _only_body(spec: mujoco.MjSpec, name: str) -> mujoco.MjsBody | None:
     if len(roots) != 1:
         raise ConfigurationError(f"{name}: hull: which body is it? there are {', '.join(b.name for b in roots)}")
     return roots[0]
+
+
+def _check_root(spec: mujoco.MjSpec, hull: mujoco.MjsBody, before: str | None, name: str) -> None:
+    """Refuse to let a body float that another one carries."""
+    roots = [body.name for body in spec.worldbody.bodies]
+    if hull.name not in roots:
+        raise ConfigurationError(
+            f"{name}: hull: {before!r} is carried by another body, and only one on the world floats: {', '.join(roots)}"
+        )
 
 
 def _missing(name: str, kind: str, wanted: str, there: list[str]) -> ConfigurationError:
@@ -203,7 +232,7 @@ def _drive(spec: mujoco.MjSpec, joints: Mapping[str, float | None], name: str) -
             for joint in locked:
                 _lock(spec, joint)
     for wanted, limit in joints.items():
-        add_motor(spec, there[wanted], limit, name)
+        _add_motor(spec, there[wanted], limit, name)
 
 
 def _lock(spec: mujoco.MjSpec, joint: mujoco.MjsJoint) -> None:
@@ -223,7 +252,7 @@ def _lock(spec: mujoco.MjSpec, joint: mujoco.MjsJoint) -> None:
 _TURNING = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
 
 
-def add_motor(spec: mujoco.MjSpec, joint: mujoco.MjsJoint, limit: float | None, name: str) -> None:
+def _add_motor(spec: mujoco.MjSpec, joint: mujoco.MjsJoint, limit: float | None, name: str) -> None:
     """Drive a joint by a motor, gear 1, in place of another kind of actuator that it has.
 
     Args:
@@ -236,7 +265,7 @@ def add_motor(spec: mujoco.MjSpec, joint: mujoco.MjsJoint, limit: float | None, 
         ConfigurationError: no limit is known.
     """
     own = [a for a in spec.actuators if a.target == joint.name and a.trntype == mujoco.mjtTrn.mjTRN_JOINT]
-    known = [np.abs(a.ctrlrange).min() for a in own if is_motor(a) and np.ptp(a.ctrlrange) > 0.0]
+    known = [np.abs(a.ctrlrange).min() for a in own if _is_motor(a) and np.ptp(a.ctrlrange) > 0.0]
     known += [np.abs(a.forcerange).min() for a in own if np.ptp(a.forcerange) > 0.0]
     known += [np.abs(joint.actfrcrange).min()] if np.ptp(joint.actfrcrange) > 0.0 else []
     if limit is None:
@@ -253,7 +282,20 @@ def add_motor(spec: mujoco.MjSpec, joint: mujoco.MjsJoint, limit: float | None, 
     motor.ctrlrange, motor.ctrllimited = [-limit, limit], mujoco.mjtLimited.mjLIMITED_TRUE
 
 
-def is_motor(actuator: mujoco.MjsActuator) -> bool:
+def add_motors(spec: mujoco.MjSpec, joints: Iterable[str], name: str) -> None:
+    """Drive those of `joints` that no actuator drives, with the effort of the URDF.
+
+    Raises:
+        ConfigurationError: a joint has no effort.
+    """
+    of_joints = [a for a in spec.actuators if a.trntype == mujoco.mjtTrn.mjTRN_JOINT]
+    driven = {actuator.target for actuator in of_joints}
+    for joint in joints:
+        if joint not in driven:
+            _add_motor(spec, spec.joint(joint), None, name)
+
+
+def _is_motor(actuator: mujoco.MjsActuator) -> bool:
     """True if the control of an actuator on a joint is its torque [N m]."""
     return (
         actuator.gaintype == mujoco.mjtGain.mjGAIN_FIXED

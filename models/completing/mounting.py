@@ -6,10 +6,10 @@ import mujoco
 import numpy as np
 from numpy.typing import ArrayLike
 
-from uuv.models.completing.mapping import joints_between
-from uuv.models.completing.urdf_vehicle import add_motors, spec_of_urdf
+from uuv.models.completing.mapping import add_motors, joints_between
 from uuv.models.files import urdf
 from uuv.models.files.urdf import rotation_from_rpy
+from uuv.models.files.urdf_vehicle import spec_of_urdf
 from uuv.models.naming import ARM_BASE_BODY, HOME_KEY, HULL_BODY, READY_KEY, TIP_SITE
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import Array, checked, quat_wxyz_from_rotation, rotation_from_z, shown
@@ -53,15 +53,13 @@ def mount_arm(
     if HULL_BODY not in bodies or ARM_BASE_BODY in bodies:
         raise ConfigurationError(f"an arm is mounted on a vehicle with a body {HULL_BODY!r} and no {ARM_BASE_BODY!r}")
     name = f"arm {shown(str(file))}"
-    root = urdf.parse(Path(file), name).root
-    arm, _ = spec_of_urdf(file)
+    arm, _ = spec_of_urdf(urdf.parse(file, name), Path(file).resolve().parent)
+    root = arm.worldbody.bodies[0].name
     links = {body.name: body for body in arm.bodies if body.name != "world"}
     if tip not in links:
         raise ConfigurationError(f"{name}: tip: there are the links {', '.join(links)}, got {shown(tip)}")
     z: Array = checked(tip_z, (3,), "tip_z")
     R = rotation_from_z(z, np.eye(3)[int(np.argmin(np.abs(z)))])
-    for joint in list(links[root].joints):
-        arm.delete(joint)  # the free joint
     links[root].name = ARM_BASE_BODY.removeprefix(_PREFIX)
     quat = quat_wxyz_from_rotation(rotation_from_rpy(checked(rpy, (3,), "rpy")))
     for key in [key for key in spec.keys if key.name in (HOME_KEY, READY_KEY)]:

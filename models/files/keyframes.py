@@ -18,6 +18,10 @@ def keyframes_kept(spec: mujoco.MjSpec) -> Iterator[None]:
     Each joint that was there before keeps its position in every keyframe. A new joint gets that of the model's
     reference configuration. Joints are told apart by their names, those without a name by their bodies'.
     """
+    if not spec.keys:
+        yield
+        return
+
     before = spec.copy().compile()
     kept = {key.name: dict(_positions(before, before.key_qpos[i])) for i, key in enumerate(spec.keys)}
     yield

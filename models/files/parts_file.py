@@ -146,13 +146,6 @@ class PartsMap:
         return dict.fromkeys(self.joints) if isinstance(self.joints, list) else self.joints
 
 
-def beside(model: str | Path) -> Path | None:
-    """The mapping that lies beside a model's file; None: there is none."""
-    path = Path(model)
-    file = path.with_name(path.stem + PARTS_SUFFIX)
-    return file if file.is_file() else None
-
-
 def read_parts(file: str | Path) -> PartsMap:
     """Read a mapping of parts.
 

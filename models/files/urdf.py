@@ -49,6 +49,19 @@ def is_urdf(file: str | os.PathLike[str], what: str) -> bool:
     return Path(file).suffix.lower() == ".urdf" or b"<robot" in bytes_of(file, what)[:_HEAD]
 
 
+def robot_of(file: str | os.PathLike[str], name: str) -> "UrdfRobot | None":
+    """The robot of a URDF; None for a file of another format.
+
+    Args:
+        file: path of a file that exists.
+        name: begins the error messages.
+
+    Raises:
+        ConfigurationError: as `parse`.
+    """
+    return parse(file, name) if is_urdf(file, name) else None
+
+
 def mesh_file(name: str, folder: Path) -> Path | None:
     """File of a mesh that a URDF names, whatever its format; None: there is none.
 
@@ -236,9 +249,12 @@ def parse(urdf: str | os.PathLike[str] | bytes, name: str = "urdf") -> UrdfRobot
         if len(ends) != 2 or not set(ends) <= set(links) or ends[1] in carriers:
             raise ConfigurationError(f"{said}: must join a parent link to a child of no other, got {ends}")
         carriers[ends[1]] = ends[0], joint
+
+    # From each link up to the one root, without a loop.
     roots = [link for link in links if link not in carriers]
     if len(roots) != 1:
         raise ConfigurationError(f"{name}: the links of a URDF must form one tree, found the roots {roots}")
+
     carried = {roots[0]}
     for link in links:
         way, at = [], link

@@ -13,9 +13,9 @@ import mujoco
 
 from uuv.models import hydrodynamics
 from uuv.models.files import sidecar
-from uuv.models.files.floating_root import with_floating_root
 from uuv.models.files.mjcf_files import read_mjcf
 from uuv.models.files.urdf import MESHES, UrdfRobot, couple, is_urdf, mesh_file, parse, take_mimics
+from uuv.models.files.urdf_vehicle import with_floating_root
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.files import existing_file
 from uuv.sim.interfaces.spatial import finite_number, shown

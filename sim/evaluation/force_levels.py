@@ -37,20 +37,20 @@ class ForceSteps:
     @classmethod
     def of(cls, recording: "Recording") -> Self:
         """The steps of a run; its error counts within the work state only."""
-        time, wanted = recording["set_force"].time, recording["set_force"].scalar
-        changed = np.concatenate([[True], np.diff(wanted) != 0.0])
+        time, set_force = recording["set_force"].time, recording["set_force"].scalar
+        changed = np.concatenate([[True], np.diff(set_force) != 0.0])
         last_change = np.maximum.accumulate(np.where(changed, time, -np.inf))
 
         # A change soon after another belongs to the same ramp.
         begins = changed & (time - np.concatenate([[-np.inf], last_change[:-1]]) > RAMP_GAP)
         part = np.cumsum(begins) - 1
         starts = np.flatnonzero(begins)
-        ends = np.append(starts[1:], len(wanted)) - 1
+        ends = np.append(starts[1:], len(set_force)) - 1
         ramp_ends = last_change[ends]
 
         since, until = time[starts][part], ramp_ends[part]
         settled = (time - since >= SETTLING - 1e-9) & (time - until >= AFTER_RAMP - 1e-9)
-        return cls(part, wanted[ends][part], settled & recording.within(WorkState.WORK))
+        return cls(part, set_force[ends][part], settled & recording.within(WorkState.WORK))
 
 
 def contact_figures(recording: "Recording") -> ContactMetrics:
@@ -60,8 +60,8 @@ def contact_figures(recording: "Recording") -> ContactMetrics:
     steps within them. If the reference ramps to a new set force, the error is relative to the end of the ramp, and
     counts from `unsettled` on.
     """
-    work, wanted = recording.within(WorkState.WORK), recording["set_force"].scalar
-    if not work.any() or not wanted[work].any():  # no force was commanded
+    work, set_force = recording.within(WorkState.WORK), recording["set_force"].scalar
+    if not work.any() or not set_force[work].any():  # no force was commanded
         return unmeasured(ContactMetrics, segments=[])
     steps, dt = ForceSteps.of(recording), recording.timestep
     lost = (recording["contact_least"].scalar < LOST_BELOW) & work
@@ -84,7 +84,7 @@ def contact_figures(recording: "Recording") -> ContactMetrics:
         judged_s = float((where & steps.settled).sum() * dt)
         segments.append(
             SegmentMetrics(
-                set_n=float(wanted[where][-1]),
+                set_n=float(set_force[where][-1]),
                 **figures(where),
                 duration_s=float(where.sum() * dt),
                 judged_s=judged_s,

@@ -423,7 +423,7 @@ class Reference:
     w_WG_W: Array  # (3,) [rad/s] angular velocity of the tool frame
     q: Array  # (n,) [rad] joint angles to hold when X_WG is None; else the initial posture of IK
     qd: Array  # (n,) [rad/s] velocity of `q`
-    force: float  # [N] set normal force; 0 when free of contact
+    set_force: float  # [N] normal force to press with; 0 when free of contact
     force_control: bool  # close the force loop
     tare: bool  # average the joint torques now, to remove their bias
     scan: bool  # take a depth frame now

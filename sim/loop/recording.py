@@ -254,8 +254,8 @@ class Recorder:
         """Time [s], state and set force [N] at the first step under each reference so far."""
         rows, references = self._rows[: self._written[0]], self._references.table()
         for first in np.flatnonzero(np.diff(rows[:, 1], prepend=-1.0)):
-            _, state, force = references[int(rows[first, 1]), :3]
-            yield float(rows[first, 0]), STATES[int(state)], float(force)
+            _, state, set_force = references[int(rows[first, 1]), :3]
+            yield float(rows[first, 0]), STATES[int(state)], float(set_force)
 
     def add_cloud(self, name: str, points_W: ArrayLike) -> None:
         """Keep points (N, 3) [m] in W under `name`.
@@ -391,7 +391,7 @@ class Recorder:
         self._goes_by = reference.target or self._goes_by
         self._promise = reference.promise or self._promise
         row = self._references.row()
-        row[:4] = reference.time, _INDEX[reference.state], reference.force, reference.path_s
+        row[:4] = reference.time, _INDEX[reference.state], reference.set_force, reference.path_s
         row[4:7] = _NOWHERE if reference.X_WG is None else reference.X_WG[:3, 3]
         row[7:10] = reference.v_WG_W
         row[10:13] = reference.X_WB[:3, 3]

@@ -40,17 +40,17 @@ class Onset:
 
     def observe(self, moment: Moment) -> None:
         """Wait for the event; an observer of `uuv.sim.loop.rollout`."""
-        self.notice(float(moment.truth.time), moment.reference.state, moment.reference.force)
+        self.notice(float(moment.truth.time), moment.reference.state, moment.reference.set_force)
 
-    def notice(self, time: float, state: WorkState, force: float) -> None:
+    def notice(self, time: float, state: WorkState, set_force: float) -> None:
         """Start the fault if this is its event, and the first one.
 
         Args:
             time: [s]
             state: of the planner then.
-            force: [N] set force then.
+            set_force: [N] then.
         """
-        if not np.isfinite(self.began) and state is self.state and force >= self.force:
+        if not np.isfinite(self.began) and state is self.state and set_force >= self.force:
             self.begin(time)
 
     def save(self) -> float:

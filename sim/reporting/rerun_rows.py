@@ -46,7 +46,7 @@ class SeriesRows:
         self._rows.append(
             np.concatenate(
                 (
-                    (truth.time, reference.force, felt, truth.contact_normal),
+                    (truth.time, reference.set_force, felt, truth.contact_normal),
                     truth.p_pad - commanded,
                     reference.v_WG_W,
                     truth.R_WG[:, 2],

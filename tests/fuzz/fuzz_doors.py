@@ -47,9 +47,9 @@ from uuv.models.files import sidecar
 from uuv.models.files.parts_file import read_parts
 from uuv.models.objects import deformed, targets
 from uuv.models.objects.target_model import ModelPath, Symmetry, TargetModel
-from uuv.models.site import scenes
 from uuv.models.vehicle import Vehicle
 from uuv.models.water import thrusters
+from uuv.own_vehicle import vehicle_spec
 from uuv.perception import identify
 from uuv.perception.clouds.cloud_files import load_cloud
 from uuv.perception.clouds.point_files import read_targets
@@ -534,7 +534,7 @@ VALID: dict[str, dict[str, bytes]] = {
 def give(door: str, file: Path, rng: Rng | None = None) -> Any:
     """What comes out of a `door` for files (a key of VALID) that is given `file`."""
     if door == "vehicle":
-        model = scenes.vehicle_spec(str(file)).compile()
+        model = vehicle_spec(str(file)).compile()
         out = [model.qpos0, model.body_mass, model.body_inertia, model.geom_size, model.body_pos, model.site_pos]
         return [*map(np.array, out), Vehicle.of(model)]
     if door == "parts":
@@ -829,7 +829,7 @@ def _python_doors() -> Iterator[Door]:
         Current,
         {"mean_W": [0.1, 0.0, 0.0], "gust": 0.03, "timestep": 0.002, "rng": np.random.default_rng(0)},
     )
-    yield door("vehicle_spec", scenes.vehicle_spec, {"vehicle": "uuv_puma"}, 0.5)
+    yield door("vehicle_spec", vehicle_spec, {"vehicle": "uuv_puma"}, 0.5)
     yield door("uuv.models.load", models.load, {"name": "uuv_puma"}, 0.5)
     yield door("arms.load", published_arms.load, {"name": "panda"})
     yield door("Arm.joint_frames", published_arms.load("panda").joint_frames, {"q": np.zeros(7)})

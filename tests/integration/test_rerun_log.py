@@ -102,7 +102,7 @@ def moments(model: mujoco.MjModel):
             w_WG_W=np.zeros(3),
             q=zero,
             qd=zero,
-            force=60.0,
+            set_force=60.0,
             force_control=True,
             tare=False,
             scan=False,

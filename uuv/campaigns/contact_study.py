@@ -287,8 +287,9 @@ def figures_of(outcome: Run) -> dict[str, float | None]:
 
 def force_over_set(recording: Recording, first: float) -> float:
     """Greatest ratio of the true normal force to the set force; before the work the set force is `first` [N]."""
-    wanted = np.maximum(recording["set_force"].scalar, np.where(recording.within(WorkState.WORK), 0.0, first))
-    return float((recording["contact_most"].scalar / np.maximum(wanted, 1.0)).max())
+    before = np.where(recording.within(WorkState.WORK), 0.0, first)
+    set_force = np.maximum(recording["set_force"].scalar, before)
+    return float((recording["contact_most"].scalar / np.maximum(set_force, 1.0)).max())
 
 
 def _unfolding(recording: Recording) -> float | None:

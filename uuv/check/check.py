@@ -25,12 +25,12 @@ from uuv.check.statics import (
 )
 from uuv.jobs import clean_barrel
 from uuv.models import hydrodynamics as coefficients
-from uuv.models.completing.complete import complete, computed
 from uuv.models.completing.postures import PostureSearch
+from uuv.models.files.notes import computed
 from uuv.models.naming import HOME_KEY, READY_KEY, parts
 from uuv.models.tools.tools import TOOLS
 from uuv.models.vehicle import Vehicle
-from uuv.own_vehicle import vehicle_spec, with_tool
+from uuv.own_vehicle import vehicle_spec
 from uuv.sim import hydrodynamics
 from uuv.sim.interfaces.errors import HydrodynamicsError, PhysicsWarning, UuvError
 from uuv.tasks.surface_work import SurfaceWorkTask
@@ -69,12 +69,10 @@ def check_vehicle(
         return _Check(name, vehicle_spec(name, tool, file), arm_jobs, given=False).run(jobs)
     if tool is not None:
         TOOLS.load(tool)  # or the refusal, which is none of the spec
-    spec, name = vehicle.copy(), vehicle.modelname or "vehicle"
+    name = vehicle.modelname or "vehicle"
     try:
-        spec.compile()
-        complete(spec)
-        with_tool(spec, tool)
-    except ValueError as error:  # of MuJoCo's compiler, or a ConfigurationError
+        spec = vehicle_spec(vehicle, tool, file)
+    except UuvError as error:
         said = " ".join(str(error).split())
         code = "inertia" if "inertia" in said else "contract"
         return VehicleCheck(vehicle=name, findings=(VehicleFinding(code=code, level="fault", said=said),))

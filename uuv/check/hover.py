@@ -106,7 +106,7 @@ def _reference(time: float, q: Array) -> Reference:
         w_WG_W=none,
         q=q,
         qd=np.zeros(len(q)),
-        force=0.0,
+        set_force=0.0,
         force_control=False,
         tare=False,
         scan=False,

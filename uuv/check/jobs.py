@@ -25,7 +25,7 @@ from uuv.controllers.tasks.insertion import axis_path
 from uuv.models.completing.postures import PostureSearch
 from uuv.models.naming import lacks
 from uuv.models.vehicle import Vehicle
-from uuv.own_vehicle import OwnVehicle, vehicle_spec, with_tool
+from uuv.own_vehicle import OwnVehicle, vehicle_spec
 from uuv.perception.finding.target_finder import PATH_SPACING
 from uuv.perception.seabed.terrain_path import core_path
 from uuv.perception.toolpath.path_planner import path_on_model
@@ -126,10 +126,8 @@ class ArmJobs:
         scenario = self.scenario(name)
         task, setup = scenario.task, scenario.vehicle
         try:
-            if given is None:
-                spec = vehicle_spec(setup.vehicle, setup.tool, setup.parts, task.tool)
-            else:
-                spec = with_tool(given.copy(), setup.tool, task.tool)
+            vehicle = setup.vehicle if given is None else given
+            spec = vehicle_spec(vehicle, setup.tool, setup.parts, task.tool)
             model = spec.compile()
             lacking = lacks(model, task.spares)
             if lacking:

@@ -35,9 +35,9 @@ class ForceLaw(ForceDisplacement):
 
     gain = 4e-4  # [m/(N s)]
 
-    def step(self, state, wanted, felt, servo_compliance, dt):
-        """Displacement [m] into the surface; `wanted` and `felt` [N], `dt` [s]."""
-        state.k += self.gain * (wanted - felt) * dt
+    def step(self, state, set_force, felt, servo_compliance, dt):
+        """Displacement [m] into the surface; `set_force` and `felt` [N], `dt` [s]."""
+        state.k += self.gain * (set_force - felt) * dt
         return state.k
 
 
@@ -270,7 +270,7 @@ class PlacedCircle(PlacedTask):
             w_WG_W=still,
             q=folded + s**3 * (10.0 - 15.0 * s + 6.0 * s * s) * way,
             qd=30.0 * (s * (1.0 - s)) ** 2 / UNFOLD * way,
-            force=0.0,
+            set_force=0.0,
             force_control=False,
             tare=False,
             scan=False,

@@ -17,7 +17,7 @@ from uuv.controllers.tuning import ELASTIC_GEARS, ArmTuning
 from uuv.kinds import CONTROLLER, CONTROLLERS, SENSORS, class_of, told
 from uuv.methods import NAVIGATION
 from uuv.models.arms import dh_geometry
-from uuv.models.completing.complete import computed
+from uuv.models.files.notes import computed
 from uuv.models.naming import ARM_BASE_BODY, HULL_BODY, TIP_SITE
 from uuv.own_vehicle import OwnVehicle, vehicle_spec
 from uuv.perception.clouds.scan import SensorModel

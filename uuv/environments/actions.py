@@ -192,7 +192,7 @@ class Controlled(ABC):
             "w_WG_W": _ZERO,
             "q": self._q,
             "qd": np.zeros_like(self._q),
-            "force": 0.0,
+            "set_force": 0.0,
         }
         held |= wanted
         return Reference(
@@ -200,7 +200,7 @@ class Controlled(ABC):
             state=WorkState.WORK,
             X_WB=self._X_WB,
             v_WB_W=_ZERO,
-            force_control=held["force"] > 0.0,
+            force_control=held["set_force"] > 0.0,
             tare=False,
             scan=False,
             path_s=0.0,
@@ -258,7 +258,7 @@ class ToolTwist(Controlled):
         """Take the vehicle, and the force [N] of a full action."""
         super().__init__(own)
         self.names = (*(f"v_{axis}" for axis in "xyz"), *(f"w_{axis}" for axis in "xyz"), "force", "compliance")
-        self.largest, self._force, self._compliant = largest, 0.0, False
+        self.largest, self._set_force, self._compliant = largest, 0.0, False
         self._X_WG, self._v_WG_W, self._w_WG_W, self._begin = np.eye(4), np.zeros(3), np.zeros(3), 0.0
         self._turns = False  # the angular velocity is not zero
 
@@ -266,7 +266,7 @@ class ToolTwist(Controlled):
         """Hold hull and tool where they are."""
         super().start(truth)
         self._X_WG, self._begin = tool_pose(truth), truth.time
-        self._v_WG_W, self._w_WG_W, self._force, self._compliant = np.zeros(3), np.zeros(3), 0.0, False
+        self._v_WG_W, self._w_WG_W, self._set_force, self._compliant = np.zeros(3), np.zeros(3), 0.0, False
         self._turns = False
 
     def take(self, action: Array, period: float) -> None:
@@ -277,7 +277,7 @@ class ToolTwist(Controlled):
         R_WG = self._X_WG[:3, :3]
         self._v_WG_W, self._w_WG_W = self.SPEED * R_WG @ action[:3], self.TURN * R_WG @ action[3:6]
         self._turns = bool(self._w_WG_W.any())
-        self._force, self._compliant = max(0.0, self.largest * float(action[6])), bool(action[7] > 0.0)
+        self._set_force, self._compliant = max(0.0, self.largest * float(action[6])), bool(action[7] > 0.0)
 
     def tool_at(self, time: float) -> Array:
         """Set point X_WG (4, 4) of the tool at `time` [s]."""
@@ -304,7 +304,7 @@ class ToolTwist(Controlled):
             X_WG=self.tool_at(time),
             v_WG_W=self._v_WG_W,
             w_WG_W=self._w_WG_W,
-            force=self._force,
+            set_force=self._set_force,
             compliant=self._compliant,
         )
 

@@ -125,7 +125,7 @@ class StationExpert:
             w_WG_W=_STILL,
             q=self._home,
             qd=np.zeros_like(self._home),
-            force=0.0,
+            set_force=0.0,
             force_control=False,
             tare=False,
             scan=False,
@@ -216,7 +216,7 @@ class WorkExpert:
             return np.zeros(len(actions.names))
         X_WG = asked.X_WG.copy()
         X_WG[:3, 3] += period * asked.v_WG_W
-        force = asked.force if asked.force_control else 0.0
+        force = asked.set_force if asked.force_control else 0.0
         return actions.action_to(X_WG, force, asked.compliant, period)
 
 

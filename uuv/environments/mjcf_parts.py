@@ -9,8 +9,8 @@ import mujoco
 from dm_control import mjcf
 from lxml import etree
 
-from uuv.models.completing.complete import COMPUTED
 from uuv.models.files.exact_mjcf import exact_xml
+from uuv.models.files.notes import COMPUTED
 from uuv.models.naming import ARM_BASE_BODY, HULL_BODY, PAD_BODY, TIP_SITE
 from uuv.sim.interfaces.errors import ConfigurationError, one_line
 

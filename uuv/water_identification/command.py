@@ -21,7 +21,7 @@ from uuv.calib.water.named_fit import values_of
 from uuv.calib.water.planning import Planned
 from uuv.calib.water.results import write_fit, write_vehicle
 from uuv.models import hydrodynamics
-from uuv.models.site.scenes import vehicle_spec
+from uuv.own_vehicle import vehicle_spec
 from uuv.sim.interfaces.extras import absent
 from uuv.sim.interfaces.spatial import Array, finite_number, one_of
 from uuv.sim.runs.provenance import provenance

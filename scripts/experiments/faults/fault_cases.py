@@ -119,7 +119,7 @@ class TraceRecorder:
         self._first = first.tick
         at_work = phase in (AT_WORK, UNLOAD, RETREATING, ASCENT)
         self._longest = LONGEST if at_work and case not in AT_START else _LONGER
-        self._set = first.reference.force
+        self._set = first.reference.set_force
         self._p_WB = np.array(first.truth.p_WB)
         self._up = np.array(first.truth.R_WB[2])
         self.states: list[tuple[float, WorkState, str]] = []
@@ -151,7 +151,7 @@ class TraceRecorder:
                 time,
                 truth.contact_normal,
                 moment.command.contact.normal,
-                reference.force,
+                reference.set_force,
                 *(truth.p_WB - self._p_WB),
                 tilt,
                 float(truth.collision),
@@ -199,7 +199,7 @@ class Branching:
         reference = moment.reference
         phase = self._named(reference)
         at_work = phase == AT_WORK
-        begun = phase in self.left and (not at_work or reference.force >= self._full)
+        begun = phase in self.left and (not at_work or reference.set_force >= self._full)
         self._ready = self._ready + 1.0 if begun and phase == self._now else 0.0
         self._now = phase
         if self._ready * self._timestep <= (_HELD if at_work else _BEGUN):
@@ -212,7 +212,7 @@ class Branching:
         """Phase of PHASES, or the state of the work where it is none of them."""
         if reference.state is not WorkState.RETREAT:
             return str(reference.state)
-        return ASCENT if self._ascending else UNLOAD if reference.force > 0.0 else RETREATING
+        return ASCENT if self._ascending else UNLOAD if reference.set_force > 0.0 else RETREATING
 
 
 def thruster_cases(names: tuple[str, ...]) -> dict[str, dict[str, Any]]:

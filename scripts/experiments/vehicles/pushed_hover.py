@@ -10,8 +10,8 @@ from experiments.vehicles.pushing import PushCase, holdable_directions
 from uuv.controllers.arm.inverse_dynamics import ArmDynamics
 from uuv.controllers.hull.allocation import AXES, Allocation
 from uuv.experiment import Row, Summary, Table
-from uuv.models.site import scenes
 from uuv.models.vehicle import Vehicle
+from uuv.own_vehicle import vehicle_spec
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import Array, spread_directions
 
@@ -64,7 +64,7 @@ def push_case(directions: int, force: float, posture: str, gust: float, seed: in
     Raises:
         ConfigurationError: The drives bear the push in none of the directions.
     """
-    own = scenes.vehicle_spec("uuv_puma").compile()
+    own = vehicle_spec("uuv_puma").compile()
     q, spread = np.array(POSTURES[posture]), spread_directions(directions)
     held = holdable_directions(Vehicle.of(own), ArmDynamics(own), q, spread, force)
     if not held.any():
@@ -99,7 +99,7 @@ def ablation(case: PushCase) -> Iterator[NamedPush]:
 
 def lost(case: PushCase) -> Iterator[NamedPush]:
     """Yields the case for each thruster lost, unnoticed and known after 0.5 s."""
-    own = Vehicle.of(scenes.vehicle_spec(case.vehicle).compile())
+    own = Vehicle.of(vehicle_spec(case.vehicle).compile())
     once = replace(case, directions_B=case.directions_B[:1], settle=8.0, push=4.0, rest=8.0)
     for thruster, name in enumerate(own.thruster_names):
         yield NamedPush(f"{name} lost, unnoticed", replace(once, lost=thruster))
@@ -150,7 +150,7 @@ def cells_of(row: Row) -> list[str]:
 
 def authority_table() -> Table:
     """Table of the greatest wrench along each axis, with all thrusters and without each one."""
-    vehicle = Vehicle.of(scenes.vehicle_spec("uuv_puma").compile())
+    vehicle = Vehicle.of(vehicle_spec("uuv_puma").compile())
     allocation = Allocation(vehicle)
     cells = []
     for name in (None, *vehicle.thruster_names):

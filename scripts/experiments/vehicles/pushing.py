@@ -235,7 +235,7 @@ class StayPut:
             w_WG_W=none,
             q=self._q,
             qd=np.zeros(len(self._q)),
-            force=0.0,
+            set_force=0.0,
             force_control=False,
             tare=False,
             scan=False,

@@ -9,7 +9,7 @@ import numpy as np
 
 from uuv.calib.water.named_fit import values_of
 from uuv.calib.water.parameters import GROUPS, group_of
-from uuv.models.site.scenes import vehicle_spec
+from uuv.own_vehicle import vehicle_spec
 from uuv.sim.interfaces.spatial import Array
 from uuv.water_identification.log_residuals import identify
 from uuv.water_identification.manoeuvres import simulated, survey

@@ -24,8 +24,8 @@ from experiments.water.pool.trials import read_trials
 from experiments.water.pool_logs import logs_of_trials
 from uuv.calib.water.findings import findings, together
 from uuv.experiment.options import at_least
-from uuv.models.site.scenes import vehicle_spec
 from uuv.models.vehicles import published_hulls
+from uuv.own_vehicle import vehicle_spec
 from uuv.sim.runs.saving import write_json
 from uuv.sim.runs.terminal import console
 from uuv.water_identification.command import table_of, words

@@ -57,7 +57,7 @@ def inputs(seed: int, steps: int) -> list[tuple[StateEstimate, Reference]]:
             w_WG_W=STILL,
             q=start,
             qd=np.zeros(N),
-            force=40.0 if presses else 0.0,
+            set_force=40.0 if presses else 0.0,
             force_control=presses,
             tare=False,
             scan=False,
@@ -91,8 +91,8 @@ def row(command: Command) -> np.ndarray:
 class Integrator(ForceDisplacement):
     """Force law of fixed gain."""
 
-    def step(self, state, wanted, felt, servo_compliance, dt):
-        state.k += 1e-4 * (wanted - felt) * dt  # [m]
+    def step(self, state, set_force, felt, servo_compliance, dt):
+        state.k += 1e-4 * (set_force - felt) * dt  # [m]
         return state.k
 
 
@@ -105,7 +105,7 @@ def test_a_force_law_is_replaced_alone(within):
         state, command = controller.step(state, estimate, asked)
         other, usual = plain.step(other, estimate, asked)
         if asked.force_control and i % 2 == 0:
-            k += 1e-4 * (asked.force - command.contact.normal) * 0.004
+            k += 1e-4 * (asked.set_force - command.contact.normal) * 0.004
         if i % 10 == 0:  # the controller reports it with each step of the hull
             within("displacement [m]", command.believed["displacement"] - k, 1e-15)
         assert np.array_equal(command.thrusters, usual.thrusters)

@@ -48,7 +48,7 @@ def reference(X_WB: Array, q: Array, X_WG: Array | None = None, force: float = 0
         w_WG_W=STILL,
         q=q,
         qd=HELD,
-        force=force,
+        set_force=force,
         force_control=False,
         tare=False,
         scan=False,

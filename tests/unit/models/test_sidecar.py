@@ -14,10 +14,10 @@ from uuv import models
 from uuv.models import hydrodynamics
 from uuv.models.files import sidecar
 from uuv.models.hydrodynamics import BodyHydrodynamics, StripDrag
-from uuv.models.site.scenes import vehicle_spec
 from uuv.models.water import thrusters
 from uuv.models.water.forms import CrossTerms, FadingDamping, LiftDrag, MunkFactor, PlanarStrip
 from uuv.models.water.thrusters import Thruster
+from uuv.own_vehicle import vehicle_spec
 from uuv.sim.interfaces.errors import ConfigurationError
 
 BARE = """<mujoco><worldbody>
@@ -105,7 +105,7 @@ def test_a_sidecar_equals_python(tmp_path: Path) -> None:
     other = tmp_path / "named.yaml"
     sidecar.beside(file).rename(other)
     assert not hydrodynamics.attached(vehicle_spec(file))
-    assert_same(vehicle_spec(file, other), by_python())
+    assert_same(vehicle_spec(file, water=other), by_python())
 
 
 def test_elements_equal_python_and_are_taken_out(tmp_path: Path) -> None:
@@ -295,7 +295,7 @@ def test_water_stated_twice_is_refused(tmp_path: Path) -> None:
     with pytest.raises(ConfigurationError, match="'bow' has its table already"):
         vehicle_spec(file)
     with pytest.raises(ConfigurationError, match="has its own water"):
-        vehicle_spec("uuv_puma", file)
+        vehicle_spec("uuv_puma", water=file)
 
 
 def test_the_page_shows_a_sidecar_that_can_be_read(root: Path) -> None:

@@ -103,7 +103,9 @@ def test_an_onset_waits_for_its_event_and_does_not_begin_twice():
     onset = faults.Onset(state=WorkState.WORK, force=90.0, after=0.5, duration=1.0)
 
     def moment(time: float, state: WorkState, force: float) -> Any:
-        return SimpleNamespace(truth=SimpleNamespace(time=time), reference=SimpleNamespace(state=state, force=force))
+        return SimpleNamespace(
+            truth=SimpleNamespace(time=time), reference=SimpleNamespace(state=state, set_force=force)
+        )
 
     for time, state, force in ((1.0, "press", 95.0), (2.0, "work", 60.0), (3.0, "work", 90.0), (4.0, "work", 95.0)):
         onset.observe(moment(time, WorkState(state), force))

@@ -10,14 +10,14 @@ from uuv.sim.interfaces.errors import ConfigurationError
 DT = 0.004  # [s]
 
 
-def integrate(memory, wanted, felt, _servo_compliance, dt):
-    memory[0] += 1e-4 * (wanted - felt) * dt
+def integrate(memory, set_force, felt, _servo_compliance, dt):
+    memory[0] += 1e-4 * (set_force - felt) * dt
     memory[1] += 1.0
     return memory[0]
 
 
-def leap(_memory, wanted, _felt, _servo_compliance, _dt):
-    return wanted
+def leap(_memory, set_force, _felt, _servo_compliance, _dt):
+    return set_force
 
 
 def test_displacement_is_the_law_s():

@@ -19,13 +19,14 @@ SERVO = 4e-5  # [m]/[N]
 DT = 0.002  # [s]
 
 
-def pressed(loop, state, spring, wanted, dt=DT, servo=SERVO):
-    """Felt force over the course of `wanted`, with the tool borne by its servo against a spring [N/m].
+def pressed(loop, state, spring, set_force, dt=DT, servo=SERVO):
+    """Felt force over the course of `set_force`, with the tool borne by its servo against a spring [N/m].
 
-    The drives bear the set force at once, so the tool gives way by servo * (felt - wanted) from where it is displaced.
+    The drives bear the set force at once, so the tool gives way by servo * (felt - set_force) from
+    where it is displaced.
     """
     felt, k = [], state.k
-    for force in wanted:
+    for force in set_force:
         felt.append((k + servo * force) / (1.0 / spring + servo))
         k = loop.step(state, force, felt[-1], servo, dt)
     return np.array(felt)
@@ -127,10 +128,10 @@ def test_release_goes_back_at_the_limited_speed_and_takes_up_again_without_a_bum
 
 def test_a_tool_that_is_held_off_the_expected_surface_stays_off_on_its_way_back():
     loop = ForceDisplacement()
-    for wanted, felt in ((0.0, 60.0), (60.0, 0.0)):  # the surface nearer than expected, and farther
+    for set_force, felt in ((0.0, 60.0), (60.0, 0.0)):  # the surface nearer than expected, and farther
         state = ForceDisplacementState()
         for _ in range(500):
-            loop.step(state, wanted, felt, SERVO, DT)
+            loop.step(state, set_force, felt, SERVO, DT)
         start = state.k
         for _ in range(2000):
             loop.release(state, DT, inwards=False)
@@ -183,7 +184,7 @@ def test_the_servo_hardens_slowly_once_the_force_loop_opens(within):
         w_WG_W=still,
         q=vehicle.q_ready,
         qd=np.zeros(n),
-        force=60.0,
+        set_force=60.0,
         force_control=True,
         tare=False,
         scan=False,
@@ -192,7 +193,10 @@ def test_the_servo_hardens_slowly_once_the_force_loop_opens(within):
     tuning = ArmTuning()
     controller = WorkController(own, tuning=tuning)
     state, softness = controller.init(estimate), []
-    for asked in (press, *[replace(press, force=0.0, force_control=False)] * round(1.5 * tuning.hardening_time / DT)):
+    for asked in (
+        press,
+        *[replace(press, set_force=0.0, force_control=False)] * round(1.5 * tuning.hardening_time / DT),
+    ):
         state, _ = controller.step(state, estimate, asked)
         softness.append(state.servo.softness)
     share = DT * np.arange(len(softness)) / tuning.hardening_time

@@ -193,7 +193,7 @@ def hold(**changed: Any) -> Reference:
         state=WorkState.DONE,
         X_WB=np.eye(4),
         X_WG=None,
-        force=0.0,
+        set_force=0.0,
         path_s=0.0,
         **still,
         **off,

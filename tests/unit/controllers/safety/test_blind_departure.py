@@ -59,7 +59,7 @@ def at_work(rng: np.random.Generator, force: float) -> tuple[StateEstimate, Comm
         w_WG_W=np.zeros(3),
         q=np.zeros(N),
         qd=np.zeros(N),
-        force=force,
+        set_force=force,
         force_control=True,
         tare=False,
         scan=False,
@@ -121,7 +121,7 @@ def test_a_force_where_none_is_meant_to_be_does_not_count():
     """Bias of the torque sensors before the tare: the thrusts did not balance it."""
     sound, command, reference = at_work(np.random.default_rng(1), 40.0)
     assert reference.X_WG is not None
-    leave = stages(sound, replace(reference, force=0.0, force_control=False), command)[0]
+    leave = stages(sound, replace(reference, set_force=0.0, force_control=False), command)[0]
     wrench = pushed(sound, command, np.zeros(3), leave.thrusters)
     off_B = sound.X_WB[:3, :3].T @ -reference.X_WG[:3, 2]
     assert np.allclose(wrench, np.append(PUSH * off_B, np.zeros(3)), rtol=0.0, atol=1e-9)
@@ -240,7 +240,7 @@ def test_the_wrapper_leaves_then_rises_then_stops():
 def test_an_estimate_without_a_time_departs_although_the_task_has_halted_by_then():
     """The task gives up the tool pose within the wrapper's patience."""
     sound, command, reference = at_work(np.random.default_rng(4), 40.0)
-    halted = replace(reference, X_WG=None, force=0.0, force_control=False)
+    halted = replace(reference, X_WG=None, set_force=0.0, force_control=False)
     wrapper = SafetyWrapper(Steady(command), MODEL)
     state = wrapper.init(sound)
     state, _ = wrapper.step(state, sound, reference)

@@ -27,7 +27,7 @@ def held() -> Held:
     travel = np.array([0.0, 0.3, 0.0])
     placement = Placement(X_WB=X_WT, travel_W=travel, roll=0.2, q_start=np.zeros(6), margin=1.0, reached=1.0)
     line = ToolLine(path=path, placement=placement, offset=0.0)
-    return Held(X_WB=X_WT, X_WB_scan=X_WT, q=np.zeros(6), line=line, force=FORCE)
+    return Held(X_WB=X_WT, X_WB_scan=X_WT, q=np.zeros(6), line=line, set_force=FORCE)
 
 
 def followed(*pauses: tuple[float, float]) -> np.ndarray:
@@ -41,7 +41,7 @@ def followed(*pauses: tuple[float, float]) -> np.ndarray:
         if phase.step(state, here, now) is PhaseEvent.DONE:
             return np.array(rows)
         speed = np.linalg.norm(phase.setpoint(state, here, now).v_WG_W)
-        rows.append((time, here.s, speed, here.force))
+        rows.append((time, here.s, speed, here.set_force))
     raise AssertionError("the path has no end")
 
 

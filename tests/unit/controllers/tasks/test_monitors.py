@@ -46,7 +46,7 @@ def seen(
 
 
 def held(force: float = 60.0) -> Held:
-    return Held(X_WB=np.eye(4), X_WB_scan=np.eye(4), q=np.zeros(6), force=force)
+    return Held(X_WB=np.eye(4), X_WB_scan=np.eye(4), q=np.zeros(6), set_force=force)
 
 
 def broken_off(work: WorkState, felt: float, seconds: float, sigma: float = np.inf) -> tuple[float, Abort] | None:

@@ -94,7 +94,7 @@ class Script(Told):
                 z = reference.X_WG[:3, 2]
                 f_W = self.world.step(reference.X_WG[:3, 3] + k * z, z).copy()
                 normal = -float(f_W @ z)
-                k = k + 2e-4 * PERIOD * (reference.force - normal) if reference.force_control else 0.0
+                k = k + 2e-4 * PERIOD * (reference.set_force - normal) if reference.force_control else 0.0
             self.forces.append(normal)
             command = Command(
                 time=time,

@@ -90,7 +90,7 @@ def obedient(reference: Reference) -> float:
     """A surface where it is expected, then a force control without error."""
     if reference.state is WorkState.APPROACH:
         return STIFFNESS * max(0.0, -float(tip(reference)[2]))
-    return reference.force
+    return reference.set_force
 
 
 @dataclass
@@ -215,7 +215,7 @@ def test_states_follow_each_other(smooth):
     assert len([r for r in smooth.references if r.tare]) == pytest.approx(2.0 / PERIOD, abs=2)
     pressing = {WorkState.PRESS, WorkState.WORK, WorkState.RETREAT}  # the last as long as it lets go
     assert {r.state for r in smooth.references if r.force_control} == pressing
-    assert {r.state for r in smooth.references if r.force > 0.0} == pressing
+    assert {r.state for r in smooth.references if r.set_force > 0.0} == pressing
 
 
 def test_the_tool_moves_along_the_path_at_work_only_and_all_of_it(smooth):
@@ -242,7 +242,7 @@ def test_tool_reference_is_continuous_and_its_velocity_the_derivative(surface):
     def felt(reference: Reference) -> float:
         if reference.state is WorkState.APPROACH:
             return STIFFNESS * max(0.0, surface - float(tip(reference)[2]))
-        return reference.force
+        return reference.set_force
 
     script = Script(felt=felt, period=FINE).run()
     moving = script.of(WorkState.TARE, *IN_CONTACT, WorkState.RETREAT, WorkState.DONE)
@@ -265,7 +265,7 @@ def test_surface_is_met_at_touch_speed(smooth):
 
 def test_set_force_is_ramped_and_changes_with_the_part_of_the_path(smooth):
     contact = smooth.of(WorkState.PRESS, WorkState.WORK)
-    force = np.array([r.force for r in contact])
+    force = np.array([r.set_force for r in contact])
     assert np.abs(np.diff(force)).max() <= smooth.job.force_rate * PERIOD * (1.0 + 1e-9)
     share = np.array([r.path_s for r in contact]) / 0.12
     assert np.all(force[(share > 0.0) & (share < 1 / 3)] == 60.0)
@@ -277,7 +277,7 @@ def test_force_is_let_go_before_the_tool_leaves(smooth):
     """What is dropped at 60 N rebounds from a hard surface."""
     off = smooth.of(WorkState.RETREAT)
     down = [reference for reference in off if reference.force_control]
-    force = np.array([reference.force for reference in down])
+    force = np.array([reference.set_force for reference in down])
     assert force[0] > 0.9 * 60.0
     assert np.all(np.abs(np.diff(force) / PERIOD + smooth.job.force_rate) < 1e-6)
     assert force[-1] < smooth.job.approach.touch + smooth.job.force_rate * PERIOD
@@ -323,19 +323,19 @@ def test_contact_starts_the_press_wherever_it_is_met():
     def felt(reference: Reference) -> float:  # the surface 20 mm nearer than expected
         if reference.state is WorkState.APPROACH:
             return STIFFNESS * max(0.0, 0.02 - float(tip(reference)[2]))
-        return reference.force
+        return reference.set_force
 
     script = Script(felt=felt).run()
     assert script.states == [*JOURNEY, WorkState.DONE]
     met = script.of(WorkState.PRESS)[0]
     assert tip(met)[2] == pytest.approx(0.02, abs=1.5e-3)
     # The press begins from the force that is felt, not from nothing.
-    assert met.force >= script.job.approach.touch
+    assert met.set_force >= script.job.approach.touch
 
 
 @pytest.mark.parametrize("share", [0.0, 0.5, 0.9])
 def test_no_motion_along_the_path_before_the_force_is_reached(share):
-    script = Script(felt=lambda r: share * r.force if r.state is WorkState.PRESS else obedient(r)).run()
+    script = Script(felt=lambda r: share * r.set_force if r.state is WorkState.PRESS else obedient(r)).run()
     assert script.states == [*JOURNEY[:6], WorkState.RETREAT, WorkState.ABORT]
     assert script.end.path_s == 0.0
     assert "did not settle at 60 N within 6 s" in script.end.note
@@ -348,7 +348,7 @@ def test_force_must_be_held_before_the_work_begins():
 
     def felt(reference: Reference) -> float:
         if reference.state is WorkState.PRESS:
-            return reference.force * (1.0 if next(ticks) % 20 < 10 else 0.8)
+            return reference.set_force * (1.0 if next(ticks) % 20 < 10 else 0.8)
         return obedient(reference)
 
     assert WorkState.WORK not in Script(felt=felt).run().states
@@ -372,7 +372,7 @@ def test_too_much_force_ends_in_a_retreat(state):
     assert "119 N is above the limit of 118 N" in script.end.note  # 90 N, a quarter more, and the touch
     lifted = tip(script.end) - tip(script.of(WorkState.RETREAT)[0])
     assert lifted[2] >= 0.95 * script.job.approach.standoff
-    assert script.end.force == 0.0
+    assert script.end.set_force == 0.0
     assert not script.end.force_control
 
 
@@ -525,7 +525,7 @@ def test_work_without_contact_keeps_its_distance():
     work = script.of(WorkState.WORK)
     assert {round(float(tip(r)[2]), 9) for r in work} == {0.03}
     assert tip(work[-1])[0] == pytest.approx(0.12)
-    assert not any(r.force or r.force_control for r in script.references)
+    assert not any(r.set_force or r.force_control for r in script.references)
     fastest = max(float(np.linalg.norm(r.v_WG_W)) for r in script.of(WorkState.APPROACH)[-20:])
     assert fastest <= script.job.approach.touch_speed + 0.01  # it comes to its distance slowly
     assert tip(script.end)[2] >= script.job.approach.standoff - 1e-3

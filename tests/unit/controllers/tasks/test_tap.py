@@ -70,7 +70,7 @@ class World(Told):
                 nearest = min(HEIGHTS, key=lambda s: abs(s - float(self.tip[0])))
                 felt = STIFFNESS * max(0.0, HEIGHTS[nearest] - float(self.tip[2]))
             if reference.force_control:
-                felt = reference.force if self.tip[0] < fails_at else 170.0
+                felt = reference.set_force if self.tip[0] < fails_at else 170.0
             told = {"joint_torque": joints, "thrusters": joints, "scan": reference.scan}
             command = Command(contact=ContactEstimate(normal=felt), **told, **now)
             if reference.state in (WorkState.DONE, WorkState.ABORT):
@@ -83,7 +83,7 @@ def test_every_point_is_touched_with_its_force_for_its_time_and_its_place_noted(
     tapping = [WorkState.APPROACH, WorkState.PRESS, WorkState.WORK, WorkState.RETREAT, WorkState.CLOSE_IN]
     assert world.states[4:] == [*tapping * 3, WorkState.DONE]
     held = world.of(WorkState.WORK)
-    assert {reference.force for reference in held} == {30.0}
+    assert {reference.set_force for reference in held} == {30.0}
     assert len(held) * PERIOD == pytest.approx(3 * 2.0, abs=0.1)
     places = np.array(world.state.held.places)
     within("along [m]", places[:, 0] - list(HEIGHTS), 1e-9)

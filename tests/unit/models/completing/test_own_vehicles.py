@@ -9,15 +9,16 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from uuv import models
-from uuv.models.completing.complete import complete, computed
+from uuv.models.completing.complete import complete
 from uuv.models.completing.hull_box import hull_box
 from uuv.models.completing.mounting import mount_arm
 from uuv.models.completing.postures import PostureSearch
+from uuv.models.files.notes import computed
 from uuv.models.files.parts_file import PartPlace, read_parts
 from uuv.models.naming import CAMERA_SITE, HOME_KEY, READY_KEY, TIP_SITE, TOOL_GEOM
-from uuv.models.site.scenes import vehicle_spec
 from uuv.models.vehicle import Vehicle
 from uuv.models.water import thrusters
+from uuv.own_vehicle import vehicle_spec
 from uuv.sim import hydrodynamics
 from uuv.sim.interfaces.errors import ConfigurationError
 

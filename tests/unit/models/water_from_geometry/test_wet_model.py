@@ -11,11 +11,11 @@ import pytest
 from untyped import untyped
 from uuv import models
 from uuv.models import hydrodynamics
-from uuv.models.site.scenes import vehicle_spec
 from uuv.models.water_from_geometry import wetting
 from uuv.models.water_from_geometry.files import read_model, write_model
 from uuv.models.water_from_geometry.geoms import Choice, primitive
 from uuv.models.water_from_geometry.wetting import wet
+from uuv.own_vehicle import vehicle_spec
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import Array, exp_so3, quat_wxyz_from_rotation
 from wet_files import INERTIAL, urdf, write_stl

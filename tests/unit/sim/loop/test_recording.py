@@ -78,7 +78,7 @@ class Run:
                     w_WG_W=np.zeros(3),
                     q=np.zeros(6),
                     qd=np.zeros(6),
-                    force=60.0,
+                    set_force=60.0,
                     force_control=True,
                     tare=False,
                     scan=False,

@@ -120,7 +120,7 @@ class Planner(Fake):
             w_WG_W=zero,
             q=NONE,
             qd=NONE,
-            force=0.0,
+            set_force=0.0,
             force_control=False,
             tare=False,
             scan=tick in self.scan,

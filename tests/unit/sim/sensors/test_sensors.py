@@ -264,7 +264,7 @@ def test_measurements_come_at_their_rates_and_only_vision_comes_late():
         w_WG_W=np.zeros(3),
         q=np.zeros(6),
         qd=np.zeros(6),
-        force=0.0,
+        set_force=0.0,
         force_control=False,
         tare=False,
         scan=False,

@@ -26,7 +26,6 @@ from uuv.environments.vehicle_task import VehicleTask
 from uuv.models import hydrodynamics as hydrodynamic_rows
 from uuv.models.files import sidecar
 from uuv.models.objects import targets
-from uuv.models.site import scenes
 from uuv.models.water.forms import LiftDrag, MunkFactor
 from uuv.own_vehicle import vehicle_spec
 from uuv.perturbations.pad import Pad
@@ -135,7 +134,7 @@ def test_contact_is_that_of_the_plant():
     put(sea, uuv.WorkObjectEntity(target), X_WT)
     env = environment(task)
     env.reset()
-    spec = scenes.vehicle_spec("uuv_puma")
+    spec = vehicle_spec("uuv_puma")
     target.add_to(spec, X_WT)
     spec.worldbody.add_geom(
         name="seabed", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[12.0, 12.0, 0.1], pos=[0.0, 0.0, -2.4]
@@ -211,7 +210,7 @@ def test_a_vehicle_of_a_users_file_with_a_mesh(tmp_path):
     It has no keyframes: that of the folded arm is found.
     """
     trimesh.creation.box((0.4, 0.3, 0.2)).export(tmp_path / "frame.obj")
-    spec = scenes.vehicle_spec("uuv_puma")
+    spec = vehicle_spec("uuv_puma")
     spec.add_mesh(name="frame", file="frame.obj")
     spec.body("hull").add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname="frame", contype=0, conaffinity=0, mass=0)
     spec.modelfiledir = str(tmp_path)
@@ -234,7 +233,7 @@ def test_a_vehicle_of_a_users_file_with_a_mesh(tmp_path):
 
 def test_a_vehicle_with_forms_in_a_sidecar_is_the_plant(tmp_path):
     """Records behind the rows of bodies pass through PyMJCF, which joins the parts and a dry sea."""
-    spec = scenes.vehicle_spec("uuv_puma")
+    spec = vehicle_spec("uuv_puma")
     wet = hydrodynamic_rows.attached(spec)
     forms = (MunkFactor(factor=np.array([1.0, 0.3, 0.2])), LiftDrag.of_wing(area=0.2, span=0.5, drag_0=0.1))
     hydrodynamic_rows.attach(spec, {name: replace(wet[name], forms=forms) for name in ("hull", "link3")})
@@ -285,7 +284,7 @@ def test_an_arm_stands_on_a_base_of_another():
 
 
 def test_parts_that_are_tied_together_stay_in_one_piece():
-    spec = scenes.vehicle_spec("uuv_puma")
+    spec = vehicle_spec("uuv_puma")
     spec.add_exclude(bodyname1="hull", bodyname2="link3")
     parts = parts_of(spec)
     assert parts.arm is None
@@ -324,7 +323,7 @@ def test_a_perturbed_episode_is_the_perturbed_plant():
     drawing = np.random.RandomState(7)
     drawing.uniform(-np.pi, np.pi)  # as the sea draws before
     drawing.randint(2**31)
-    spec = scenes.vehicle_spec("uuv_puma")
+    spec = vehicle_spec("uuv_puma")
     perturb(spec, SPREADS[:4], int(drawing.randint(2**31)))
     plant = Plant(hydrodynamics.compile(spec), current=Current(np.zeros(3)))
     plant.observe()

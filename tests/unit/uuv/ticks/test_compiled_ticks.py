@@ -182,9 +182,9 @@ def test_whole_runs_have_the_same_bits(scenario):
     assert found[0] == found[1]
 
 
-def integrate(memory, wanted, felt, _servo_compliance, dt):
+def integrate(memory, set_force, felt, _servo_compliance, dt):
     """Displacement [m] by an integrator of fixed gain."""
-    memory[0] += 1e-4 * (wanted - felt) * dt
+    memory[0] += 1e-4 * (set_force - felt) * dt
     return memory[0]
 
 

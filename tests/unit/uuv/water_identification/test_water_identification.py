@@ -14,7 +14,7 @@ from uuv import models
 from uuv.calib.water.logs import ATTITUDE, POSITION, RATE, Channel, WaterLog, write_log
 from uuv.calib.water.named_fit import values_of
 from uuv.calib.water.results import write_vehicle
-from uuv.models.site.scenes import vehicle_spec
+from uuv.own_vehicle import vehicle_spec
 from uuv.sim import hydrodynamics
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.messages import Command

@@ -1,0 +1,135 @@
+"""The reader of vehicles, whatever describes one: a name, a function, an MJCF, a URDF, or a spec.
+
+    file = read("rov.urdf")  # with its rov.water.yaml and rov.parts.yaml
+    file.spec                # under the names of the file
+
+Nothing is renamed or computed here.
+"""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import mujoco
+
+from uuv import models
+from uuv.models import hydrodynamics
+from uuv.models.files import notes, sidecar
+from uuv.models.files.mjcf_files import read_mjcf
+from uuv.models.files.parts_file import PARTS_SUFFIX, PartsMap, read_parts
+from uuv.models.files.urdf import UrdfRobot, robot_of
+from uuv.models.files.urdf_vehicle import spec_of_urdf
+from uuv.sim.interfaces.errors import ConfigurationError, did_you_mean
+from uuv.sim.interfaces.files import existing_file
+from uuv.sim.interfaces.spatial import shown
+
+_TAKE_TOOL = ("uuv_puma",)  # names whose maker takes the tool, and trims the vehicle with it
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class VehicleFile:
+    """A vehicle as it is described: under its own names, with its water and its mapping."""
+
+    name: str  # with which messages begin
+    spec: mujoco.MjSpec
+    notes: tuple[str, ...] = ()  # lines about what was left out
+    bare: bool = False  # its format, URDF, has neither free joints nor motors
+    has_tool: bool = False  # it was made with the tool that was asked for
+    parts: PartsMap | None = None  # its mapping to the contract; None: it has none
+    parts_name: str = ""  # with which messages about the mapping begin
+    trim: float | None = None  # [m] metacentric height to which the hull is to be ballasted
+
+
+def read(
+    vehicle: str | Path | mujoco.MjSpec,
+    *,
+    parts: str | Path | None = None,
+    water: str | Path | None = None,
+    tool: str | None = None,
+) -> VehicleFile:
+    """Read a vehicle, with its water under the names of its file.
+
+    An MJCF's coefficients are in its user data, in custom elements, or in a sidecar
+    (`uuv.models.files.sidecar`); a URDF's in a sidecar.
+
+    Args:
+        vehicle: a name of `uuv.models.available()`, MODULE:FUNCTION, a file, MJCF or URDF, or a
+            spec, which is left as it is.
+        parts: mapping of its names (`uuv.models.files.parts_file`); None: `NAME.parts.yaml`
+            beside its file, if there is one.
+        water: sidecar of the file; None: `NAME.water.yaml` beside it, if there is one.
+        tool: that a named vehicle is made with, if its maker takes one and it is not mapped.
+
+    Raises:
+        ConfigurationError: neither a name nor a file, or a file that cannot be read.
+    """
+    if not isinstance(vehicle, str | Path):
+        file = _of_spec(vehicle)
+    elif check_name(str(vehicle)):
+        file = _of_name(str(vehicle), tool if parts is None else None)
+    else:
+        path = existing_file(vehicle, "vehicle")
+        parts = _parts_beside(path) if parts is None else parts
+        robot = robot_of(path, f"vehicle {shown(str(path))}")
+        file = _of_mjcf(path, water) if robot is None else _of_urdf(path, robot, water)
+        water = None  # it is attached
+
+    if water is not None:
+        raise ConfigurationError(f"{file.name}: has its own water, so a water file is refused")
+    if parts is None:
+        return replace(file, parts_name=file.name)
+
+    mapping = read_parts(parts)
+    name = f"parts {shown(str(parts))}"
+    return replace(file, parts=mapping, parts_name=name, trim=mapping.trim)
+
+
+def check_name(vehicle: str) -> bool:
+    """Refuse what is neither a name nor called as a file; returns True for a name.
+
+    Raises:
+        ConfigurationError: there is no such vehicle; the message lists those there are.
+    """
+    names = models.available()
+    if ":" in vehicle or vehicle in names:
+        return True
+    if Path(vehicle).suffix:
+        return False
+    raise ConfigurationError(
+        f"unknown vehicle {shown(vehicle)}; there are {', '.join(names)}, or a file, MJCF or URDF"
+        f"{did_you_mean(vehicle, names)}"
+    )
+
+
+def _of_spec(spec: mujoco.MjSpec) -> VehicleFile:
+    if not isinstance(spec, mujoco.MjSpec):
+        raise ConfigurationError(f"vehicle: expected a name or a file, got {shown(spec)}")
+    return VehicleFile(name=f"vehicle {shown(spec.modelname)}", spec=spec.copy())
+
+
+def _of_name(name: str, tool: str | None) -> VehicleFile:
+    takes = tool is not None and name in _TAKE_TOOL
+    spec = models.VEHICLES.load(name, tool=tool) if takes else models.load(name)
+    return VehicleFile(name=f"vehicle {shown(name)}", spec=spec, has_tool=takes)
+
+
+def _of_urdf(file: Path, robot: UrdfRobot, water: str | Path | None) -> VehicleFile:
+    spec, lines = spec_of_urdf(robot, file.resolve().parent)
+    sidecar.attach_beside(spec, file, water)
+
+    return VehicleFile(name=robot.name, spec=spec, notes=tuple(lines), bare=True)
+
+
+def _parts_beside(file: Path) -> Path | None:
+    """The mapping that lies beside a vehicle's file; None: there is none."""
+    mapping = file.with_name(file.stem + PARTS_SUFFIX)
+    return mapping if mapping.is_file() else None
+
+
+def _of_mjcf(file: Path, water: str | Path | None) -> VehicleFile:
+    spec, _ = read_mjcf(file, "vehicle")
+    notes.forget(spec)  # lines about computed parts of an earlier state, saved with it
+    sidecar.attach_beside(spec, file, water)
+
+    if hydrodynamics.attached(spec):
+        hydrodynamics.attach(spec, {})  # MJCF keeps user data of bodies but not of the world
+    return VehicleFile(name=f"vehicle {shown(str(file))}", spec=spec)

@@ -25,10 +25,16 @@ BOTTOM = 0.02  # [m] by which a hole is deeper than the depth to reach
 
 def site_of(options: ScenarioOptions, of: "SiteObject") -> "Site":
     """The site with that object, and the water of the options."""
+    from uuv.scenario_file import flow_of
     from uuv.site import Site
 
     return Site(
-        object=of, current=options.current, gust=options.gust, wave=options.wave, wave_frequency=options.wave_frequency
+        object=of,
+        current=options.current,
+        flow=None if options.flow is None else flow_of(options.flow),
+        gust=options.gust,
+        wave=options.wave,
+        wave_frequency=options.wave_frequency,
     )
 
 

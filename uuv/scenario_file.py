@@ -40,7 +40,8 @@ from uuv.sim.interfaces.spatial import shown
 from uuv.sim.interfaces.tables import TableReader, toml_of
 from uuv.sim.runs.run_folder import FORMAT, FORMAT_KEY, checked_format
 from uuv.sim.runs.saving import write_whole
-from uuv.site import SITE_OBJECTS, SiteObject
+from uuv.sim.water.flow_field import FlowField
+from uuv.site import FLOWS, SITE_OBJECTS, SiteObject
 from uuv.tasks import registry as tasks
 
 PERTURBATIONS = "perturbations"
@@ -52,7 +53,8 @@ _MOST = 1_000_000  # [bytes] of a file
 @cache
 def registries() -> Mapping[type, Registry[Any]]:
     """Registry of each base class of which a file names the kind."""
-    return {SiteObject: SITE_OBJECTS, Task: tasks.registry(), Perturbation: perturbation.registry()}
+    kinds: dict[type, Registry[Any]] = {SiteObject: SITE_OBJECTS, Task: tasks.registry()}
+    return {**kinds, Perturbation: perturbation.registry(), FlowField: FLOWS}
 
 
 def read_scenario(file: str | Path, *, trust: bool = False) -> Scenario:
@@ -120,6 +122,15 @@ def from_dict(nested: Mapping[str, Any]) -> Scenario:
         ConfigurationError: A key or value is none of those allowed.
     """
     return _READER.made(Scenario, nested)
+
+
+def flow_of(name: str) -> FlowField:
+    """The flow field of a kind, a registered name or MODULE:CLASS, with the defaults of its keys.
+
+    Raises:
+        ConfigurationError: There is none, or a key has no default.
+    """
+    return _READER.made(FlowField, {KIND: name}, "site.flow")
 
 
 def with_values(scenario: Scenario, assignments: Iterable[str], option: str = "--set") -> Scenario:
@@ -271,9 +282,8 @@ def _class_of(kind: type, given: dict[str, Any], place: str) -> type:
         raise ConfigurationError(f"{place}: needs a {KIND}; there are {', '.join(registry.names())}")
     chosen = registry.maker(str(name))
     if not (isinstance(chosen, type) and issubclass(chosen, kind) and is_dataclass(chosen)):
-        raise ConfigurationError(
-            f"{place}: {registry.kind} {shown(name)} must be a dataclass that inherits {kind.__name__}"
-        )
+        needs = "has a method velocity(p_W, time)" if kind is FlowField else f"inherits {kind.__name__}"
+        raise ConfigurationError(f"{place}: {registry.kind} {shown(name)} must be a dataclass that {needs}")
     return chosen
 
 

@@ -3,7 +3,7 @@
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, is_dataclass
 from typing import Literal
 
 import numpy as np
@@ -19,6 +19,7 @@ from uuv.models.site.seabed import Seabed, seabed
 from uuv.models.site.terrain_kinds import KINDS, Kind
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import Array, checked_pose, exp_so3, finite_number, pose, shown
+from uuv.sim.water.flow_field import FlowField, checked_flow
 
 ALTITUDE = 2.5  # [m] height of the hull above the seabed during the scan
 HALF = 3.0  # [m] half the side of the terrain
@@ -244,13 +245,17 @@ SITE_OBJECTS: Registry[SiteObject] = Registry(
 )
 
 
+FLOWS: Registry[FlowField] = Registry("flow", {"CylinderWake": "uuv.sim.water.cylinder_wake:CylinderWake"})
+
+
 @dataclass(frozen=True, kw_only=True)
 class Site:
-    """Where the work is."""
+    """Where the work is; the velocity of the water is the sum of current, flow field, wave and gusts."""
 
     object: SiteObject = field(default_factory=Barrel)
     X_WT: Pose | None = None  # true pose of the object; None: drawn from the seed
     current: tuple[float, float, float] = (0.15, 0.0, 0.0)  # [m/s] steady, in W
+    flow: FlowField | None = None  # velocity by place and time, on top of the current; None: alike everywhere
     gust: float = 0.03  # [m/s] standard deviation per axis
     wave: tuple[float, float, float] = (0.0, 0.0, 0.0)  # [m/s] amplitude of a regular wave, in W
     wave_frequency: float = 0.1  # [Hz]
@@ -260,6 +265,12 @@ class Site:
             checked_pose(self.X_WT, "X_WT")
             if isinstance(self.object, Ground):
                 raise ConfigurationError("X_WT: terrain has no pose; leave it out")
+        if self.flow is not None:
+            checked_flow(self.flow, "site.flow")
+            if not is_dataclass(self.flow):
+                raise ConfigurationError(
+                    f"site.flow: must be a dataclass, whose fields are keys of a scenario, got {shown(self.flow)}"
+                )
 
     def pose(self, rng: np.random.Generator) -> Array:
         """True pose X_WT (4, 4) of the object; drawn even if it is set, so that later draws stay the same."""

@@ -15,7 +15,7 @@ from uuv.models.vehicle import Vehicle
 from uuv.sim import hydrodynamics
 from uuv.sim.interfaces.errors import ConfigurationError, PhysicsWarning
 from uuv.sim.interfaces.messages import Command
-from uuv.sim.interfaces.spatial import Array, checked_pose, cross, fitting, quat_wxyz_from_rotation
+from uuv.sim.interfaces.spatial import Array, checked_pose, cross, fitting, quat_wxyz_from_rotation, shown
 from uuv.sim.plant.compiled_step import Drive, Flow, PlantRecord, Watch, drive, end_step, verdict
 from uuv.sim.plant.reaction_wrench import ReactionWrench
 from uuv.sim.plant.readout import CONTACTS, FORCE, NORMAL, Readout, gears_and_contacts, places_of
@@ -248,6 +248,7 @@ class Plant:
             contacts=self._contacts,
             collided=truth.collided,
         )
+        self._start = X_WB
         self._drive = Drive(
             curves=self._thrusters.curves,
             table=self._thrusters.table,
@@ -278,12 +279,13 @@ class Plant:
 
         Args:
             current: Current of the water.
-            X_WB: Initial hull pose (4, 4); default: the model's.
+            X_WB: Initial hull pose (4, 4); default: that with which the plant was made.
 
         Raises:
             ConfigurationError: `current` is no Current or has another timestep, or `X_WB` is no pose.
         """
         _check_current(current, self.timestep)
+        X_WB = self._start if X_WB is None else X_WB
         if X_WB is not None:
             X_WB = checked_pose(X_WB, "X_WB")
         data = self.data
@@ -305,7 +307,8 @@ class Plant:
             current: Current of the water.
         """
         data, truth = self.data, self.truth
-        self._current = current
+        current.place(self.model)
+        self._current, self._tick = current, 0
         self._flow = Flow(
             current.velocity, current.acceleration, current.row, self._wind, self._current_slot, truth.current_W
         )
@@ -319,7 +322,6 @@ class Plant:
         self._watch.time[0] = data.time
         self._watch.observed[0] = self._drive.saturated[0] = False
         truth.arm_wrench_B[:] = np.nan
-        self._tick = 0
         gears_and_contacts(self._as_tuples[1], 0, 1)
         truth.tau_friction[:] = self._contacts[:] = 0.0  # none yet, whatever constraints `data` still has
         truth.collided[:] = -1.0
@@ -414,20 +416,21 @@ class Plant:
         last = self.substeps - 1
         self._watch.observed[0] = False
         self._tick += 1
-        if self._current.profile is None:
-            self._current.ready()
-            end_step(readout, flow, last + 1)
-        else:
+        self._check_flow()
+        if self._current.beyond_rows():
             gears_and_contacts(readout, last, last + 1)
             self._blow()
+        else:
+            self._current.ready()
+            end_step(readout, flow, last + 1)
         self._contact()
 
     def spans(self) -> str:
         """Why the compiled stages of `uuv.sim.plant.compiled_step` cannot advance this plant; empty if they can."""
         if self._soil is not None:
             return "the plant has soil"
-        if self._current.profile is not None:
-            return "the current has a profile"
+        if reason := self._current.beyond_rows():
+            return reason
         if _spacing(self.vehicle.dof) > 1:
             return "the arm's joints have others between them"
         target = mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_BODY, TARGET_BODY)
@@ -437,6 +440,7 @@ class Plant:
 
     def ready(self) -> int:
         """Number of steps that the compiled stages may take before the next call; generates gusts ahead."""
+        self._check_flow()
         steps = self._current.ready()
         return steps if self._reaction is None else min(steps, -self._tick % self._reaction_ticks)
 
@@ -474,10 +478,25 @@ class Plant:
 
     def _blow(self) -> None:
         """Write the flow of the next step into the model, before `observe` computes its forces."""
-        velocity, acceleration = self._current.step()
+        address = self.vehicle.hull_qpos
+        # The place of the joint is that of the next step already, that of the body still of the last one.
+        p_WB = np.array(self.data.qpos[address : address + 3])
+        velocity, acceleration = self._current.at(p_WB, self._tick * self.timestep)
         self._wind[:] = velocity
         self._current_slot[:] = acceleration
         self.truth.current_W[:] = velocity
+
+    def _check_flow(self) -> None:
+        """Refuse a flow that something else than the current has written into the model.
+
+        Raises:
+            ConfigurationError: The next step would overwrite it.
+        """
+        if self._wind.tolist() != self.truth.current_W.tolist():
+            raise ConfigurationError(
+                f"plant: opt.wind is {shown(self._wind.tolist())} m/s, which the plant did not write and overwrites at "
+                "every step; water of your own goes in by `on_water` of a perturbation, or by site.flow"
+            )
 
 
 def _check(model: mujoco.MjModel, substeps: int) -> None:

@@ -56,12 +56,14 @@ class RunOptions:
 class ScenarioOptions(RunOptions):
     """Options of every scenario."""
 
-    groups: ClassVar[Mapping[str, str]] = {"water": "current gust wave wave_frequency"}
+    groups: ClassVar[Mapping[str, str]] = {"water": "current flow gust wave wave_frequency"}
 
     seed: int = 0
     """Seed of everything random: where the object lies, the noise of the sensors, the gusts."""
     current: tuple[float, float, float] = (0.15, 0.0, 0.0)
-    """Steady current [m/s], world axes; gusts come on top."""
+    """Steady current [m/s], world axes; flow, wave and gusts come on top."""
+    flow: str | None = None
+    """Flow field, a velocity by place and time on top of the current: MODULE:CLASS (docs/own_current.md)."""
     gust: float = 0.03
     """Standard deviation of the gusts [m/s] per axis."""
     wave: tuple[float, float, float] = (0.0, 0.0, 0.0)

@@ -156,9 +156,9 @@ class Instants:
 
 def fresh(options: Options) -> Assembly:
     """The job assembled from the seed, with its code loaded."""
-    built = assemble(options.scenario(), full=options.record)
-    rehearse(built)
-    return built
+    scenario = options.scenario()
+    rehearse(assemble(scenario, full=options.record))
+    return assemble(scenario, full=options.record)
 
 
 def digest(outcome: Run) -> str:

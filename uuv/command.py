@@ -18,7 +18,7 @@ from uuv.check.preflight import preflight
 from uuv.controllers.tuning import table
 from uuv.kinds import SURVEY, TRUST
 from uuv.models.meshes import ray_casting
-from uuv.runner import Run, SignalStop, assessed, rehearse, run_through
+from uuv.runner import Run, SignalStop, assessed, rehearse, run_through, to_rehearse
 from uuv.scenario import Scenario
 from uuv.scenario_file import SCENARIO_FILE, as_dict, flat, names_of_code, write_scenario
 from uuv.sim.evaluation.metrics import Assessment
@@ -72,7 +72,7 @@ def command(
         ray_casting.installed()  # or the refusal, before anything is compiled
     compiled = first_start.build()
     folder = new_folder(scenario.name, options.out, scenario.seed)  # before the work: the folder may be unusable
-    trial = assembled(scenario, full=options.record)
+    trial = assembled(to_rehearse(scenario), full=options.record)
     for line in filter(None, (trial.said, *preflight(scenario, trial.own))):
         console.print(line, markup=False, highlight=False, soft_wrap=True)
     rehearse(trial)

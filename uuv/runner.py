@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -142,11 +142,17 @@ def assessed(assembly: Assembly, result: RunResult) -> Assessment:
     return assembly.placed.assess(result, assembly.scenario.seed)
 
 
+def to_rehearse(scenario: Scenario) -> Scenario:
+    """The scenario by whose assembly a run is rehearsed: its object is clean, for nothing touches it so soon."""
+    site = scenario.site
+    return replace(scenario, site=replace(site, object=site.object.clean()))
+
+
 def rehearse(assembly: Assembly) -> None:
     """Runs the loop for REHEARSAL, to load all compiled code and let an invalid plug-in fail at once.
 
     Args:
-        assembly: Made for this alone, and thrown away after it: its parts may hold state.
+        assembly: Made for this alone, as of `to_rehearse`, and thrown away: its parts may hold state.
     """
     rng = np.random.default_rng(assembly.scenario.seed)
     plant, loop = assembly.plant, assembly.loop

@@ -3,8 +3,8 @@
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field, is_dataclass
-from typing import Literal
+from dataclasses import dataclass, field, is_dataclass, replace
+from typing import Literal, Self
 
 import numpy as np
 
@@ -41,6 +41,10 @@ class SiteObject:
         """True pose X_WT (4, 4): on the seabed 1.5 m below the origin, turned by up to 0.6 rad about z."""
         return pose(exp_so3([0.0, 0.0, rng.uniform(-0.6, 0.6)]), rng.uniform(-0.2, 0.2, 3) - [0.0, 0.0, 1.5])
 
+    def clean(self) -> Self:
+        """The same without growth and dents, which take seconds to draw."""
+        return self
+
 
 @dataclass(frozen=True, kw_only=True)
 class OpenWater(SiteObject):
@@ -53,6 +57,10 @@ class Workpiece(SiteObject, ABC):
 
     fouled: float = 0.0  # [m] largest height of growth
     dented: float = 0.0  # [m] largest depth of dents
+
+    def clean(self) -> Self:
+        """The object as the vehicle knows it."""
+        return replace(self, fouled=0.0, dented=0.0)
 
     def model(self) -> TargetModel:
         """Clean model, where no path is needed. Raises ConfigurationError if there is no such object."""

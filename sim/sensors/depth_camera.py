@@ -4,6 +4,7 @@ Frame C has OpenCV axes: x right, y down, z along the optical axis.
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import mujoco
@@ -117,8 +118,13 @@ class DepthCamera:
             start, way = port.rays(calibration.raw(tangents, optics.focal))
             tangent_x = np.ascontiguousarray(tangents[0, :, 0])
             self._reader = StereoReader.of(port, calibration, optics.focal, (noise or NOISE).baseline, tangent_x)
-        self._rays = Rays.of(way, NEAR, start)
+        self._ways, self._starts = way, start
         self._world = visible.world(model, "depth camera")
+
+    @cached_property
+    def _rays(self) -> Rays:
+        """The rays in tiles, made when the first frame is taken."""
+        return Rays.of(self._ways, NEAR, self._starts)
 
     @classmethod
     def at_site(cls, model: mujoco.MjModel, site: str, **options: Any) -> "DepthCamera":

@@ -29,7 +29,7 @@ from rich.table import Table
 
 from uuv.assembly import Assembly, assemble
 from uuv.jobs import BarrelOptions
-from uuv.runner import Run, rehearse, run
+from uuv.runner import Run, rehearse, run, to_rehearse
 from uuv.sim.interfaces.errors import UuvError
 from uuv.sim.interfaces.messages import WorkState
 from uuv.sim.loop.recording import Recorder
@@ -157,7 +157,7 @@ class Instants:
 def fresh(options: Options) -> Assembly:
     """The job assembled from the seed, with its code loaded."""
     scenario = options.scenario()
-    rehearse(assemble(scenario, full=options.record))
+    rehearse(assemble(to_rehearse(scenario), full=options.record))
     return assemble(scenario, full=options.record)
 
 

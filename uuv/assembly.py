@@ -124,6 +124,11 @@ def assemble(scenario: Scenario, *, full: bool = False) -> Assembly:
     for perturbation in scenario.perturbations:
         perturbation.on_scene(scene)
     model = hydrodynamics.compile(scene)
+    if np.any(model.opt.wind):
+        raise ConfigurationError(
+            f"opt.wind of vehicle or scene is {shown(model.opt.wind)} m/s, which a run overwrites: its water is site.current, "
+            "site.flow, and what `on_water` of a perturbation makes of them"
+        )
     offset = pose(exp_so3([0.0, 0.0, start.uniform(-0.02, 0.02)]), start.uniform(-0.03, 0.03, 3))
     X_WB = placed.X_WB if placed.exact_start else placed.X_WB @ offset
     check_start(model, Vehicle.of(model), X_WB)

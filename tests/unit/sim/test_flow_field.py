@@ -14,8 +14,8 @@ from uuv.sim import hydrodynamics
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.messages import Command
 from uuv.sim.interfaces.spatial import Array, exp_so3, pose
-from uuv.sim.plant.onset import Onset
 from uuv.sim.plant.faults import changing
+from uuv.sim.plant.onset import Onset
 from uuv.sim.plant.plant import Plant
 from uuv.sim.water.current import Current, Wave
 from uuv.sim.water.flow_field import FlowField
@@ -220,7 +220,9 @@ def test_water_that_something_else_writes_is_refused(when):
     ],
 )
 def test_a_velocity_that_is_none_is_one_line(value, said):
-    with pytest.raises(ConfigurationError, match=rf"flow Given: velocity must be \(3,\) finite numbers \[m/s\], .*{said}"):
+    with pytest.raises(
+        ConfigurationError, match=rf"flow Given: velocity must be \(3,\) finite numbers \[m/s\], .*{said}"
+    ):
         Current(MEAN).with_flow(untyped(Given(value))).at(P_W, 3.0)
 
 

@@ -21,9 +21,7 @@ X_WT = pose(exp_so3([0.0, 0.0, 0.4]), [0.1, -0.2, -1.6])
 def scenario(*perturbations: Wake, current: tuple[float, float, float] = CURRENT):
     plain = barrel(quick=True)
     placed = tuple(tuple(row) for row in X_WT.tolist())
-    return replace(
-        plain, site=replace(plain.site, X_WT=placed, current=current, gust=0.0), perturbations=perturbations
-    )
+    return replace(plain, site=replace(plain.site, X_WT=placed, current=current, gust=0.0), perturbations=perturbations)
 
 
 def wake_of(perturbation: Wake) -> CylinderWake:

@@ -5,6 +5,7 @@ from copy import deepcopy
 from dataclasses import dataclass
 from typing import Any
 
+import mujoco
 import numpy as np
 
 from uuv.components.contact_parts import believed_and_built, controller
@@ -29,7 +30,7 @@ REACTION_TICKS = 10  # loop steps between measurements of the arm's reaction wre
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Assembly:
-    """An assembled scenario at its start, to be run once: parts may hold state, and random numbers are drawn."""
+    """An assembled scenario at its start, to be run once: parts may hold state."""
 
     scenario: Scenario
     placed: PlacedTask
@@ -60,11 +61,11 @@ class Assembly:
             ConfigurationError: The plant has moved on, as after a run.
         """
         if (time := float(self.plant.truth.time)) > 0.0:
-            raise ConfigurationError(f"run: this assembly is at {time:.3f} s; assemble the scenario anew for each run")
+            raise ConfigurationError(f"run: this assembly is at {time:.3f} s; make a new one for each")
 
 
 def current_of(scenario: Scenario, timestep: float, gusts: np.random.Generator) -> Current:
-    """The water of a scenario: steady current, wave and gusts, its flow field, and what perturbations make of it.
+    """The water of a scenario: current, wave, gusts and flow, and what perturbations make of them.
 
     Args:
         scenario: The description.
@@ -76,23 +77,23 @@ def current_of(scenario: Scenario, timestep: float, gusts: np.random.Generator) 
     """
     site = scenario.site
     wave = Wave(amplitude_W=site.wave, frequency=site.wave_frequency)
-    current = Current(site.current, gust=site.gust, wave=wave, timestep=timestep, rng=deepcopy(gusts))
+    rng = deepcopy(gusts)
+    current = Current(site.current, gust=site.gust, wave=wave, timestep=timestep, rng=rng)
     if site.flow is not None:
         current = current.with_flow(site.flow)
 
     for perturbation in scenario.perturbations:
         changed: Any = perturbation.on_water(current)
         if not isinstance(changed, Current):
-            kind = type(perturbation).__name__
-            raise ConfigurationError(
-                f"{kind}.on_water: must return a uuv.sim.water.current.Current, got {shown(changed)}"
-            )
+            hook = f"{type(perturbation).__name__}.on_water"
+            needs = "must return a uuv.sim.water.current.Current"
+            raise ConfigurationError(f"{hook}: {needs}, got {shown(changed)}")
         current = changed
     return current
 
 
 def innermost(plant: Any) -> Plant | None:
-    """The `Plant` in wrappers that keep what they wrap in an attribute `plant`; None: there is none."""
+    """The `Plant` in wrappers that keep it in an attribute `plant`; None: there is none."""
     while not isinstance(plant, Plant):
         if not hasattr(plant, "plant"):
             return None
@@ -120,15 +121,7 @@ def assemble(scenario: Scenario, *, full: bool = False) -> Assembly:
     own = OwnVehicle.of(believed, task.spares)
     placed = task.place(scenario, own, rng)
     gusts, noise, start, sampling = rng.spawn(4)
-    scene = placed.scene(built)
-    for perturbation in scenario.perturbations:
-        perturbation.on_scene(scene)
-    model = hydrodynamics.compile(scene)
-    if np.any(model.opt.wind):
-        raise ConfigurationError(
-            f"opt.wind of vehicle or scene is {shown(model.opt.wind)} m/s, which a run overwrites: its water is site.current, "
-            "site.flow, and what `on_water` of a perturbation makes of them"
-        )
+    model = _compiled(placed.scene(built), scenario)
     offset = pose(exp_so3([0.0, 0.0, start.uniform(-0.02, 0.02)]), start.uniform(-0.03, 0.03, 3))
     X_WB = placed.X_WB if placed.exact_start else placed.X_WB @ offset
     check_start(model, Vehicle.of(model), X_WB)
@@ -141,23 +134,7 @@ def assemble(scenario: Scenario, *, full: bool = False) -> Assembly:
         soil=placed.soil,
         substeps=substeps,
     )
-    seeing, sensor_model = placed.sensors(model)
-    without = frozenset(scenario.control.without)
-    on_arm, checked = scenario.sensing.arm_camera, "gyro-check" not in without
-    if on_arm is not None:  # last, so that the other sensors draw as without it
-        seeing = [*seeing, arm_camera(on_arm, model)]
-        fused = Navigation(arm_camera=believed_mount(own, beside_tool()), check_gyro=checked)
-    else:
-        fused = Navigation(standing=believed_mount(own) if placed.stands else None, check_gyro=checked)
-    parts = Parts(
-        sensors=[*scenario.sensing.proprioception(), *seeing],
-        estimator=placed.estimator(RawNavigation() if "fusion" in without else fused),
-        finder=placed.finder(sensor_model, int(sampling.integers(2**31))),
-        planner=placed.planner(),
-        controller=placed.controller()
-        or controller(scenario.control, own.model, water_error=scenario.belief.water_error),
-        follower=placed.follower(sensor_model) if scenario.sensing.follow else None,
-    )
+    parts = _parts(scenario, placed, own, model, int(sampling.integers(2**31)))
     loop = Loop(plant=plant, parts=parts, observers=placed.observers())
     for perturbation in scenario.perturbations:
         loop = perturbation.on_loop(loop)
@@ -173,4 +150,54 @@ def assemble(scenario: Scenario, *, full: bool = False) -> Assembly:
         full=full,
         said=said,
         drawn=drawn,
+    )
+
+
+def _compiled(scene: mujoco.MjSpec, scenario: Scenario) -> mujoco.MjModel:
+    """The perturbed scene, compiled; refused with water of its own, which a run would overwrite."""
+    for perturbation in scenario.perturbations:
+        perturbation.on_scene(scene)
+    model = hydrodynamics.compile(scene)
+    if np.any(model.opt.wind):
+        raise ConfigurationError(
+            f"opt.wind of vehicle or scene is {shown(model.opt.wind)} m/s; a run overwrites it: its "
+            "water is site.current, site.flow, and what `on_water` of a perturbation makes of it"
+        )
+    return model
+
+
+def _parts(scenario: Scenario, placed: PlacedTask, vehicle: OwnVehicle, model: mujoco.MjModel, seed: int) -> Parts:
+    """Parts of the loop.
+
+    Args:
+        scenario: The description.
+        placed: Its task at the site.
+        vehicle: The vehicle's model of itself.
+        model: The true world, compiled.
+        seed: Of the finder's random sampling.
+    """
+    seeing, sensor_model = placed.sensors(model)
+    without = frozenset(scenario.control.without)
+    on_arm = scenario.sensing.arm_camera
+    checked = "gyro-check" not in without
+
+    # The camera on the arm comes last, so that the other sensors draw as without it.
+    if on_arm is not None:
+        seeing = [*seeing, arm_camera(on_arm, model)]
+        fused = Navigation(arm_camera=believed_mount(vehicle, beside_tool()), check_gyro=checked)
+    else:
+        standing = believed_mount(vehicle) if placed.stands else None
+        fused = Navigation(standing=standing, check_gyro=checked)
+
+    work = placed.controller()
+    if work is None:
+        error = scenario.belief.water_error
+        work = controller(scenario.control, vehicle.model, water_error=error)
+    return Parts(
+        sensors=[*scenario.sensing.proprioception(), *seeing],
+        estimator=placed.estimator(RawNavigation() if "fusion" in without else fused),
+        finder=placed.finder(sensor_model, seed),
+        planner=placed.planner(),
+        controller=work,
+        follower=placed.follower(sensor_model) if scenario.sensing.follow else None,
     )

@@ -51,7 +51,8 @@ def command(
         options: Folder, recording and viewer.
         started: [s] time.perf_counter() at the start of the command.
         after: Appended to the title of log and report.
-        assembled: Assembles the scenario, as `uuv.assembly.assemble` does; called for the rehearsal, and for the run.
+        assembled: Assembles the scenario, as `uuv.assembly.assemble` does: first for the rehearsal,
+            then for the run.
 
     Returns:
         The exit code.

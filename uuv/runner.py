@@ -143,7 +143,7 @@ def assessed(assembly: Assembly, result: RunResult) -> Assessment:
 
 
 def to_rehearse(scenario: Scenario) -> Scenario:
-    """The scenario by whose assembly a run is rehearsed: its object is clean, for nothing touches it so soon."""
+    """The scenario for the rehearsal: its object is clean, for nothing touches it so soon."""
     site = scenario.site
     return replace(scenario, site=replace(site, object=site.object.clean()))
 
@@ -152,14 +152,16 @@ def rehearse(assembly: Assembly) -> None:
     """Runs the loop for REHEARSAL, to load all compiled code and let an invalid plug-in fail at once.
 
     Args:
-        assembly: Made for this alone, as of `to_rehearse`, and thrown away: its parts may hold state.
+        assembly: Made of `to_rehearse` for this alone, and thrown away: its parts may hold state.
     """
     rng = np.random.default_rng(assembly.scenario.seed)
     plant, loop = assembly.plant, assembly.loop
-    rollout(loop.plant, loop.parts, duration=REHEARSAL, rng=rng)
 
+    # Part by part, and compiled where that can be.
+    rollout(loop.plant, loop.parts, duration=REHEARSAL, rng=rng)
     if not reason(loop.plant, loop.parts, ()):
-        compiled = ticks_for(plant, loop.parts, Recorder(plant.model, timestep=plant.timestep, full=False)).bind
+        recorder = Recorder(plant.model, timestep=plant.timestep, full=False)
+        compiled = ticks_for(plant, loop.parts, recorder).bind
         plant.reset(current=assembly.current(), X_WB=assembly.X_WB)
         rollout(plant, loop.parts, duration=REHEARSAL, rng=rng, compiled=compiled)
 

@@ -282,8 +282,10 @@ def _class_of(kind: type, given: dict[str, Any], place: str) -> type:
         raise ConfigurationError(f"{place}: needs a {KIND}; there are {', '.join(registry.names())}")
     chosen = registry.maker(str(name))
     if not (isinstance(chosen, type) and issubclass(chosen, kind) and is_dataclass(chosen)):
-        needs = "has a method velocity(p_W, time)" if kind is FlowField else f"inherits {kind.__name__}"
-        raise ConfigurationError(f"{place}: {registry.kind} {shown(name)} must be a dataclass that {needs}")
+        is_flow = kind is FlowField
+        needs = "has a method velocity(p_W, time)" if is_flow else f"inherits {kind.__name__}"
+        which = f"{registry.kind} {shown(name)}"
+        raise ConfigurationError(f"{place}: {which} must be a dataclass that {needs}")
     return chosen
 
 

@@ -253,17 +253,18 @@ SITE_OBJECTS: Registry[SiteObject] = Registry(
 )
 
 
-FLOWS: Registry[FlowField] = Registry("flow", {"CylinderWake": "uuv.sim.water.cylinder_wake:CylinderWake"})
+_WAKE = "uuv.sim.water.cylinder_wake:CylinderWake"
+FLOWS: Registry[FlowField] = Registry("flow", {"CylinderWake": _WAKE})
 
 
 @dataclass(frozen=True, kw_only=True)
 class Site:
-    """Where the work is; the velocity of the water is the sum of current, flow field, wave and gusts."""
+    """Where the work is; the water's velocity is the sum of current, flow field, wave and gusts."""
 
     object: SiteObject = field(default_factory=Barrel)
     X_WT: Pose | None = None  # true pose of the object; None: drawn from the seed
     current: tuple[float, float, float] = (0.15, 0.0, 0.0)  # [m/s] steady, in W
-    flow: FlowField | None = None  # velocity by place and time, on top of the current; None: alike everywhere
+    flow: FlowField | None = None  # velocity by place and time, on top of the current
     gust: float = 0.03  # [m/s] standard deviation per axis
     wave: tuple[float, float, float] = (0.0, 0.0, 0.0)  # [m/s] amplitude of a regular wave, in W
     wave_frequency: float = 0.1  # [Hz]
@@ -276,9 +277,8 @@ class Site:
         if self.flow is not None:
             checked_flow(self.flow, "site.flow")
             if not is_dataclass(self.flow):
-                raise ConfigurationError(
-                    f"site.flow: must be a dataclass, whose fields are keys of a scenario, got {shown(self.flow)}"
-                )
+                needs = "must be a dataclass, whose fields are keys of a scenario"
+                raise ConfigurationError(f"site.flow: {needs}, got {shown(self.flow)}")
 
     def pose(self, rng: np.random.Generator) -> Array:
         """True pose X_WT (4, 4) of the object; drawn even if it is set, so that later draws stay the same."""

@@ -27,12 +27,12 @@ def unsettled(ramp: float) -> float:
 
 
 def force_peak(least: Any, most: Any, set_force: Any) -> Any:
-    """Largest error [N] within steps of the loop, of the smallest and the largest force in them, each (N,) or one."""
+    """Largest error [N] within a step, of the smallest and the largest force in it; (N,) or one."""
     return np.maximum(np.abs(most - set_force), np.abs(least - set_force))
 
 
 def is_lost(least: Any) -> Any:
-    """True where contact was lost within a step, by its smallest true normal force [N], (N,) or one."""
+    """True where contact was lost within a step, by the smallest normal force [N] in it."""
     return least < LOST_BELOW
 
 
@@ -74,9 +74,10 @@ def contact_figures(recording: "Recording") -> ContactMetrics:
     if not work.any() or not wanted[work].any():  # no force was commanded
         return unmeasured(ContactMetrics, segments=[])
     steps, dt = ForceSteps.of(recording), recording.timestep
-    least, most = recording["contact_least"].scalar, recording["contact_most"].scalar
-    lost, error = is_lost(least) & work, recording["contact_normal"].scalar - steps.force
-    peak = force_peak(least, most, steps.force)
+    least = recording["contact_least"].scalar
+    lost = is_lost(least) & work
+    error = recording["contact_normal"].scalar - steps.force
+    peak = force_peak(least, recording["contact_most"].scalar, steps.force)
 
     def figures(where: np.ndarray) -> dict[str, float | None]:
         e, worst = error[where & steps.settled], peak[where & steps.settled]

@@ -46,12 +46,12 @@ class TrueHole:
         object.__setattr__(self, "X_WH", checked(self.X_WH, (4, 4), "X_WH"))
 
     def forces(self, force_W: Array) -> tuple[Array, Array]:
-        """Side force (N,) [N] across the hole's axis, and axial force (N,) against the advance, of contacts (N, 3)."""
+        """Force (N,) [N] across the axis, and along it against the advance, of contacts (N, 3)."""
         force_H = force_W @ self.X_WH[:3, :3]
         return np.linalg.norm(force_H[:, :2], axis=1), -force_H[:, 2]
 
     def within_wall(self, tip_H: Array) -> np.ndarray:
-        """Mask (N,) of the places (N, 3) [m], in the hole's axes, that are no farther from its axis than its wall."""
+        """Mask (N,) of the places (N, 3) [m], in axes of the hole, that lie within its wall."""
         return np.linalg.norm(tip_H[:, :2], axis=1) < self.radius
 
 

@@ -11,14 +11,15 @@ from uuv.sim.interfaces.spatial import Array
 
 
 class RunningForce:
-    """Error of the true normal force from one set force, as `contact_figures` has it for a whole run.
+    """Error of the true normal force from one set force, as `contact_figures` has it for a run.
 
     It counts once the force is settled, since `start`.
     """
 
     def __init__(self, set_force: float, bounds: Bounds) -> None:
         """Take the set force [N] and the bounds of its error."""
-        self.set_force, self.bounds = set_force, bounds
+        self.set_force = set_force
+        self.bounds = bounds
         self.start()
 
     def start(self) -> None:
@@ -53,26 +54,26 @@ class RunningForce:
 
     def missed(self) -> str:
         """What of the whole is out of bounds: the root mean square; empty: nothing."""
-        return f"force off by {self.rms:.1f} N RMS" if self.rms > self.bounds.force_error_rms else ""
+        rms = self.rms
+        return f"force off by {rms:.1f} N RMS" if rms > self.bounds.force_error_rms else ""
 
 
 def place_on_path(path: ToolPath, p_W: Array) -> tuple[float, float]:
-    """Arc length [m] of the place of a path nearest to a tip (3,) [m], and its distance [m] across the tool axes.
+    """Arc length [m] of the place of a path nearest to a tip (3,) [m], and its distance [m].
 
-    As the distance of a run's tip from its ideal path on a deformed surface: how deep the tool is does not count.
+    The distance is that across the path's tool axes: how deep the tool is does not count.
     """
     gap = p_W - path.p
     gap -= np.sum(gap * path.z, axis=1, keepdims=True) * path.z
     at = int(np.argmin(np.sum(gap * gap, axis=1)))
-    p, s = path.p, path.s
-    arc, distance = float(s[at]), float(np.linalg.norm(gap[at]))
+    best = float(path.s[at]), float(np.linalg.norm(gap[at]))
 
     # Between the samples, before and after the nearest one.
     for a, b in ((at - 1, at), (at, at + 1)):
-        if a >= 0 and b < len(s):
-            along = p[b] - p[a]
+        if a >= 0 and b < len(path.s):
+            along = path.p[b] - path.p[a]
             share = float(np.clip(gap[a] @ along / (along @ along), 0.0, 1.0))
             off = float(np.linalg.norm(gap[a] - share * along))
-            if off < distance:
-                arc, distance = float(s[a] + share * (s[b] - s[a])), off
-    return arc, distance
+            if off < best[1]:
+                best = float(path.s[a] + share * (path.s[b] - path.s[a])), off
+    return best

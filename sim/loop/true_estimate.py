@@ -15,10 +15,12 @@ def true_estimate(truth: Any, tau: Array | None = None) -> StateEstimate:
 
     Args:
         truth: `uuv.sim.plant.plant.Truth`.
-        tau: Torques (n,) [N m] at the gear outputs, which the truth does not hold; None: they read zero.
+        tau: Torques (n,) [N m] at the gear outputs, which no truth holds; None: they read zero.
     """
     R_BW = truth.R_WB.T
+
     return StateEstimate(
+        # Where it is, and how it moves.
         time=truth.time,
         X_WB=pose(truth.R_WB, truth.p_WB),
         v_WB_B=R_BW @ truth.v_WB_W,
@@ -27,6 +29,7 @@ def true_estimate(truth: Any, tau: Array | None = None) -> StateEstimate:
         q=truth.q.copy(),
         qd=truth.qd.copy(),
         tau=np.zeros(len(truth.q)) if tau is None else tau,
+        # Nothing is in doubt.
         position_sigma=_SIGMA,
         attitude_sigma=0.0,
         vision_age=0.0,

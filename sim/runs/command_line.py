@@ -63,7 +63,7 @@ class ScenarioOptions(RunOptions):
     current: tuple[float, float, float] = (0.15, 0.0, 0.0)
     """Steady current [m/s], world axes; flow, wave and gusts come on top."""
     flow: str | None = None
-    """Flow field, a velocity by place and time on top of the current: MODULE:CLASS (docs/own_current.md)."""
+    """Flow field, a velocity by place and time: MODULE:CLASS (docs/own_current.md)."""
     gust: float = 0.03
     """Standard deviation of the gusts [m/s] per axis."""
     wave: tuple[float, float, float] = (0.0, 0.0, 0.0)

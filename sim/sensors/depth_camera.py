@@ -108,6 +108,8 @@ class DepthCamera:
         f = calibration.focal
         self._K = readonly([[f, 0, 0.5 * (width - 1)], [0, f, 0.5 * (height - 1)], [0, 0, 1]])
         self._X_BC_said = self._X_BC
+
+        # Rays of the rectified picture.
         v, u = np.indices((height, width))
         tangents = np.stack([(u - self._K[0, 2]) / f, (v - self._K[1, 2]) / f], axis=-1)
         # With unit z component the ray parameter is the depth along the optical axis.
@@ -118,7 +120,9 @@ class DepthCamera:
             start, way = port.rays(calibration.raw(tangents, optics.focal))
             tangent_x = np.ascontiguousarray(tangents[0, :, 0])
             self._reader = StereoReader.of(port, calibration, optics.focal, (noise or NOISE).baseline, tangent_x)
-        self._ways, self._starts = way, start
+        self._ways = way
+        self._starts = start
+
         self._world = visible.world(model, "depth camera")
 
     @cached_property

@@ -104,7 +104,7 @@ class VisibleWorld:
     def __init__(
         self, model: mujoco.MjModel, *, exclude: Collection[int] = (), groups: Collection[int] = VISIBLE_GROUPS
     ) -> None:
-        """Collect the visible surfaces; ray-casting scenes are built of them when the first rays are cast.
+        """Collect the visible surfaces; scenes are built of them when the first rays are cast.
 
         Transparent geoms (alpha 0), flexes and skins are invisible. Height fields are read now only.
 
@@ -141,7 +141,8 @@ class VisibleWorld:
                 static.append(part)
             else:
                 moving.setdefault(body, []).append(part)
-        self._static, self._middle_W = None, np.zeros(3)
+        self._static: _Surface | None = None
+        self._middle_W = np.zeros(3)
         if static:
             vertices, faces = joined(static)
             # Embree uses single precision, which far from W's origin is too coarse: 0.1 mm at 3 km of depth.
@@ -170,7 +171,8 @@ class VisibleWorld:
             clusters = self._static.clusters
             centers = (clusters[:, :3] - p_WS) @ R_WS
             tiles = _meetings(rays.cone, _spheres(centers, clusters[:, 3]))
-            self._cast_chosen(self._static.scene, pose(R_WS, p_WS - self._middle_W), rays, tiles, distance, cosine)
+            X_FS = pose(R_WS, p_WS - self._middle_W)
+            self._cast_chosen(self._static.scene, X_FS, rays, tiles, distance, cosine)
         for X_WG, size in self._planes:
             R_SG, p_SG = R_WS.T @ X_WG[:3, :3], R_WS.T @ (X_WG[:3, 3] - p_WS)
             _draw_plane(R_SG, p_SG, size, way, start, rays.near, distance, cosine)
@@ -218,7 +220,8 @@ class _Surface:
     @cached_property
     def scene(self) -> RayScene:
         """The triangles for ray casting."""
-        return RayScene(self.vertices if self.middle is None else self.vertices - self.middle, self.faces)
+        moved = self.vertices if self.middle is None else self.vertices - self.middle
+        return RayScene(moved, self.faces)
 
     @cached_property
     def clusters(self) -> Array:

@@ -1,4 +1,4 @@
-"""Time-varying current: a steady part, a regular wave, gusts of finite acceleration, and flow fields on top."""
+"""Current: steady part, regular wave, gusts of finite acceleration, flow fields on top."""
 
 import copy
 import sys
@@ -17,7 +17,8 @@ from uuv.sim.water.flow_field import FlowField, checked_flow, placed_in, total_v
 if TYPE_CHECKING:
     import mujoco
 
-Profile = Callable[[float], tuple[float, float]]  # of the time [s]: factor on the current, and its rate [1/s]
+# Of the time [s]: factor on the current, and its rate [1/s].
+Profile = Callable[[float], tuple[float, float]]
 
 _BLOCK = 4096  # steps generated at a time
 _FEWEST = 20.0  # [steps] in the period of a wave
@@ -64,15 +65,16 @@ STILL = Wave()
 
 
 class Current:
-    """Velocity and acceleration of the water, one sample per step of the plant, alike for all bodies.
+    """Velocity and acceleration of the water, one sample a step of the plant, for all bodies.
 
     Gusts are white noise through two equal first-order filters: their acceleration, which the pressure-gradient force
-    needs, is then finite. `gust` is their standard deviation per axis. `with_flow` adds a velocity that depends on the
-    place of the hull.
+    needs, is then finite. `gust` is their standard deviation per axis.
+    `with_flow` adds a velocity that depends on the place of the hull.
 
-    `velocity` [m/s] and `acceleration` [m/s^2], each (N, 3), hold the steps generated ahead, without profile and flow
-    fields; `row` (2,) is the next of their rows, and by how many rows a step moves on. Compiled code may take rows
-    itself, `ready` of them, where `beyond_rows` names nothing. The three arrays are never replaced.
+    `velocity` [m/s] and `acceleration` [m/s^2], each (N, 3), hold the steps generated ahead,
+    without profile and flow fields; `row` (2,) is the next of their rows, and by how many rows a
+    step moves on. Compiled code may take rows itself, `ready` of them, where `beyond_rows` names
+    nothing. The three arrays are never replaced.
 
     A class of one's own overrides `step`, for water that is uniform in space, or `at`.
     """
@@ -107,24 +109,15 @@ class Current:
         self._mean = checked(mean_W, (3,), "current [m/s]")
         gust, dt = number(gust, "gust [m/s]"), number(timestep, "timestep of the current [s]")
         time_constant = number(time_constant, "time constant of the gusts [s]")
-        if not (np.isfinite(gust) and gust >= 0.0):
-            raise ConfigurationError(f"gust: must be finite and >= 0 m/s, got {gust}")
-        if gust > 0.0 and not isinstance(rng, np.random.Generator):
-            raise ConfigurationError(f"gusts need a random generator, got {rng!r}")
-        if not (np.isfinite(dt) and dt > 0.0):
-            raise ConfigurationError(f"timestep of the current: must be finite and > 0 s, got {dt}")
-        if not 10.0 * dt < time_constant <= _LONGEST * dt:
-            raise ConfigurationError(
-                f"gust time constant {time_constant} s: must be above ten steps of {dt} s, and no more than "
-                f"{_LONGEST:.0e} of them"
-            )
+        _check_gusts(gust, rng, time_constant, dt)
         if profile is not None:
             _check_profile(profile)
 
         self._rng, self._dt = rng, dt
         self.profile, self._ticks = profile, 0
         self.flows: tuple[FlowField, ...] = ()  # on top of all else; `with_flow` adds to them
-        self._blows, self._wave = gust > 0.0, wave if any(wave.amplitude_W) else None
+        self._blows = gust > 0.0
+        self._wave = wave if any(wave.amplitude_W) else None
         self._varies = self._blows or self._wave is not None
         if self._wave is not None and not wave.frequency * dt * _FEWEST < 1.0:
             raise ConfigurationError(
@@ -155,7 +148,7 @@ class Current:
         return self._mean.copy()
 
     def with_flow(self, flow: FlowField) -> Self:
-        """The same current with a flow field on top of those that it has; to be used in place of this one.
+        """The same current with one more flow field on top; to be used in place of this one.
 
         Raises:
             ConfigurationError: It has no method `velocity(p_W, time)`.
@@ -165,7 +158,7 @@ class Current:
         return other
 
     def with_profile(self, profile: Profile) -> Self:
-        """The same current by a factor that changes in time, beside one that it has; to be used in place of this one.
+        """The same current by one more factor of time; to be used in place of this one.
 
         Args:
             profile: As for the class; the factor is on flow fields too.
@@ -174,14 +167,8 @@ class Current:
             ConfigurationError: The profile's rate is not that of its factor.
         """
         _check_profile(profile)
-        before = self.profile
-
-        def both(time: float) -> tuple[float, float]:
-            (share, growth), (factor, rate) = before(time), profile(time)
-            return share * factor, growth * factor + share * rate
-
         other = copy.copy(self)
-        other.profile = profile if before is None else both
+        other.profile = profile if self.profile is None else _product(self.profile, profile)
         return other
 
     def place(self, model: "mujoco.MjModel") -> None:
@@ -219,10 +206,11 @@ class Current:
 
     def save(self) -> dict[str, Any]:
         """All that changes, as it is: to be copied before the next step."""
-        return {name: value for name, value in vars(self).items() if name not in ("profile", "flows")}
+        stays = ("profile", "flows")
+        return {name: value for name, value in vars(self).items() if name not in stays}
 
     def resume(self, saved: dict[str, Any], steps: int) -> None:
-        """Go on from what `save` of an equal current returned; profile and flow fields stay this one's.
+        """Go on from what `save` of an equal current returned; profile and flow fields stay.
 
         Args:
             saved: A copy of it.
@@ -257,7 +245,7 @@ class Current:
         return share * velocity, share * acceleration + growth * velocity
 
     def at(self, p_W: Array, time: float) -> tuple[Array, Array]:
-        """As `step`, with the flow fields: velocity (3,) [m/s] and acceleration (3,) [m/s^2] of the water, world axes.
+        """Velocity (3,) [m/s] and acceleration (3,) [m/s^2] as of `step`, with the flow fields.
 
         The acceleration is that of the water which passes: along its path, by differences.
 
@@ -268,7 +256,7 @@ class Current:
         velocity, acceleration = self.step()
         if not self.flows:
             return velocity, acceleration
-        share, growth = (1.0, 0.0) if self.profile is None else self.profile(time)
+        share, growth = self.profile(time) if self.profile is not None else (1.0, 0.0)
         field = total_velocity(self.flows, p_W, time)
         velocity = velocity + share * field
 
@@ -277,6 +265,31 @@ class Current:
         earlier = total_velocity(self.flows, p_W - back * velocity, time - back)
         later = total_velocity(self.flows, p_W + _ALONG * velocity, time + _ALONG)
         return velocity, acceleration + share * (later - earlier) / (back + _ALONG) + growth * field
+
+
+def _check_gusts(gust: float, rng: object, time_constant: float, dt: float) -> None:
+    """Refuse gusts of that deviation [m/s], generator, time constant [s] and step [s]."""
+    if not (np.isfinite(gust) and gust >= 0.0):
+        raise ConfigurationError(f"gust: must be finite and >= 0 m/s, got {gust}")
+    if gust > 0.0 and not isinstance(rng, np.random.Generator):
+        raise ConfigurationError(f"gusts need a random generator, got {rng!r}")
+    if not (np.isfinite(dt) and dt > 0.0):
+        raise ConfigurationError(f"timestep of the current: must be finite and > 0 s, got {dt}")
+    if not 10.0 * dt < time_constant <= _LONGEST * dt:
+        raise ConfigurationError(
+            f"gust time constant {time_constant} s: must be above ten steps of {dt} s, and no more than "
+            f"{_LONGEST:.0e} of them"
+        )
+
+
+def _product(first: Profile, second: Profile) -> Profile:
+    """Both factors."""
+
+    def both(time: float) -> tuple[float, float]:
+        (share, growth), (factor, rate) = first(time), second(time)
+        return share * factor, growth * factor + share * rate
+
+    return both
 
 
 def _check_profile(profile: Profile) -> None:

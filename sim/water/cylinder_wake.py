@@ -7,29 +7,30 @@ from functools import cached_property
 import numpy as np
 
 from uuv.sim.interfaces.errors import ConfigurationError
-from uuv.sim.interfaces.spatial import Array, checked, finite_number, unit_vector
+from uuv.sim.interfaces.spatial import Array, checked, finite_number, shown, unit_vector
 from uuv.sim.water.flow_field import FlowField
 
 Vector = tuple[float, float, float]
-WIDTH = 0.25  # k1 of [Huse 1993]: half-width over the square root of drag coefficient, diameter and distance
+WIDTH = 0.25  # k1 of [Huse 1993]: half-width over the root of drag coefficient, diameter, distance
 DEPTH = 1.0  # k2: deficit on the middle line, likewise
-DRAG = 1.2  # coefficient of a smooth circular cylinder below its drag crisis, Reynolds numbers of 1e3 to 2e5
-_SOURCE = 4.0  # [diameters over the drag coefficient] by which the virtual source lies ahead of the cylinder
+DRAG = 1.2  # coefficient of a smooth circular cylinder at Reynolds numbers of 1e3 to 2e5
+_SOURCE = 4.0  # [diameters / drag coefficient] from the virtual source ahead to the cylinder
 _HALF = math.sqrt(math.log(2.0))  # the deficit is half its largest at the half-width
 
 
 @dataclass(frozen=True, kw_only=True)
 class CylinderWake(FlowField):
-    """Mean deficit behind a circular cylinder, a Gaussian that widens with the distance [Huse 1993].
+    """Mean deficit behind a circular cylinder, a Gaussian that widens downstream [Huse 1993].
 
     At the distance x behind the axis, y aside, with the speed U of the stream across the axis,
 
         deficit = U sqrt(C D / l) exp(-ln 2 (y / b)^2),  b = 0.25 sqrt(C D l),  l = x + 4 D / C
 
-    with drag coefficient C and diameter D. The momentum that is missing in it is the cylinder's drag, within 7 %.
+    with drag coefficient C and diameter D. The momentum that is missing is the drag, within 7 %.
 
-    Two additions are our own. The wake of a cylinder of finite length is blurred at its ends by the same Gaussian, which
-    keeps its momentum. Over the first diameter it rises from nothing, for the formula is one for the far wake.
+    Two additions are our own. The wake of a cylinder of finite length is blurred at its ends by the
+    same Gaussian, which keeps its momentum. Over the first diameter it rises from nothing, for the
+    formula is one for the far wake.
 
     Vortices, the displacement of the water ahead, and what else is in the stream are left out.
     """
@@ -50,17 +51,20 @@ class CylinderWake(FlowField):
 
     @cached_property
     def _frame(self) -> tuple[Array, float]:
-        """Axes (3, 3) in W, rows along the stream across the axis, aside, and along the axis; speed U [m/s]."""
-        axis, stream = unit_vector(self.axis, "axis"), np.array(self.stream)
+        """Rows (3, 3) in W: the stream across the axis, aside, the axis; speed U [m/s]."""
+        axis = unit_vector(self.axis, "axis")
+        stream = np.array(self.stream)
         across = stream - (stream @ axis) * axis
         speed = float(np.linalg.norm(across))
-        if speed < 1e-12 * max(float(np.linalg.norm(stream)), 1e-300):  # along the axis, or no stream at all
+
+        # Along the axis, or no stream at all.
+        if speed <= 1e-12 * float(np.linalg.norm(stream)):
             return np.zeros((3, 3)), 0.0
         along = across / speed
         return np.array([along, np.cross(axis, along), axis]), speed
 
     def velocity(self, p_W: Array, time: float) -> Array:
-        """The deficit (3,) [m/s] at a place (3,) [m]: against the stream across the axis, and alike at all times."""
+        """The deficit (3,) [m/s] at a place (3,) [m], against the stream; steady."""
         del time
         axes, speed = self._frame
         x, y, s = (axes @ (p_W - np.array(self.place))).tolist()
@@ -70,7 +74,8 @@ class CylinderWake(FlowField):
         thickness = self.drag * self.diameter  # [m]
         away = x + _SOURCE * self.diameter / self.drag  # [m] from the virtual source
         width = WIDTH * math.sqrt(thickness * away)
-        deficit = DEPTH * speed * math.sqrt(thickness / away) * math.exp(-((_HALF * y / width) ** 2))
+        deficit = DEPTH * speed * math.sqrt(thickness / away)
+        deficit *= math.exp(-((_HALF * y / width) ** 2))
 
         # Between the ends, and behind the first diameter.
         half = 0.5 * self.length
@@ -98,7 +103,7 @@ def wake_behind(
     longest = int(np.argmax(sides))
     others = np.delete(sides, longest)
     if not (np.isfinite(sides).all() and others.mean() > 0.0):
-        raise ConfigurationError(f"wake: the object has no extent, its sides are {sides.tolist()} m")
+        raise ConfigurationError(f"wake: the object has no extent, its sides are {shown(sides)} m")
     middle = X_WO[:3, :3] @ box.mean(axis=0) + X_WO[:3, 3]
     axis = X_WO[:3, longest]
     return CylinderWake(

@@ -1,4 +1,4 @@
-"""Flow field: the water's velocity as a function of place and time, on top of a current that is uniform in space."""
+"""Flow field: the water's velocity as a function of place and time, on top of a uniform current."""
 
 import inspect
 from abc import ABC, abstractmethod
@@ -17,12 +17,14 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class FlowField(ABC):
-    """Velocity of the water by place and time, added to the current; its fields are keys of a scenario's `site.flow`.
+    """Velocity of the water by place and time, added to the current.
 
-    Any dataclass with a method `velocity` of these arguments counts as one: it need not inherit this class.
+    Its fields are keys of a scenario, `site.flow`. Any dataclass with a method `velocity` of these
+    arguments counts as one: it need not inherit this class.
 
-    The field is read at the origin of the hull, and acts on all bodies of the vehicle alike: it must change little over
-    the vehicle's length. The pressure in it follows from its acceleration along the water's own path [Auton 1988].
+    The field is read at the origin of the hull, and acts on all bodies of the vehicle alike: it
+    must change little over the vehicle's length. The force by its pressure follows from
+    the acceleration along the water's own path [Auton 1988].
     """
 
     @abstractmethod
@@ -35,13 +37,13 @@ class FlowField(ABC):
         """
 
     def placed(self, model: "mujoco.MjModel") -> "FlowField":
-        """The field in the compiled world `model`, as one that depends on its objects; here, the field itself."""
+        """The field in the compiled world `model`, where it depends on an object; here, itself."""
         del model
         return self
 
     @classmethod
     def __subclasshook__(cls, other: type) -> Any:
-        """Any class with a method `velocity` is a flow field, as any class with `__iter__` is iterable."""
+        """Any class with a method `velocity` is one, as any with `__iter__` is iterable."""
         if cls is not FlowField:
             return NotImplemented
         return True if callable(getattr(other, "velocity", None)) else NotImplemented
@@ -57,16 +59,20 @@ def checked_flow(flow: Any, what: str) -> FlowField:
     Raises:
         ConfigurationError: It has none, or one of other arguments, or it is a class.
     """
+    # What is none at all.
     if isinstance(flow, type):
         raise ConfigurationError(f"{what}: must be an instance, got the class {flow.__name__}")
     if not isinstance(flow, FlowField):
         raise ConfigurationError(f"{what}: needs a method velocity(p_W, time), got {shown(flow)}")
+
+    # A method of other arguments, which would fail in the first step.
     signature = inspect.signature(flow.velocity)
     try:
         signature.bind(np.zeros(3), 0.0)
     except TypeError:
-        name = type(flow).__name__
-        raise ConfigurationError(f"{what}: {name}.velocity takes (p_W, time), this one {signature}") from None
+        name = f"{type(flow).__name__}.velocity"
+        message = f"{what}: {name} takes (p_W, time), this one {signature}"
+        raise ConfigurationError(message) from None
     return flow
 
 
@@ -84,16 +90,18 @@ def total_velocity(flows: Sequence[FlowField], p_W: Array, time: float) -> Array
     """
     total = np.zeros(3)
     for flow in flows:
-        given: Any = flow.velocity(np.array(p_W), time)
+        answer: Any = flow.velocity(np.array(p_W), time)
         try:
-            velocity = np.asarray(given, dtype=np.float64)
+            velocity = np.asarray(answer, dtype=np.float64)
         except (TypeError, ValueError):
             velocity = np.full(1, np.nan)
+
+        # One line now, instead of a motion that diverges.
         if velocity.shape != (3,) or not np.isfinite(velocity).all():
             place = ", ".join(f"{x:.3f}" for x in p_W)
             raise ConfigurationError(
-                f"flow {type(flow).__name__}: velocity must be (3,) finite numbers [m/s], got {shown(given)} at "
-                f"({place}) m, {time:.3f} s"
+                f"flow {type(flow).__name__}: velocity must be (3,) finite numbers [m/s], "
+                f"got {shown(answer)} at ({place}) m, {time:.3f} s"
             )
         total += velocity
     return total

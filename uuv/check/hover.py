@@ -59,7 +59,8 @@ def hover(model: mujoco.MjModel, current_W: tuple[float, float, float] = (0.0, 0
     try:
         for tick in range(round(SECONDS / plant.timestep)):
             if tick % ticks == 0:
-                thrusters = control.step(state, true_estimate(true), _reference(true.time, q), arm_B)
+                estimate = true_estimate(true)
+                thrusters = control.step(state, estimate, _reference(true.time, q), arm_B)
             torque = none if hold is None else hold.torque(true)
             plant.step(Command(time=true.time, joint_torque=torque, thrusters=thrusters, scan=False))
             plant.observe()

@@ -165,7 +165,8 @@ class TapPoints(ContactTask):
         """As `ContactTask`; `points` are arc lengths [m] from 0 on."""
         super().__init__(sea, vehicle, actions, place, force=force, sparse=sparse)
         self.points = tuple(points)
-        self._judge = TappedAt(SetForce(self.place.path, self.force, self.bounds), self.points, TOUCHED)
+        along = SetForce(self.place.path, self.force, self.bounds)
+        self._judge = TappedAt(along, self.points, TOUCHED)
 
     @property
     def judge(self) -> TappedAt:

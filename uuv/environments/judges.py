@@ -1,4 +1,4 @@
-"""Judges of episodes: whether the work was done, by the rules and bounds of a job's figures (`uuv.sim.evaluation`).
+"""Judges of episodes: whether the work was done, by the rules and bounds of `uuv.sim.evaluation`.
 
 A judge watches true states that last for some time each; in contact it sees every step of the plant. `done` stays true
 once it is. `failed` is a sentence, empty while nothing is wrong.
@@ -60,7 +60,7 @@ class SetForce:
     bounds: Bounds = field(default_factory=Bounds)
 
     def place(self, truth: Truth) -> tuple[float, float]:
-        """Arc length [m] of the place of the path nearest to the pad, and its distance [m] along the surface."""
+        """Arc length [m] of the place nearest to the pad, and its distance [m] on the surface."""
         return place_on_path(self.path, truth.p_pad)
 
     def running(self) -> RunningForce:
@@ -81,7 +81,7 @@ class PressedAt:
         self._error.start()
 
     def watch(self, truth: Truth, dt: float) -> None:
-        """Count the time, and the force's error in it; what is beyond a bound makes it begin anew."""
+        """Count the time, and the force's error in it; beyond a bound both begin anew."""
         at, bounds, error = self._at, self._at.bounds, self._error
         peak = force_peak(truth.contact_least, truth.contact_most, at.force)
         if peak > bounds.force_error_max or at.place(truth)[1] > bounds.path_deviation:
@@ -99,8 +99,8 @@ class PressedAt:
 class WipedAlong:
     """Done once the tool has gone along the whole path under the set force, within the bounds of the surface job.
 
-    The work begins with the first contact at the path's start under half the set force, and is judged once the force is
-    settled. Losing contact, or leaving a bound, spoils it for good.
+    The work begins with the first contact at the path's start under half the set force, and is
+    judged once the force is settled. Losing contact, or leaving a bound, spoils it for good.
     """
 
     REACHED = 0.99  # share of the path's length

@@ -55,11 +55,11 @@ class Perturbation:
         """Changes the spec of vehicle and site in place."""
 
     def on_water(self, current: Current) -> Current:
-        """The current of the run, with a flow field or a profile on top (`Current.with_flow`), or another one."""
+        """The current of the run: `current`, with a flow field on top, or another one."""
         return current
 
     def on_loop(self, loop: Loop) -> Loop:
-        """The loop with parts wrapped or replaced; its plant stands at the start, in the water of the run."""
+        """The loop with parts wrapped or replaced; its plant stands at the start."""
         return loop
 
     def rng(self, seed: int) -> np.random.Generator:

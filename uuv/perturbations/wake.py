@@ -16,10 +16,10 @@ from uuv.sim.water.flow_field import FlowField
 
 @dataclass(frozen=True, kw_only=True)
 class Wake(Perturbation):
-    """The steady current is slower behind the object, as behind a circular cylinder of its size [Huse 1993].
+    """The steady current is slower behind the object, as behind a circular cylinder [Huse 1993].
 
-    The cylinder lies along the longest side of the object's box, where the object is at the start. A current along it
-    has no wake.
+    The cylinder lies along the longest side of the object's box, where the object is at the start.
+    A current along it has no wake.
     """
 
     diameter: float | None = None  # [m] None: the mean of the other two sides
@@ -64,12 +64,14 @@ class _ObjectWake(FlowField):
 
 def box_of(model: mujoco.MjModel, body: int) -> Array:
     """Smallest and largest coordinates (2, 3) [m] of the geoms of a body, in its frame."""
-    first, count = int(model.body_geomadr[body]), int(model.body_geomnum[body])
     signs = np.stack(np.meshgrid([-1.0, 1.0], [-1.0, 1.0], [-1.0, 1.0]), axis=-1).reshape(-1, 3)
+
+    # Corners of the boxes of all geoms, each in axes of its own.
     corners = []
-    for geom in range(first, first + count):
+    for geom in np.flatnonzero(model.geom_bodyid == body):
         middle, half = model.geom_aabb[geom].reshape(2, 3)
         R_BG = rotation_from_quat_wxyz(model.geom_quat[geom])
         corners.append((middle + signs * half) @ R_BG.T + model.geom_pos[geom])
+
     points = np.concatenate(corners) if corners else np.zeros((1, 3))
     return np.array([points.min(axis=0), points.max(axis=0)])

@@ -297,11 +297,14 @@ class PlacedSurfaceWork(PlacedTask):
 
 
 def work_bounds(own: OwnVehicle) -> Bounds:
-    """The usual bounds; those of the force by the arm's size, and an axis that leans for one of fewer joints."""
+    """The usual bounds; of the force by the arm's size, and of the tilt by its number of joints."""
     from uuv.controllers.planning.arm_margins import TILT
     from uuv.controllers.planning.arm_size import FULL
 
-    known, usual = own.at_work(), Bounds()
+    known = own.at_work()
+    usual = Bounds()
+
+    # An arm of fewer joints lets its tool lean.
     return Bounds(
         force_error_rms=known.size * usual.force_error_rms,
         force_error_max=known.size * usual.force_error_max,

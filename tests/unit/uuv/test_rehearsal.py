@@ -120,11 +120,11 @@ def test_a_run_from_python_is_the_same(worn: Scenario):
 def test_an_assembly_runs_once():
     assembly = assemble(barrel(quick=True))
     run_through(assembly, longest=SECONDS)
-    with pytest.raises(ConfigurationError, match=r"run: this assembly is at 0.39\d s; assemble the scenario anew"):
+    with pytest.raises(ConfigurationError, match=r"run: this assembly is at 0.39\d s; make a new one for each"):
         run_through(assembly, longest=SECONDS)
 
 
-def test_a_part_that_cannot_run_fails_in_the_rehearsal(tmp_path):
+def test_a_part_that_cannot_run_fails_in_the_rehearsal():
     class Broken(WearingPlant):
         def step(self, command: Any) -> None:
             raise ConfigurationError("broken")

@@ -35,7 +35,9 @@ def test_error_and_peak_are_those_of_the_recording(rng):
     assert not force.missed()
 
 
-@pytest.mark.parametrize(("off", "said"), [(-59.5, "contact lost"), (-12.0, "force off by 12.0 N"), (9.5, "off by 9.5 N")])
+@pytest.mark.parametrize(
+    ("off", "said"), [(-59.5, "contact lost"), (-12.0, "force off by 12.0 N"), (9.5, "off by 9.5 N")]
+)
 def test_one_physics_step_beyond_a_bound_is_noticed(off, said):
     normal, least, most = (np.full(STEPS, SET) for _ in range(3))
     (least if off < 0.0 else most)[2500] += off

@@ -25,8 +25,7 @@ BOTTOM = 0.02  # [m] by which a hole is deeper than the depth to reach
 
 def site_of(options: ScenarioOptions, of: "SiteObject") -> "Site":
     """The site with that object, and the water of the options."""
-    from uuv.scenario_file import flow_of
-    from uuv.site import Site
+    from uuv.site import Site, flow_of
 
     return Site(
         object=of,

@@ -124,15 +124,6 @@ def from_dict(nested: Mapping[str, Any]) -> Scenario:
     return _READER.made(Scenario, nested)
 
 
-def flow_of(name: str) -> FlowField:
-    """The flow field of a kind, a registered name or MODULE:CLASS, with the defaults of its keys.
-
-    Raises:
-        ConfigurationError: There is none, or a key has no default.
-    """
-    return _READER.made(FlowField, {KIND: name}, "site.flow")
-
-
 def with_values(scenario: Scenario, assignments: Iterable[str], option: str = "--set") -> Scenario:
     """The scenario with other values at some keys of its file.
 
@@ -280,13 +271,7 @@ def _class_of(kind: type, given: dict[str, Any], place: str) -> type:
     name = given.pop(KIND, None)
     if name is None:
         raise ConfigurationError(f"{place}: needs a {KIND}; there are {', '.join(registry.names())}")
-    chosen = registry.maker(str(name))
-    if not (isinstance(chosen, type) and issubclass(chosen, kind) and is_dataclass(chosen)):
-        is_flow = kind is FlowField
-        needs = "has a method velocity(p_W, time)" if is_flow else f"inherits {kind.__name__}"
-        which = f"{registry.kind} {shown(name)}"
-        raise ConfigurationError(f"{place}: {which} must be a dataclass that {needs}")
-    return chosen
+    return registry.class_of(str(name), kind, place)
 
 
 _READER = TableReader(choose=_class_of)

@@ -19,6 +19,7 @@ from uuv.models.site.seabed import Seabed, seabed
 from uuv.models.site.terrain_kinds import KINDS, Kind
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import Array, checked_pose, exp_so3, finite_number, pose, shown
+from uuv.sim.interfaces.tables import TableReader
 from uuv.sim.water.flow_field import FlowField, checked_flow
 
 ALTITUDE = 2.5  # [m] height of the hull above the seabed during the scan
@@ -255,6 +256,16 @@ SITE_OBJECTS: Registry[SiteObject] = Registry(
 
 _WAKE = "uuv.sim.water.cylinder_wake:CylinderWake"
 FLOWS: Registry[FlowField] = Registry("flow", {"CylinderWake": _WAKE})
+
+
+def flow_of(name: str) -> FlowField:
+    """The flow field of a kind, a registered name or MODULE:CLASS, with the defaults of its keys.
+
+    Raises:
+        ConfigurationError: There is none, or a key has no default.
+    """
+    key = "site.flow"
+    return TableReader().made(FLOWS.class_of(name, FlowField, f"[{key}]"), {}, key)
 
 
 @dataclass(frozen=True, kw_only=True)

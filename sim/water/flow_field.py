@@ -4,7 +4,7 @@ import inspect
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
@@ -26,6 +26,8 @@ class FlowField(ABC):
     must change little over the vehicle's length. The force by its pressure follows from
     the acceleration along the water's own path [Auton 1988].
     """
+
+    needs: ClassVar[str] = "has a method velocity(p_W, time)"  # for messages
 
     @abstractmethod
     def velocity(self, p_W: Array, time: float) -> Array:

@@ -123,9 +123,9 @@ class Registry(Generic[T]):
         Raises:
             ConfigurationError: it is no dataclass or no `base`, or as `maker` does.
         """
-        chosen = self.maker(name)
+        chosen: Any = self.maker(name)
         if isinstance(chosen, type) and issubclass(chosen, base) and is_dataclass(chosen):
-            return chosen
+            return cast(type[T], chosen)
         needs = getattr(base, "needs", f"inherits {base.__name__}")
         which = f"{self.kind} {shown(name)}"
         raise ConfigurationError(f"{place}: {which} must be a dataclass that {needs}")

@@ -60,7 +60,7 @@ def test_the_field_is_added_to_current_wave_and_gusts():
         rng = np.random.default_rng(3)
         return Current(MEAN, gust=0.04, wave=Wave(amplitude_W=(0.1, 0.0, -0.05)), timestep=0.01, rng=rng)
 
-    alone, with_field = current(), current().with_flow(STRAIN).with_flow(Given([0.0, 0.3, 0.0]))
+    alone, with_field = current(), current().with_flow(STRAIN).with_flow(untyped(Given([0.0, 0.3, 0.0])))
     for tick in range(5):
         velocity, _ = alone.step()
         expected = velocity + STRAIN.velocity(P_W, 0.01 * tick) + [0.0, 0.3, 0.0]

@@ -17,6 +17,7 @@ heavy is imported.
 import importlib
 import inspect
 from collections.abc import Callable, Mapping
+from dataclasses import is_dataclass
 from typing import TYPE_CHECKING, Any, Generic, TypeVar, cast
 
 from uuv.sim.interfaces.errors import ConfigurationError, UuvError, did_you_mean
@@ -110,6 +111,24 @@ class Registry(Generic[T]):
             make = self._built_in[name]
             return cast(Callable[..., T], _attribute(make)) if isinstance(make, str) else make
         return self._own(name) if ":" in name else self._imported(self._of_packages()[name])
+
+    def class_of(self, name: str, base: type, place: str) -> type[T]:
+        """The dataclass of that name, which has to be a `base`.
+
+        Args:
+            name: as for `load`.
+            base: class that all of this kind inherit, or whose `needs` says what is asked of one.
+            place: begins the message about a class that is none.
+
+        Raises:
+            ConfigurationError: it is no dataclass or no `base`, or as `maker` does.
+        """
+        chosen: Any = self.maker(name)
+        if isinstance(chosen, type) and issubclass(chosen, base) and is_dataclass(chosen):
+            return cast(type[T], chosen)
+        needs = getattr(base, "needs", f"inherits {base.__name__}")
+        which = f"{self.kind} {shown(name)}"
+        raise ConfigurationError(f"{place}: {which} must be a dataclass that {needs}")
 
     def name_of(self, make: Callable[..., T]) -> str | None:
         """The name under which `make` is built in, or another package's; None: under none."""

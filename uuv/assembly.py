@@ -1,8 +1,11 @@
 """Assembly of a scenario: the one place where plant, parts and evaluation of a run are made."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
+from copy import deepcopy
 from dataclasses import dataclass
+from typing import Any
 
+import mujoco
 import numpy as np
 
 from uuv.components.contact_parts import believed_and_built, controller
@@ -14,11 +17,12 @@ from uuv.perturbations.perturbation import Loop, perturb
 from uuv.scenario import PlacedTask, Scenario
 from uuv.sensors.arm_camera import arm_camera, believed_mount
 from uuv.sim import hydrodynamics
-from uuv.sim.interfaces.spatial import Array, exp_so3, pose
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.spatial import Array, exp_so3, pose, shown
 from uuv.sim.loop.rollout import Parts, ticks_per_period
 from uuv.sim.plant.plant import Plant
 from uuv.sim.sensors.arm_camera import beside_tool
-from uuv.sim.water.current import Current, Wave
+from uuv.sim.water.current import Current, Profile, Wave
 from uuv.tasks.start_place import check_start
 
 REACTION_TICKS = 10  # loop steps between measurements of the arm's reaction wrench on the hull, for the report
@@ -26,15 +30,15 @@ REACTION_TICKS = 10  # loop steps between measurements of the arm's reaction wre
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Assembly:
-    """An assembled scenario, to be run once: its random number generators are consumed."""
+    """An assembled scenario at its start, to be run once: parts may hold state."""
 
     scenario: Scenario
     placed: PlacedTask
     own: OwnVehicle  # the vehicle's model of itself
-    plant: Plant
+    plant: Plant  # that of the loop, without its wrappers
     loop: Loop  # plant and parts as perturbed
     X_WB: Array  # (4, 4) initial pose of the hull
-    gusts: np.random.Generator
+    gusts: np.random.Generator  # as it was before the plant's current drew from a copy
     noise: np.random.Generator  # of the sensors
     full: bool  # record what the report needs
     said: str  # lines about computed parts and the arm for the terminal, or empty
@@ -45,15 +49,56 @@ class Assembly:
         """Parts of the loop."""
         return self.loop.parts
 
-    def current(self, profile: Callable[[float], tuple[float, float]] | None = None) -> Current:
-        """The current from its beginning, with wave and gusts; `profile` changes it in time."""
-        site, dt = self.scenario.site, self.plant.timestep
-        wave = Wave(amplitude_W=site.wave, frequency=site.wave_frequency)
-        return Current(site.current, gust=site.gust, wave=wave, timestep=dt, rng=self.gusts, profile=profile)
+    def current(self, profile: Profile | None = None) -> Current:
+        """The current from its beginning, as the plant has it; `profile` changes it in time."""
+        current = current_of(self.scenario, self.plant.timestep, self.gusts)
+        return current if profile is None else current.with_profile(profile)
 
-    def restart(self) -> None:
-        """Resets the plant to its start, gusts included."""
-        self.plant.reset(current=self.current(), X_WB=self.X_WB)
+    def check_start(self) -> None:
+        """Refuse a run that would not begin at the start.
+
+        Raises:
+            ConfigurationError: The plant has moved on, as after a run.
+        """
+        if (time := float(self.plant.truth.time)) > 0.0:
+            raise ConfigurationError(f"run: this assembly is at {time:.3f} s; make a new one for each")
+
+
+def current_of(scenario: Scenario, timestep: float, gusts: np.random.Generator) -> Current:
+    """The water of a scenario: current, wave, gusts and flow, and what perturbations make of them.
+
+    Args:
+        scenario: The description.
+        timestep: [s] of the plant.
+        gusts: Its state is left as it is.
+
+    Raises:
+        ConfigurationError: A perturbation's `on_water` returns no current.
+    """
+    site = scenario.site
+    wave = Wave(amplitude_W=site.wave, frequency=site.wave_frequency)
+    rng = deepcopy(gusts)
+    current = Current(site.current, gust=site.gust, wave=wave, timestep=timestep, rng=rng)
+    if site.flow is not None:
+        current = current.with_flow(site.flow)
+
+    for perturbation in scenario.perturbations:
+        changed: Any = perturbation.on_water(current)
+        if not isinstance(changed, Current):
+            hook = f"{type(perturbation).__name__}.on_water"
+            needs = "must return a uuv.sim.water.current.Current"
+            raise ConfigurationError(f"{hook}: {needs}, got {shown(changed)}")
+        current = changed
+    return current
+
+
+def innermost(plant: Any) -> Plant | None:
+    """The `Plant` in wrappers that keep it in an attribute `plant`; None: there is none."""
+    while not isinstance(plant, Plant):
+        if not hasattr(plant, "plant"):
+            return None
+        plant = plant.plant
+    return plant
 
 
 def assemble(scenario: Scenario, *, full: bool = False) -> Assembly:
@@ -76,38 +121,20 @@ def assemble(scenario: Scenario, *, full: bool = False) -> Assembly:
     own = OwnVehicle.of(believed, task.spares)
     placed = task.place(scenario, own, rng)
     gusts, noise, start, sampling = rng.spawn(4)
-    scene = placed.scene(built)
-    for perturbation in scenario.perturbations:
-        perturbation.on_scene(scene)
-    model = hydrodynamics.compile(scene)
+    model = _compiled(placed.scene(built), scenario)
     offset = pose(exp_so3([0.0, 0.0, start.uniform(-0.02, 0.02)]), start.uniform(-0.03, 0.03, 3))
     X_WB = placed.X_WB if placed.exact_start else placed.X_WB @ offset
     check_start(model, Vehicle.of(model), X_WB)
+    substeps = ticks_per_period(timestep, float(model.opt.timestep), "the loop's step")
     plant = Plant(
         model,
-        current=Current(scenario.site.current),
+        current=current_of(scenario, substeps * float(model.opt.timestep), gusts),
         X_WB=X_WB,
         reaction_ticks=REACTION_TICKS if full else 0,
         soil=placed.soil,
-        substeps=ticks_per_period(timestep, float(model.opt.timestep), "the loop's step"),
+        substeps=substeps,
     )
-    seeing, sensor_model = placed.sensors(model)
-    without = frozenset(scenario.control.without)
-    on_arm, checked = scenario.sensing.arm_camera, "gyro-check" not in without
-    if on_arm is not None:  # last, so that the other sensors draw as without it
-        seeing = [*seeing, arm_camera(on_arm, model)]
-        fused = Navigation(arm_camera=believed_mount(own, beside_tool()), check_gyro=checked)
-    else:
-        fused = Navigation(standing=believed_mount(own) if placed.stands else None, check_gyro=checked)
-    parts = Parts(
-        sensors=[*scenario.sensing.proprioception(), *seeing],
-        estimator=placed.estimator(RawNavigation() if "fusion" in without else fused),
-        finder=placed.finder(sensor_model, int(sampling.integers(2**31))),
-        planner=placed.planner(),
-        controller=placed.controller()
-        or controller(scenario.control, own.model, water_error=scenario.belief.water_error),
-        follower=placed.follower(sensor_model) if scenario.sensing.follow else None,
-    )
+    parts = _parts(scenario, placed, own, model, int(sampling.integers(2**31)))
     loop = Loop(plant=plant, parts=parts, observers=placed.observers())
     for perturbation in scenario.perturbations:
         loop = perturbation.on_loop(loop)
@@ -115,7 +142,7 @@ def assemble(scenario: Scenario, *, full: bool = False) -> Assembly:
         scenario=scenario,
         placed=placed,
         own=own,
-        plant=plant,
+        plant=innermost(loop.plant) or plant,
         loop=loop,
         X_WB=X_WB,
         gusts=gusts,
@@ -123,4 +150,54 @@ def assemble(scenario: Scenario, *, full: bool = False) -> Assembly:
         full=full,
         said=said,
         drawn=drawn,
+    )
+
+
+def _compiled(scene: mujoco.MjSpec, scenario: Scenario) -> mujoco.MjModel:
+    """The perturbed scene, compiled; refused with water of its own, which a run would overwrite."""
+    for perturbation in scenario.perturbations:
+        perturbation.on_scene(scene)
+    model = hydrodynamics.compile(scene)
+    if np.any(model.opt.wind):
+        raise ConfigurationError(
+            f"opt.wind of vehicle or scene is {shown(model.opt.wind)} m/s; a run overwrites it: its "
+            "water is site.current, site.flow, and what `on_water` of a perturbation makes of it"
+        )
+    return model
+
+
+def _parts(scenario: Scenario, placed: PlacedTask, vehicle: OwnVehicle, model: mujoco.MjModel, seed: int) -> Parts:
+    """Parts of the loop.
+
+    Args:
+        scenario: The description.
+        placed: Its task at the site.
+        vehicle: The vehicle's model of itself.
+        model: The true world, compiled.
+        seed: Of the finder's random sampling.
+    """
+    seeing, sensor_model = placed.sensors(model)
+    without = frozenset(scenario.control.without)
+    on_arm = scenario.sensing.arm_camera
+    checked = "gyro-check" not in without
+
+    # The camera on the arm comes last, so that the other sensors draw as without it.
+    if on_arm is not None:
+        seeing = [*seeing, arm_camera(on_arm, model)]
+        fused = Navigation(arm_camera=believed_mount(vehicle, beside_tool()), check_gyro=checked)
+    else:
+        standing = believed_mount(vehicle) if placed.stands else None
+        fused = Navigation(standing=standing, check_gyro=checked)
+
+    work = placed.controller()
+    if work is None:
+        error = scenario.belief.water_error
+        work = controller(scenario.control, vehicle.model, water_error=error)
+    return Parts(
+        sensors=[*scenario.sensing.proprioception(), *seeing],
+        estimator=placed.estimator(RawNavigation() if "fusion" in without else fused),
+        finder=placed.finder(sensor_model, seed),
+        planner=placed.planner(),
+        controller=work,
+        follower=placed.follower(sensor_model) if scenario.sensing.follow else None,
     )

@@ -18,7 +18,7 @@ from uuv.check.preflight import preflight
 from uuv.controllers.tuning import table
 from uuv.kinds import SURVEY, TRUST
 from uuv.models.meshes import ray_casting
-from uuv.runner import Run, SignalStop, assessed, rehearse, run_through
+from uuv.runner import Run, SignalStop, assessed, rehearse, run_through, to_rehearse
 from uuv.scenario import Scenario
 from uuv.scenario_file import SCENARIO_FILE, as_dict, flat, names_of_code, write_scenario
 from uuv.sim.evaluation.metrics import Assessment
@@ -51,7 +51,8 @@ def command(
         options: Folder, recording and viewer.
         started: [s] time.perf_counter() at the start of the command.
         after: Appended to the title of log and report.
-        assembled: Assembles the scenario, as `uuv.assembly.assemble` does.
+        assembled: Assembles the scenario, as `uuv.assembly.assemble` does: first for the rehearsal,
+            then for the run.
 
     Returns:
         The exit code.
@@ -72,16 +73,19 @@ def command(
         ray_casting.installed()  # or the refusal, before anything is compiled
     compiled = first_start.build()
     folder = new_folder(scenario.name, options.out, scenario.seed)  # before the work: the folder may be unusable
-    assembly = assembled(scenario, full=options.record)
-    for line in filter(None, (assembly.said, *preflight(scenario, assembly.own))):
+    trial = assembled(to_rehearse(scenario), full=options.record)
+    for line in filter(None, (trial.said, *preflight(scenario, trial.own))):
         console.print(line, markup=False, highlight=False, soft_wrap=True)
+    rehearse(trial)
+    del trial  # its parts may hold state, and have moved on
+
+    assembly = assembled(scenario, full=options.record)
     plant, placed = assembly.plant, assembly.placed
     title, longest = placed.title + after, options.longest or placed.longest
     # Before the run, which stores the current in the model.
     made_by = provenance(scenario.name, as_dict(scenario), plant.model)
     recorder = Recorder(plant.model, timestep=plant.timestep, full=options.record)
     observers: list[Observer] = []
-    rehearse(assembly)
     start = first_start.noted(compiled)
     write_scenario(scenario, folder / SCENARIO_FILE)
     log: Any = None

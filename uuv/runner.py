@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -18,7 +18,6 @@ from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.loop.recording import Recorder, Recording
 from uuv.sim.loop.rollout import Moment, Observer, Rollout, Stage, Ticks, rollout, run_on
 from uuv.sim.runs.command_line import Interrupted
-from uuv.sim.water.current import Current
 from uuv.ticks.compiled_ticks import reason
 from uuv.ticks.ticks_around import ticks_for
 
@@ -143,17 +142,28 @@ def assessed(assembly: Assembly, result: RunResult) -> Assessment:
     return assembly.placed.assess(result, assembly.scenario.seed)
 
 
+def to_rehearse(scenario: Scenario) -> Scenario:
+    """The scenario for the rehearsal: its object is clean, for nothing touches it so soon."""
+    site = scenario.site
+    return replace(scenario, site=replace(site, object=site.object.clean()))
+
+
 def rehearse(assembly: Assembly) -> None:
     """Runs the loop for REHEARSAL, to load all compiled code and let an invalid plug-in fail at once.
 
-    The state of the parts is explicit, so only the plant is changed; `Assembly.restart` resets it.
+    Args:
+        assembly: Made of `to_rehearse` for this alone, and thrown away: its parts may hold state.
     """
-    plant, parts, rng = assembly.plant, assembly.parts, np.random.default_rng(assembly.scenario.seed)
-    rollout(plant, parts, duration=REHEARSAL, rng=rng)
-    if not reason(assembly.loop.plant, parts, ()):
-        compiled = ticks_for(plant, parts, Recorder(plant.model, timestep=plant.timestep, full=False)).bind
-        plant.reset(current=Current(assembly.scenario.site.current), X_WB=assembly.X_WB)  # no gust is drawn
-        rollout(plant, parts, duration=REHEARSAL, rng=rng, compiled=compiled)
+    rng = np.random.default_rng(assembly.scenario.seed)
+    plant, loop = assembly.plant, assembly.loop
+
+    # Part by part, and compiled where that can be.
+    rollout(loop.plant, loop.parts, duration=REHEARSAL, rng=rng)
+    if not reason(loop.plant, loop.parts, ()):
+        recorder = Recorder(plant.model, timestep=plant.timestep, full=False)
+        compiled = ticks_for(plant, loop.parts, recorder).bind
+        plant.reset(current=assembly.current(), X_WB=assembly.X_WB)
+        rollout(plant, loop.parts, duration=REHEARSAL, rng=rng, compiled=compiled)
 
 
 def run_through(
@@ -229,7 +239,7 @@ def _begin(
     seen = [*loop.observers, *observers]
     why = "asked for" if part_by_part else reason(loop.plant, loop.parts, seen)
 
-    assembly.restart()
+    assembly.check_start()
     rollout = Rollout(loop.plant, loop.parts, assembly.noise, [recorder, *seen])
     if start is not None:
         start.resume(rollout, recorder, loop.observers)

@@ -38,7 +38,8 @@ from uuv.sim.interfaces.spatial import shown
 from uuv.sim.interfaces.tables import Table, TableReader
 from uuv.sim.runs.run_folder import FORMAT, FORMAT_KEY, checked_format
 from uuv.sim.runs.saving import write_whole
-from uuv.site import SITE_OBJECTS, SiteObject
+from uuv.sim.water.flow_field import FlowField
+from uuv.site import FLOWS, SITE_OBJECTS, SiteObject
 from uuv.tasks import registry as tasks
 
 PERTURBATIONS = "perturbations"
@@ -51,7 +52,8 @@ _HEADING = "SI units and radians; keys and their meaning: uuv/scenario.py, site.
 @cache
 def registries() -> Mapping[type, Registry[Any]]:
     """Registry of each base class of which a file names the kind."""
-    return {SiteObject: SITE_OBJECTS, Task: tasks.registry(), Perturbation: perturbation.registry()}
+    kinds: dict[type, Registry[Any]] = {SiteObject: SITE_OBJECTS, Task: tasks.registry()}
+    return {**kinds, Perturbation: perturbation.registry(), FlowField: FLOWS}
 
 
 def read_scenario(file: str | Path, *, trust: bool = False) -> Scenario:
@@ -240,12 +242,7 @@ def _class_of(kind: type, table: Table, where: str) -> tuple[type, Table, str]:
     place = _READER.place(where)
     if name is None:
         raise ConfigurationError(f"{place}: needs a {KIND}; there are {', '.join(registry.names())}")
-    chosen = registry.maker(str(name))
-    if not (isinstance(chosen, type) and issubclass(chosen, kind) and is_dataclass(chosen)):
-        raise ConfigurationError(
-            f"{place}: {registry.kind} {shown(name)} must be a dataclass that inherits {kind.__name__}"
-        )
-    return chosen, {key: value for key, value in table.items() if key != KIND}, where
+    return registry.class_of(str(name), kind, place)
 
 
 _READER = TableReader(choose=_class_of)

@@ -3,8 +3,8 @@
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field
-from typing import Literal
+from dataclasses import dataclass, field, is_dataclass, replace
+from typing import Literal, Self
 
 import numpy as np
 
@@ -20,6 +20,8 @@ from uuv.models.site.terrain_kinds import KINDS, Kind
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.options import DEGREE, MILLIMETRE, option
 from uuv.sim.interfaces.spatial import Array, checked_pose, exp_so3, finite_number, pose, shown
+from uuv.sim.interfaces.tables import TableReader
+from uuv.sim.water.flow_field import FlowField, checked_flow
 
 ALTITUDE = 2.5  # [m] height of the hull above the seabed during the scan
 HALF = 3.0  # [m] half the side of the terrain
@@ -40,6 +42,10 @@ class SiteObject:
     def draw_pose(self, rng: np.random.Generator) -> Array:
         """True pose X_WT (4, 4): on the seabed 1.5 m below the origin, turned by up to 0.6 rad about z."""
         return pose(exp_so3([0.0, 0.0, rng.uniform(-0.6, 0.6)]), rng.uniform(-0.2, 0.2, 3) - [0.0, 0.0, 1.5])
+
+    def clean(self) -> Self:
+        """The same without growth and dents, which take seconds to draw."""
+        return self
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,6 +69,10 @@ class Workpiece(SiteObject, ABC):
         "knows the undamaged object only.",
         group="object",
     )
+
+    def clean(self) -> Self:
+        """The object as the vehicle knows it."""
+        return replace(self, fouled=0.0, dented=0.0)
 
     def model(self) -> TargetModel:
         """Clean model, where no path is needed. Raises ConfigurationError if there is no such object."""
@@ -279,14 +289,34 @@ SITE_OBJECTS: Registry[SiteObject] = Registry(
 )
 
 
+_WAKE = "uuv.sim.water.cylinder_wake:CylinderWake"
+FLOWS: Registry[FlowField] = Registry("flow", {"CylinderWake": _WAKE})
+
+
+def flow_of(name: str) -> FlowField:
+    """The flow field of a kind, a registered name or MODULE:CLASS, with the defaults of its keys.
+
+    Raises:
+        ConfigurationError: There is none, or a key has no default.
+    """
+    key = "site.flow"
+    return TableReader().made(FLOWS.class_of(name, FlowField, f"[{key}]"), {}, key)
+
+
 @dataclass(frozen=True, kw_only=True)
 class Site:
-    """Where the work is."""
+    """Where the work is; the water's velocity is the sum of current, flow field, wave and gusts."""
 
     object: SiteObject = field(default_factory=Barrel)
     X_WT: Pose | None = None  # true pose of the object; None: drawn from the seed
     current: tuple[float, float, float] = option(
-        (0.15, 0.0, 0.0), "Steady current [m/s], world axes; gusts come on top.", group="water"
+        (0.15, 0.0, 0.0), "Steady current [m/s], world axes; flow, wave and gusts come on top.", group="water"
+    )
+    flow: FlowField | None = option(
+        None,
+        "Flow field, a velocity by place and time: a kind, or MODULE:CLASS (docs/own_current.md).",
+        group="water",
+        named=flow_of,
     )
     gust: float = option(0.03, "Standard deviation of the gusts [m/s] per axis.", group="water")
     wave: tuple[float, float, float] = option(
@@ -299,6 +329,11 @@ class Site:
             checked_pose(self.X_WT, "X_WT")
             if isinstance(self.object, Ground):
                 raise ConfigurationError("X_WT: terrain has no pose; leave it out")
+        if self.flow is not None:
+            checked_flow(self.flow, "site.flow")
+            if not is_dataclass(self.flow):
+                needs = "must be a dataclass, whose fields are keys of a scenario"
+                raise ConfigurationError(f"site.flow: {needs}, got {shown(self.flow)}")
 
     def pose(self, rng: np.random.Generator) -> Array:
         """True pose X_WT (4, 4) of the object; drawn even if it is set, so that later draws stay the same."""

@@ -2,11 +2,13 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from uuv.models.meshes import ray_casting
 from uuv.models.objects.targets import ModelPath, TargetModel
 from uuv.perception.clouds.scan import Scan, SensorModel
 from uuv.perception.clouds.sonar_cloud import without_isolated_echoes
@@ -111,7 +113,13 @@ class KnownObjectFinder:
         self._tool_radius, self._count, self._seed = tool_radius, looks, seed
         self._attitude_sigma = finite_number(attitude_sigma, "attitude_sigma [rad]", least=0.0)
         self._loose = finite_number(loose, "loose [m]", above=0.0)
-        self._surface = ModelSurface.of(target, seed)
+        self._target = target
+        ray_casting.installed()  # or the refusal, now
+
+    @cached_property
+    def _surface(self) -> ModelSurface:
+        """Surface of the target, sampled when the first frame comes."""
+        return ModelSurface.of(self._target, self._seed)
 
     def init(self) -> FinderState:
         """Return the initial state: no frames, no identification."""

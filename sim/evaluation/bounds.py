@@ -4,6 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+DAMAGE = 1.5  # times the largest set force, beyond which contact counts as damage
+TAP_ERROR = 0.2  # share of the set force by which a tap may be off
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Bounds:

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple, Self
+from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 import numpy as np
 
@@ -24,6 +24,16 @@ RAMP_GAP = 0.1  # [s] of constant set force after which the next change begins a
 def unsettled(ramp: float) -> float:
     """Time [s] from the beginning of a change of the set force that lasts `ramp` [s], until its error counts."""
     return max(SETTLING, ramp + AFTER_RAMP)
+
+
+def force_peak(least: Any, most: Any, set_force: Any) -> Any:
+    """Largest error [N] within a step, of the smallest and the largest force in it; (N,) or one."""
+    return np.maximum(np.abs(most - set_force), np.abs(least - set_force))
+
+
+def is_lost(least: Any) -> Any:
+    """True where contact was lost within a step, by the smallest normal force [N] in it."""
+    return least < LOST_BELOW
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -64,11 +74,10 @@ def contact_figures(recording: "Recording") -> ContactMetrics:
     if not work.any() or not set_force[work].any():  # no force was commanded
         return unmeasured(ContactMetrics, segments=[])
     steps, dt = ForceSteps.of(recording), recording.timestep
-    lost = (recording["contact_least"].scalar < LOST_BELOW) & work
-    error, over, under = (
-        recording[name].scalar - steps.force for name in ("contact_normal", "contact_most", "contact_least")
-    )
-    peak = np.maximum(np.abs(over), np.abs(under))
+    least = recording["contact_least"].scalar
+    lost = is_lost(least) & work
+    error = recording["contact_normal"].scalar - steps.force
+    peak = force_peak(least, recording["contact_most"].scalar, steps.force)
 
     def figures(where: np.ndarray) -> dict[str, float | None]:
         e, worst = error[where & steps.settled], peak[where & steps.settled]

@@ -45,6 +45,15 @@ class TrueHole:
     def __post_init__(self) -> None:
         object.__setattr__(self, "X_WH", checked(self.X_WH, (4, 4), "X_WH"))
 
+    def forces(self, force_W: Array) -> tuple[Array, Array]:
+        """Force (N,) [N] across the axis, and along it against the advance, of contacts (N, 3)."""
+        force_H = force_W @ self.X_WH[:3, :3]
+        return np.linalg.norm(force_H[:, :2], axis=1), -force_H[:, 2]
+
+    def within_wall(self, tip_H: Array) -> np.ndarray:
+        """Mask (N,) of the places (N, 3) [m], in axes of the hole, that lie within its wall."""
+        return np.linalg.norm(tip_H[:, :2], axis=1) < self.radius
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HoleMetrics:
@@ -110,9 +119,8 @@ def assess_insertion(
     bounds = bounds or InsertionBounds()
     at_hole, inside = recording.within(*AT_THE_HOLE), recording.within(*_INSIDE)
     tip_H = transform_points(inverse(truth.X_WH), recording["p_pad"].value)
-    force_H = recording["contact_force"].value @ truth.X_WH[:3, :3]
-    side, axial = np.linalg.norm(force_H[:, :2], axis=1), -force_H[:, 2]
-    in_bore = inside & (tip_H[:, 2] > 0.0) & (np.linalg.norm(tip_H[:, :2], axis=1) < truth.radius)
+    side, axial = truth.forces(recording["contact_force"].value)
+    in_bore = inside & (tip_H[:, 2] > 0.0) & truth.within_wall(tip_H)
     depth = float(tip_H[in_bore, 2].max()) if in_bore.any() else 0.0
     out = float(tip_H[-1, 2])
 

@@ -6,6 +6,7 @@ The word, its unit and what it means stand beside the value; `uuv.jobs` finds th
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import Field, dataclass, field
 from typing import Any, TypeVar
 
@@ -26,6 +27,7 @@ class Option:
     unit: float = 1.0  # value, in the field's unit, of 1 of the option's unit
     everywhere: bool = True  # of every job; False: of those alone whose task heeds it
     closed: Any = KEPT  # value at which its table is absent; another one makes the table
+    named: Callable[[str], Any] | None = None  # makes the field's value of a name
 
 
 def option(
@@ -37,6 +39,7 @@ def option(
     unit: float = 1.0,
     everywhere: bool = True,
     closed: Any = KEPT,
+    named: Callable[[str], Any] | None = None,
 ) -> Value:
     """Field of a dataclass that is an option too.
 
@@ -50,9 +53,10 @@ def option(
         unit: Value of 1 of the option's unit.
         everywhere: Whether every job takes it.
         closed: Value at which its table is absent.
+        named: Makes the field's value of a name.
     """
     words = {"about": about, "group": group, "word": word}
-    declared = Option(**words, unit=unit, everywhere=everywhere, closed=closed)
+    declared = Option(**words, unit=unit, everywhere=everywhere, closed=closed, named=named)
     return field(default=default, metadata={_METADATA: declared})
 
 

@@ -16,7 +16,8 @@ from uuv.sim import hydrodynamics
 from uuv.sim.interfaces.errors import ConfigurationError, PhysicsWarning
 from uuv.sim.interfaces.messages import Command
 from uuv.sim.interfaces.spatial import Array, checked_pose, cross, fitting, quat_wxyz_from_rotation
-from uuv.sim.plant.compiled_step import Drive, Flow, PlantRecord, Watch, drive, end_step, verdict
+from uuv.sim.plant.compiled_step import Drive, PlantRecord, Watch, drive, end_step, verdict
+from uuv.sim.plant.driven_water import DrivenWater, check_current
 from uuv.sim.plant.reaction_wrench import ReactionWrench
 from uuv.sim.plant.readout import CONTACTS, FORCE, NORMAL, Readout, gears_and_contacts, places_of
 from uuv.sim.plant.soil_contact import SoilForce
@@ -202,12 +203,10 @@ class Plant:
         self.timestep = substeps * float(model.opt.timestep)
         least_gain = self.timestep - 0.5 * float(model.opt.timestep)  # [s] a smaller advance means a reset
         # Written each step; a model without coefficients has no slot for it and needs none.
-        slot = LAYOUT.current_acceleration
         wet = hydrodynamics.carries_hydrodynamics(model)
         if not wet and vehicle.hull_dof >= 0 and not model.opt.density and np.any(model.opt.gravity):
             warnings.warn("the vehicle has no hydrodynamic coefficients: it falls as in a vacuum", PhysicsWarning, 2)
         water = world_row(model) if wet else np.zeros(LAYOUT.size)
-        self._current_slot = water[slot : slot + 3]
         self._watch = Watch(
             time=np.zeros(1),
             observed=np.zeros(1, dtype=np.bool_),
@@ -219,7 +218,7 @@ class Plant:
         self._thrusters = Thrusters(
             vehicle.thruster_table, vehicle.thruster_wrench, self.timestep, kept_in=self.data.userdata
         )
-        self._wind, self._ctrl = model.opt.wind, self.data.ctrl
+        self._ctrl = self.data.ctrl
         self._pad_geom = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, names.tool)
         pad_site = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SITE, names.tool_face)
         if pad_site < 0:
@@ -235,6 +234,8 @@ class Plant:
         self._tool = int(model.geom_bodyid[self._pad_geom]) if soil is not None else -1
         self.truth = truth = Truth.of(self.data, vehicle, self._thrusters, self._contacts, pad_site)
         dry = vehicle.dry_friction
+        self._start = X_WB
+        self._water = DrivenWater(model, water, truth.current_W)
         self._readout = Readout(
             places=places_of(self.data, model, self._pad_geom),
             gears=_rows_of_friction(model, vehicle),
@@ -262,7 +263,7 @@ class Plant:
         )
         # Beside `data`: in the model, in the truth, and in the records of the kernels.
         self._changing = (
-            *(self._wind, water, model.dof_frictionloss, self._thrusters.state, self._contacts),
+            *(model.opt.wind, water, model.dof_frictionloss, self._thrusters.state, self._contacts),
             *(self._from_soil, truth.tau_friction, truth.current_W, truth.arm_wrench_B),
             truth.collided,
             *(self._watch.time, self._watch.observed, self._drive.saturated),
@@ -270,7 +271,7 @@ class Plant:
         if data is None:
             self.reset(current=current, X_WB=X_WB)
         else:
-            _check_current(current, self.timestep)
+            check_current(current, self.timestep)
             self.start(current)
 
     def reset(self, *, current: Current, X_WB: Array | None = None) -> None:
@@ -278,12 +279,13 @@ class Plant:
 
         Args:
             current: Current of the water.
-            X_WB: Initial hull pose (4, 4); default: the model's.
+            X_WB: Initial hull pose (4, 4); default: that with which the plant was made.
 
         Raises:
             ConfigurationError: `current` is no Current or has another timestep, or `X_WB` is no pose.
         """
-        _check_current(current, self.timestep)
+        check_current(current, self.timestep)
+        X_WB = self._start if X_WB is None else X_WB
         if X_WB is not None:
             X_WB = checked_pose(X_WB, "X_WB")
         data = self.data
@@ -305,10 +307,7 @@ class Plant:
             current: Current of the water.
         """
         data, truth = self.data, self.truth
-        self._current = current
-        self._flow = Flow(
-            current.velocity, current.acceleration, current.row, self._wind, self._current_slot, truth.current_W
-        )
+        self._flow, self._tick = self._water.start(current), 0
         # From Python, records go to kernels as plain tuples: numba finds the type of a NamedTuple more slowly.
         self._as_tuples = tuple(self._drive), tuple(self._readout), tuple(self._flow)
         self._thrusters.reset()
@@ -319,7 +318,6 @@ class Plant:
         self._watch.time[0] = data.time
         self._watch.observed[0] = self._drive.saturated[0] = False
         truth.arm_wrench_B[:] = np.nan
-        self._tick = 0
         gears_and_contacts(self._as_tuples[1], 0, 1)
         truth.tau_friction[:] = self._contacts[:] = 0.0  # none yet, whatever constraints `data` still has
         truth.collided[:] = -1.0
@@ -331,7 +329,7 @@ class Plant:
             data=copy.copy(self.data),
             arrays=self._changing,
             tick=self._tick,
-            current=self._current.save(),
+            current=self._water.current.save(),
             soil=None if self._soil is None else self._soil.save(),
         )
 
@@ -341,7 +339,7 @@ class Plant:
         for array, value in zip(self._changing, saved.arrays, strict=True):
             array[...] = value
         self._tick = saved.tick
-        self._current.resume(saved.current, steps=saved.tick + 1)
+        self._water.current.resume(saved.current, steps=saved.tick + 1)
         if self._soil is not None and saved.soil is not None:
             self._soil.resume(saved.soil)
         self.publish(0)
@@ -414,20 +412,21 @@ class Plant:
         last = self.substeps - 1
         self._watch.observed[0] = False
         self._tick += 1
-        if self._current.profile is None:
-            self._current.ready()
-            end_step(readout, flow, last + 1)
-        else:
+        self._water.check()
+        if self._water.current.beyond_rows():
             gears_and_contacts(readout, last, last + 1)
             self._blow()
+        else:
+            self._water.current.ready()
+            end_step(readout, flow, last + 1)
         self._contact()
 
     def spans(self) -> str:
         """Why the compiled stages of `uuv.sim.plant.compiled_step` cannot advance this plant; empty if they can."""
         if self._soil is not None:
             return "the plant has soil"
-        if self._current.profile is not None:
-            return "the current has a profile"
+        if reason := self._water.current.beyond_rows():
+            return reason
         if _spacing(self.vehicle.dof) > 1:
             return "the arm's joints have others between them"
         target = mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_BODY, TARGET_BODY)
@@ -437,7 +436,8 @@ class Plant:
 
     def ready(self) -> int:
         """Number of steps that the compiled stages may take before the next call; generates gusts ahead."""
-        steps = self._current.ready()
+        self._water.check()
+        steps = self._water.current.ready()
         return steps if self._reaction is None else min(steps, -self._tick % self._reaction_ticks)
 
     def record(self) -> PlantRecord:
@@ -473,11 +473,10 @@ class Plant:
         wrench[:3], wrench[3:] = f_W, cross(lever, f_W)
 
     def _blow(self) -> None:
-        """Write the flow of the next step into the model, before `observe` computes its forces."""
-        velocity, acceleration = self._current.step()
-        self._wind[:] = velocity
-        self._current_slot[:] = acceleration
-        self.truth.current_W[:] = velocity
+        """Write the water of the next step into the model, before `observe` computes its forces."""
+        at = self.vehicle.hull_qpos
+        # The joint is where the next step begins already, the body still where the last one did.
+        self._water.write(self.data.qpos[at : at + 3], self._tick * self.timestep)
 
 
 def _check(model: mujoco.MjModel, substeps: int) -> None:
@@ -490,16 +489,6 @@ def _check(model: mujoco.MjModel, substeps: int) -> None:
         )
     if not isinstance(substeps, int) or substeps < 1:
         raise ConfigurationError(f"plant: substeps must be a whole number >= 1, got {substeps!r}")
-
-
-def _check_current(current: Current, timestep: float) -> None:
-    """Refuse a current for another timestep [s]."""
-    if not isinstance(current, Current):
-        raise ConfigurationError(f"current: expected a uuv.sim.water.current.Current, got {current!r}")
-    if current.timestep not in (None, timestep):
-        raise ConfigurationError(
-            f"current: its timestep is {current.timestep} s, but the plant's, at which it gusts, {timestep} s"
-        )
 
 
 def _rows_of_friction(model: mujoco.MjModel, vehicle: Vehicle) -> np.ndarray:

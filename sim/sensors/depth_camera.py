@@ -4,6 +4,7 @@ Frame C has OpenCV axes: x right, y down, z along the optical axis.
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import mujoco
@@ -107,6 +108,8 @@ class DepthCamera:
         f = calibration.focal
         self._K = readonly([[f, 0, 0.5 * (width - 1)], [0, f, 0.5 * (height - 1)], [0, 0, 1]])
         self._X_BC_said = self._X_BC
+
+        # Rays of the rectified picture.
         v, u = np.indices((height, width))
         tangents = np.stack([(u - self._K[0, 2]) / f, (v - self._K[1, 2]) / f], axis=-1)
         # With unit z component the ray parameter is the depth along the optical axis.
@@ -117,8 +120,15 @@ class DepthCamera:
             start, way = port.rays(calibration.raw(tangents, optics.focal))
             tangent_x = np.ascontiguousarray(tangents[0, :, 0])
             self._reader = StereoReader.of(port, calibration, optics.focal, (noise or NOISE).baseline, tangent_x)
-        self._rays = Rays.of(way, NEAR, start)
+        self._ways = way
+        self._starts = start
+
         self._world = visible.world(model, "depth camera")
+
+    @cached_property
+    def _rays(self) -> Rays:
+        """The rays in tiles, made when the first frame is taken."""
+        return Rays.of(self._ways, NEAR, self._starts)
 
     @classmethod
     def at_site(cls, model: mujoco.MjModel, site: str, **options: Any) -> "DepthCamera":

@@ -7,11 +7,13 @@ if its cone meets a cluster.
 
 from collections.abc import Collection
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Protocol
 
 import mujoco
 import numpy as np
 
+from uuv.models.meshes import ray_casting
 from uuv.models.meshes.closed_shells import joined
 from uuv.models.meshes.ray_casting import RayScene
 from uuv.sim.interfaces.errors import ConfigurationError
@@ -102,7 +104,7 @@ class VisibleWorld:
     def __init__(
         self, model: mujoco.MjModel, *, exclude: Collection[int] = (), groups: Collection[int] = VISIBLE_GROUPS
     ) -> None:
-        """Build the ray-casting scenes.
+        """Collect the visible surfaces; scenes are built of them when the first rays are cast.
 
         Transparent geoms (alpha 0), flexes and skins are invisible. Height fields are read now only.
 
@@ -114,6 +116,7 @@ class VisibleWorld:
         Raises:
             MissingLibraryError: There is no ray caster.
         """
+        ray_casting.installed()  # or the refusal, now
         data = mujoco.MjData(model)
         mujoco.mj_kinematics(model, data)
         static: list[tuple[Array, np.ndarray]] = []
@@ -138,14 +141,14 @@ class VisibleWorld:
                 static.append(part)
             else:
                 moving.setdefault(body, []).append(part)
-        self._static, self._static_clusters, self._middle_W = None, np.zeros((0, 4)), np.zeros(3)
+        self._static: _Surface | None = None
+        self._middle_W = np.zeros(3)
         if static:
             vertices, faces = joined(static)
             # Embree uses single precision, which far from W's origin is too coarse: 0.1 mm at 3 km of depth.
             self._middle_W = vertices.mean(axis=0)
-            self._static = RayScene(vertices - self._middle_W, faces)
-            self._static_clusters = _clusters(vertices, faces)
-        self._moving = [_MovingBody.of(body, *joined(parts)) for body, parts in moving.items()]
+            self._static = _Surface(0, vertices, faces, self._middle_W)
+        self._moving = [_Surface(body, *joined(parts)) for body, parts in moving.items()]
 
     def cast(self, X_WS: Array, rays: Rays, xpos: Array, xmat: Array) -> tuple[np.ndarray, np.ndarray]:
         """Cast all rays.
@@ -165,9 +168,11 @@ class VisibleWorld:
         cosine = np.ones(len(way), dtype=np.float32)
         R_WS, p_WS = X_WS[:3, :3], X_WS[:3, 3]
         if self._static is not None:
-            centers = (self._static_clusters[:, :3] - p_WS) @ R_WS
-            tiles = _meetings(rays.cone, _spheres(centers, self._static_clusters[:, 3]))
-            self._cast_chosen(self._static, pose(R_WS, p_WS - self._middle_W), rays, tiles, distance, cosine)
+            clusters = self._static.clusters
+            centers = (clusters[:, :3] - p_WS) @ R_WS
+            tiles = _meetings(rays.cone, _spheres(centers, clusters[:, 3]))
+            X_FS = pose(R_WS, p_WS - self._middle_W)
+            self._cast_chosen(self._static.scene, X_FS, rays, tiles, distance, cosine)
         for X_WG, size in self._planes:
             R_SG, p_SG = R_WS.T @ X_WG[:3, :3], R_WS.T @ (X_WG[:3, 3] - p_WS)
             _draw_plane(R_SG, p_SG, size, way, start, rays.near, distance, cosine)
@@ -203,15 +208,25 @@ class VisibleWorld:
         _keep_nearer(hit["t"], hit["normal"], directions, chosen, near, distance, cosine)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _MovingBody:
-    body: int
-    scene: RayScene  # in body axes
-    clusters: Array  # (C, 4) centre and radius [m], body axes
+@dataclass(frozen=True, eq=False)
+class _Surface:
+    """Triangles that a sensor sees; what is built of them is built when the first rays are cast."""
 
-    @classmethod
-    def of(cls, body: int, vertices: Array, faces: np.ndarray) -> "_MovingBody":
-        return cls(body, RayScene(vertices, faces), _clusters(vertices, faces))
+    body: int  # in whose axes they are; 0: the world
+    vertices: Array  # (V, 3) [m]
+    faces: np.ndarray  # (T, 3)
+    middle: Array | None = None  # (3,) [m] origin of the scene; None: that of the axes
+
+    @cached_property
+    def scene(self) -> RayScene:
+        """The triangles for ray casting."""
+        moved = self.vertices if self.middle is None else self.vertices - self.middle
+        return RayScene(moved, self.faces)
+
+    @cached_property
+    def clusters(self) -> Array:
+        """Bounding spheres (C, 4) of runs of triangles, centre and radius [m]."""
+        return _clusters(self.vertices, self.faces)
 
 
 def body_id(model: mujoco.MjModel, name: str, sensor: str) -> int:

@@ -1,9 +1,10 @@
-"""Time-varying current: a steady part, a regular wave, and gusts of finite acceleration."""
+"""Current: steady part, regular wave, gusts of finite acceleration, flow fields on top."""
 
+import copy
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -11,11 +12,19 @@ from numpy.typing import ArrayLike
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.kernels import kernel
 from uuv.sim.interfaces.spatial import Array, checked, number
+from uuv.sim.water.flow_field import FlowField, checked_flow, placed_in, total_velocity
+
+if TYPE_CHECKING:
+    import mujoco
+
+# Of the time [s]: factor on the current, and its rate [1/s].
+Profile = Callable[[float], tuple[float, float]]
 
 _BLOCK = 4096  # steps generated at a time
 _FEWEST = 20.0  # [steps] in the period of a wave
 _PROFILE_TIMES = (0.37, 1.13, 2.71, 5.9, 11.3)  # [s] at which the rate of a profile is compared with its factor
 _LONGEST = 1e12  # [steps] longest time constant; beyond it the filter's pole is lost in rounding
+_ALONG = 1e-3  # [s] before and after, between which the acceleration of a flow field is taken
 
 
 @kernel
@@ -56,14 +65,18 @@ STILL = Wave()
 
 
 class Current:
-    """Velocity and acceleration of the water, uniform in space, one sample per step of the plant.
+    """Velocity and acceleration of the water, one sample a step of the plant, for all bodies.
 
     Gusts are white noise through two equal first-order filters: their acceleration, which the pressure-gradient force
     needs, is then finite. `gust` is their standard deviation per axis.
+    `with_flow` adds a velocity that depends on the place of the hull.
 
-    `velocity` [m/s] and `acceleration` [m/s^2], each (N, 3), hold the steps generated ahead, without the profile; `row`
-    (2,) is the next of their rows, and by how many rows a step moves on. Compiled code may take rows itself, `ready` of
-    them. The three arrays are never replaced.
+    `velocity` [m/s] and `acceleration` [m/s^2], each (N, 3), hold the steps generated ahead,
+    without profile and flow fields; `row` (2,) is the next of their rows, and by how many rows a
+    step moves on. Compiled code may take rows itself, `ready` of them, where `beyond_rows` names
+    nothing. The three arrays are never replaced.
+
+    A class of one's own overrides `step`, for water that is uniform in space, or `at`.
     """
 
     def __init__(
@@ -75,7 +88,7 @@ class Current:
         time_constant: float = 5.0,
         timestep: float = 0.002,
         rng: np.random.Generator | None = None,
-        profile: Callable[[float], tuple[float, float]] | None = None,
+        profile: Profile | None = None,
     ) -> None:
         """Set up the steady current, its wave and its gusts.
 
@@ -96,23 +109,15 @@ class Current:
         self._mean = checked(mean_W, (3,), "current [m/s]")
         gust, dt = number(gust, "gust [m/s]"), number(timestep, "timestep of the current [s]")
         time_constant = number(time_constant, "time constant of the gusts [s]")
-        if not (np.isfinite(gust) and gust >= 0.0):
-            raise ConfigurationError(f"gust: must be finite and >= 0 m/s, got {gust}")
-        if gust > 0.0 and not isinstance(rng, np.random.Generator):
-            raise ConfigurationError(f"gusts need a random generator, got {rng!r}")
-        if not (np.isfinite(dt) and dt > 0.0):
-            raise ConfigurationError(f"timestep of the current: must be finite and > 0 s, got {dt}")
-        if not 10.0 * dt < time_constant <= _LONGEST * dt:
-            raise ConfigurationError(
-                f"gust time constant {time_constant} s: must be above ten steps of {dt} s, and no more than "
-                f"{_LONGEST:.0e} of them"
-            )
+        _check_gusts(gust, rng, time_constant, dt)
         if profile is not None:
             _check_profile(profile)
 
         self._rng, self._dt = rng, dt
         self.profile, self._ticks = profile, 0
-        self._blows, self._wave = gust > 0.0, wave if any(wave.amplitude_W) else None
+        self.flows: tuple[FlowField, ...] = ()  # on top of all else; `with_flow` adds to them
+        self._blows = gust > 0.0
+        self._wave = wave if any(wave.amplitude_W) else None
         self._varies = self._blows or self._wave is not None
         if self._wave is not None and not wave.frequency * dt * _FEWEST < 1.0:
             raise ConfigurationError(
@@ -138,6 +143,50 @@ class Current:
             self._before += self._wave.velocity(np.array([-dt]))[0]
 
     @property
+    def mean_W(self) -> Array:
+        """Steady part (3,) [m/s] of the current, world axes; a copy."""
+        return self._mean.copy()
+
+    def with_flow(self, flow: FlowField) -> Self:
+        """The same current with one more flow field on top; to be used in place of this one.
+
+        Raises:
+            ConfigurationError: It has no method `velocity(p_W, time)`.
+        """
+        other = copy.copy(self)
+        other.flows = (*self.flows, checked_flow(flow, "flow"))
+        return other
+
+    def with_profile(self, profile: Profile) -> Self:
+        """The same current by one more factor of time; to be used in place of this one.
+
+        Args:
+            profile: As for the class; the factor is on flow fields too.
+
+        Raises:
+            ConfigurationError: The profile's rate is not that of its factor.
+        """
+        _check_profile(profile)
+        other = copy.copy(self)
+        other.profile = profile if self.profile is None else _product(self.profile, profile)
+        return other
+
+    def place(self, model: "mujoco.MjModel") -> None:
+        """Take over the compiled world, for flow fields that depend on its objects."""
+        self.flows = placed_in(model, self.flows)
+
+    def beyond_rows(self) -> str:
+        """What its rows do not hold, so that `at` must be called at every step; empty: nothing."""
+        if self.profile is not None:
+            return "the current has a profile"
+        if self.flows:
+            return f"the current has a flow field, {type(self.flows[0]).__name__}"
+        # Of a subclass, or set on this object.
+        methods = (self.step, Current.step), (self.at, Current.at)
+        replaced = any(getattr(method, "__func__", None) is not usual for method, usual in methods)
+        return f"current {type(self).__name__} has a step of its own" if replaced else ""
+
+    @property
     def timestep(self) -> float | None:
         """Step of the plant [s] that it was made for; None for a steady current, which suits any step."""
         return self._dt if self._varies or self.profile is not None else None
@@ -157,10 +206,11 @@ class Current:
 
     def save(self) -> dict[str, Any]:
         """All that changes, as it is: to be copied before the next step."""
-        return {name: value for name, value in vars(self).items() if name != "profile"}
+        stays = ("profile", "flows")
+        return {name: value for name, value in vars(self).items() if name not in stays}
 
     def resume(self, saved: dict[str, Any], steps: int) -> None:
-        """Go on from what `save` of an equal current returned; the profile stays this one's.
+        """Go on from what `save` of an equal current returned; profile and flow fields stay.
 
         Args:
             saved: A copy of it.
@@ -194,8 +244,55 @@ class Current:
         self._ticks += 1
         return share * velocity, share * acceleration + growth * velocity
 
+    def at(self, p_W: Array, time: float) -> tuple[Array, Array]:
+        """Velocity (3,) [m/s] and acceleration (3,) [m/s^2] as of `step`, with the flow fields.
 
-def _check_profile(profile: Callable[[float], tuple[float, float]]) -> None:
+        The acceleration is that of the water which passes: along its path, by differences.
+
+        Args:
+            p_W: Place (3,) [m] of the hull's origin in W.
+            time: [s] since the start of the run.
+        """
+        velocity, acceleration = self.step()
+        if not self.flows:
+            return velocity, acceleration
+        share, growth = self.profile(time) if self.profile is not None else (1.0, 0.0)
+        field = total_velocity(self.flows, p_W, time)
+        velocity = velocity + share * field
+
+        # A field need not know what was before the start.
+        back = min(time, _ALONG)
+        earlier = total_velocity(self.flows, p_W - back * velocity, time - back)
+        later = total_velocity(self.flows, p_W + _ALONG * velocity, time + _ALONG)
+        return velocity, acceleration + share * (later - earlier) / (back + _ALONG) + growth * field
+
+
+def _check_gusts(gust: float, rng: object, time_constant: float, dt: float) -> None:
+    """Refuse gusts of that deviation [m/s], generator, time constant [s] and step [s]."""
+    if not (np.isfinite(gust) and gust >= 0.0):
+        raise ConfigurationError(f"gust: must be finite and >= 0 m/s, got {gust}")
+    if gust > 0.0 and not isinstance(rng, np.random.Generator):
+        raise ConfigurationError(f"gusts need a random generator, got {rng!r}")
+    if not (np.isfinite(dt) and dt > 0.0):
+        raise ConfigurationError(f"timestep of the current: must be finite and > 0 s, got {dt}")
+    if not 10.0 * dt < time_constant <= _LONGEST * dt:
+        raise ConfigurationError(
+            f"gust time constant {time_constant} s: must be above ten steps of {dt} s, and no more than "
+            f"{_LONGEST:.0e} of them"
+        )
+
+
+def _product(first: Profile, second: Profile) -> Profile:
+    """Both factors."""
+
+    def both(time: float) -> tuple[float, float]:
+        (share, growth), (factor, rate) = first(time), second(time)
+        return share * factor, growth * factor + share * rate
+
+    return both
+
+
+def _check_profile(profile: Profile) -> None:
     """Refuses a profile without two numbers, or with a rate that differs from the factor's at most of some times.
 
     A profile may have steps and bends, so that a single time proves nothing.

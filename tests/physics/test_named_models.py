@@ -23,9 +23,10 @@ from uuv.models.vehicle import Vehicle
 from uuv.models.vehicles import published_hulls
 from uuv.sim import hydrodynamics
 from uuv.sim.interfaces.errors import ConfigurationError
-from uuv.sim.interfaces.messages import Command, StateEstimate
+from uuv.sim.interfaces.messages import Command
 from uuv.sim.interfaces.spatial import Array, exp_so3, pose, quat_wxyz_from_rotation, rotation_angle, skew
-from uuv.sim.plant.plant import Plant, Truth
+from uuv.sim.loop.true_estimate import true_estimate
+from uuv.sim.plant.plant import Plant
 from uuv.sim.sensors.depth_camera import DepthCamera
 from uuv.sim.water.current import Current
 
@@ -494,19 +495,6 @@ def test_towed_hull_reaches_the_speed_of_its_damping(name, within):
 CONTROL_TICKS, CURRENT = 10, (0.15, 0.1, 0.05)  # steps between commands; [m/s]
 
 
-def estimate(true: Truth) -> StateEstimate:
-    return StateEstimate(
-        time=true.time,
-        X_WB=pose(true.R_WB, true.p_WB),
-        v_WB_B=true.R_WB.T @ true.v_WB_W,
-        w_WB_B=true.w_WB_B,
-        a_WB_B=np.zeros(3),
-        q=true.q,
-        qd=true.qd,
-        tau=np.zeros(len(true.q)),
-    )
-
-
 @pytest.mark.parametrize("name", HOVERING)
 def test_it_hovers(name, within):
     """Hull and arm held at home in a current, from 0.3 m and 10 degrees away: by thrusters, or by the wrench."""
@@ -536,7 +524,7 @@ def test_it_hovers(name, within):
                     v_current_W=none,
                     wrench_tip_G=np.zeros(6),
                 )[1]
-            wrench = hover.step(state, estimate(true), np.eye(4), none, fed, CONTROL_TICKS * plant.timestep)
+            wrench = hover.step(state, true_estimate(true), np.eye(4), none, fed, CONTROL_TICKS * plant.timestep)
             if allocation is None:
                 plant.data.ctrl[wrench_actuators] = wrench
             else:

@@ -129,6 +129,8 @@ def _described(case: BenchmarkCase) -> dict[str, Any]:
     described = as_json(scenario)
     if not scenario.sensing.follow:
         del described["sensing"]["follow"]
+    if scenario.site.flow is None:
+        del described["site"]["flow"]
     of = described["site"]["object"]
     for later in ("line", "scale"):
         if of.get(later, ...) is None:

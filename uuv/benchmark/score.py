@@ -14,13 +14,14 @@ from uuv.benchmark.cases import INSERTION, BenchmarkCase
 from uuv.benchmark.door import EntryProcess, RemoteController, RemoteEstimator
 from uuv.benchmark.entries import Entry
 from uuv.benchmark.wire import Briefing, EntryError
-from uuv.campaigns.contact_study import CRASHED, DAMAGE, DAMAGED, force_over_set
+from uuv.campaigns.contact_study import CRASHED, DAMAGED, force_over_set
 from uuv.components.contact_parts import estimator
 from uuv.controllers.safety.safety_wrapper import SafetyWrapper
 from uuv.experiment import Row, Summary, Table
 from uuv.models.hydrodynamics import SEA_WATER
 from uuv.runner import Run, run
 from uuv.scenario import Control
+from uuv.sim.evaluation.bounds import DAMAGE
 from uuv.sim.evaluation.insertion_metrics import AT_THE_HOLE
 from uuv.sim.interfaces.errors import UuvError
 from uuv.sim.interfaces.messages import WorkState

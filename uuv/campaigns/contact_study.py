@@ -17,6 +17,7 @@ from uuv.perturbations.vehicle import Gears, Payload, ThrusterSpread, Water
 from uuv.runner import Run, run
 from uuv.scenario import Belief, Scenario, Sensing
 from uuv.sensors.arm_camera import ArmCameraSetup
+from uuv.sim.evaluation.bounds import DAMAGE
 from uuv.sim.evaluation.metrics import path_error
 from uuv.sim.interfaces.errors import ConfigurationError, HydrodynamicsError, UuvError
 from uuv.sim.interfaces.messages import AbortCode, WorkState
@@ -26,7 +27,6 @@ from uuv.tasks.surface_work import SurfaceWorkTask, first_force
 PathName = Literal["longitudinal", "transverse"]
 PATHS: tuple[PathName, ...] = get_args(PathName)
 TICK = 0.002  # [s] loop step; periods and delays are whole multiples of it
-DAMAGE = 1.5  # times the set force: damage from there on
 
 KEPT, MISSED, BROKEN, DAMAGED, REFUSED, DIVERGED, CRASHED = (
     "kept",

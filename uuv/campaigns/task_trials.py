@@ -10,7 +10,7 @@ from uuv import first_start
 from uuv.assembly import assemble
 from uuv.campaigns.trials import Spread, Trials
 from uuv.experiment.options import PoolOptions
-from uuv.runner import assessed, rehearse, run_through
+from uuv.runner import assessed, run_through
 from uuv.scenario import Scenario, Task
 from uuv.sim.evaluation import insertion_metrics, seabed_metrics
 from uuv.tasks.insertion import InsertionTask
@@ -41,7 +41,6 @@ def one_trial(case: tuple[Scenario, int]) -> Mapping[str, Any]:
     """Metrics of a scenario with another seed."""
     scenario, seed = case
     assembly = assemble(replace(scenario, seed=seed))
-    rehearse(assembly)
     return assessed(assembly, run_through(assembly)).metrics
 
 

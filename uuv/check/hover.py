@@ -9,10 +9,11 @@ from uuv.controllers.arm.inverse_dynamics import ArmDynamics
 from uuv.controllers.hull.hull_control import HullControl
 from uuv.controllers.tasks.hull_phases import RestLimits
 from uuv.sim.interfaces.errors import HydrodynamicsError
-from uuv.sim.interfaces.messages import Command, Reference, StateEstimate, WorkState
-from uuv.sim.interfaces.spatial import Array, pose
+from uuv.sim.interfaces.messages import Command, Reference, WorkState
+from uuv.sim.interfaces.spatial import Array
+from uuv.sim.loop.true_estimate import true_estimate
 from uuv.sim.plant.arm_hold import ArmHold
-from uuv.sim.plant.plant import Plant, Truth
+from uuv.sim.plant.plant import Plant
 from uuv.sim.water.current import Current
 
 SECONDS = 10.0  # simulated
@@ -58,7 +59,8 @@ def hover(model: mujoco.MjModel, current_W: tuple[float, float, float] = (0.0, 0
     try:
         for tick in range(round(SECONDS / plant.timestep)):
             if tick % ticks == 0:
-                thrusters = control.step(state, _seen(true, q), _reference(true.time, q), arm_B)
+                estimate = true_estimate(true)
+                thrusters = control.step(state, estimate, _reference(true.time, q), arm_B)
             torque = none if hold is None else hold.torque(true)
             plant.step(Command(time=true.time, joint_torque=torque, thrusters=thrusters, scan=False))
             plant.observe()
@@ -78,20 +80,6 @@ def hover(model: mujoco.MjModel, current_W: tuple[float, float, float] = (0.0, 0
     except HydrodynamicsError as error:
         return HoverFigures(drift=np.inf, tilt=np.pi, saturated=saturated / max(steps, 1), said=str(error))
     return HoverFigures(drift=drift, tilt=tilt, saturated=saturated / steps, rest=rest, turn=turn)
-
-
-def _seen(true: Truth, q: Array) -> StateEstimate:
-    """The truth as an estimate."""
-    return StateEstimate(
-        time=true.time,
-        X_WB=pose(true.R_WB, true.p_WB),
-        v_WB_B=true.R_WB.T @ true.v_WB_W,
-        w_WB_B=np.array(true.w_WB_B),
-        a_WB_B=np.zeros(3),
-        q=q,
-        qd=np.zeros(len(q)),
-        tau=np.zeros(len(q)),
-    )
 
 
 def _reference(time: float, q: Array) -> Reference:

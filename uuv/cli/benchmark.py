@@ -153,6 +153,7 @@ def with_report(scored: "ScoredCase", study: str, options: BenchmarkOptions, sta
     with ExitStack() as stack:
 
         def assembled(_: "Scenario", *, full: bool) -> "Assembly":
+            stack.close()  # ends the process of an earlier one
             return stack.enter_context(entered(scored, full=full))[0]
 
         after = f", case {scored.case.index} by {scored.entry.name}"

@@ -10,16 +10,17 @@ from dm_control.utils import rewards
 from uuv.controllers.tasks.insertion import axis_path
 from uuv.environments.actions import Actions, ToolTwist
 from uuv.environments.entities import Sea, VehicleEntity, WorkObjectEntity, let_slide, put
-from uuv.environments.judges import DAMAGE, InsertedTo, PressedAt, SetForce, TappedAt, WipedAlong
+from uuv.environments.judges import InsertedTo, PressedAt, SetForce, TappedAt, WipedAlong
 from uuv.environments.sensing import FARTHEST, STRONGEST
 from uuv.environments.vehicle_task import SITE_DEPTH, Random, VehicleTask, near
 from uuv.environments.work_place import WorkPlace, on_path, standing
 from uuv.models.objects.manifold import Manifold
 from uuv.models.objects.target_model import TargetModel
-from uuv.sim.evaluation.bounds import Bounds
+from uuv.sim.evaluation.bounds import DAMAGE
 from uuv.sim.evaluation.insertion_metrics import InsertionBounds, TrueHole
 from uuv.sim.interfaces.spatial import Array, pose, readonly
 from uuv.sim.plant.plant import Truth
+from uuv.tasks.surface_work import work_bounds
 
 STANDOFF = 0.06  # [m] of the tool off the surface at the start
 OFFSET, TURN = 0.02, 0.02  # [m], [rad] largest errors of the hull's place at the start
@@ -61,6 +62,7 @@ class ContactTask(VehicleTask):
         self.object = WorkObjectEntity(place.target)
         put(sea, self.object, place.X_WT)
         self.largest_force = DAMAGE * force
+        self.bounds = work_bounds(vehicle.own)
         self.add_goals(FARTHEST, goal_position=3, goal_axis=3)
         self.add_goals(STRONGEST, goal_force=1)
         if self.slides:
@@ -91,13 +93,13 @@ class ContactTask(VehicleTask):
         """Reward for being at the next place with the tool's axis along the path's."""
         X_WG = self.place.tool_at(self.next_s())
         gap, across = float(np.linalg.norm(truth.p_pad - X_WG[:3, 3])), float(truth.R_WG[:, 2] @ X_WG[:3, 2])
-        bounds = Bounds()
+        bounds = self.bounds
         close = rewards.tolerance(gap, bounds=(0.0, bounds.path_deviation), margin=NEAR)
         return close * rewards.tolerance(float(np.arccos(np.clip(across, -1.0, 1.0))), (0.0, bounds.tilt), margin=0.5)
 
     def pressing(self, truth: Truth) -> float:
         """Reward for the set force."""
-        band = Bounds().force_error_rms
+        band = self.bounds.force_error_rms
         return rewards.tolerance(truth.contact_normal, (self.force - band, self.force + band), margin=self.force)
 
 
@@ -108,7 +110,7 @@ class PressPoint(ContactTask):
     def _judge(self) -> PressedAt:
         whole = self.place.path
         point = replace(whole, s=whole.s[:1], p=whole.p[:1], z=whole.z[:1], x=whole.x[:1])
-        return PressedAt(SetForce(point, self.force), HELD)
+        return PressedAt(SetForce(point, self.force, self.bounds), HELD)
 
     @property
     def judge(self) -> PressedAt:
@@ -128,7 +130,7 @@ class WipePath(ContactTask):
 
     @cached_property
     def _judge(self) -> WipedAlong:
-        return WipedAlong(SetForce(self.place.path, self.force))
+        return WipedAlong(SetForce(self.place.path, self.force, self.bounds))
 
     @property
     def judge(self) -> WipedAlong:
@@ -163,7 +165,8 @@ class TapPoints(ContactTask):
         """As `ContactTask`; `points` are arc lengths [m] from 0 on."""
         super().__init__(sea, vehicle, actions, place, force=force, sparse=sparse)
         self.points = tuple(points)
-        self._judge = TappedAt(SetForce(self.place.path, self.force), self.points, TOUCHED)
+        along = SetForce(self.place.path, self.force, self.bounds)
+        self._judge = TappedAt(along, self.points, TOUCHED)
 
     @property
     def judge(self) -> TappedAt:

@@ -1,4 +1,4 @@
-"""Judges of episodes: whether the work was done, by the bounds of the jobs, and whether it did damage.
+"""Judges of episodes: whether the work was done, by the rules and bounds of `uuv.sim.evaluation`.
 
 A judge watches true states that last for some time each; in contact it sees every step of the plant. `done` stays true
 once it is. `failed` is a sentence, empty while nothing is wrong.
@@ -10,14 +10,13 @@ from typing import Protocol
 
 import numpy as np
 
-from uuv.sim.evaluation.bounds import Bounds
-from uuv.sim.evaluation.force_levels import LOST_BELOW, SETTLING
+from uuv.sim.evaluation.bounds import TAP_ERROR, Bounds
+from uuv.sim.evaluation.force_levels import force_peak, is_lost, unsettled
 from uuv.sim.evaluation.insertion_metrics import InsertionBounds, TrueHole
+from uuv.sim.evaluation.running import RunningForce, place_on_path
 from uuv.sim.interfaces.messages import ToolPath
+from uuv.sim.interfaces.spatial import inverse, transform_points
 from uuv.sim.plant.plant import Truth
-
-DAMAGE = 1.5  # times the largest set force, beyond which contact counts as damage
-TOUCHING = 0.2  # share of the set force by which a tap may be off
 
 
 class Judge(Protocol):
@@ -54,106 +53,91 @@ class KeptFor:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SetForce:
-    """A force [N] to press with at a place of a path."""
+    """A force [N] to press with along a path, or at its begin, and the bounds of the job."""
 
     path: ToolPath
     force: float
     bounds: Bounds = field(default_factory=Bounds)
 
-    def deviation(self, truth: Truth) -> tuple[float, float]:
-        """Arc length [m] of the point of the path nearest to the pad, and its distance [m] along the surface."""
-        gap = truth.p_pad - self.path.p
-        gap -= np.sum(gap * self.path.z, axis=1, keepdims=True) * self.path.z
-        at = int(np.argmin(np.sum(gap * gap, axis=1)))
-        p, s = self.path.p, self.path.s
-        best, distance = float(s[at]), float(np.linalg.norm(gap[at]))
-        for a, b in ((at - 1, at), (at, at + 1)):  # between the samples
-            if a >= 0 and b < len(s):
-                along = p[b] - p[a]
-                share = float(np.clip(gap[a] @ along / (along @ along), 0.0, 1.0))
-                off = float(np.linalg.norm(gap[a] - share * along))
-                if off < distance:
-                    best, distance = float(s[a] + share * (s[b] - s[a])), off
-        return best, distance
+    def place(self, truth: Truth) -> tuple[float, float]:
+        """Arc length [m] of the place nearest to the pad, and its distance [m] on the surface."""
+        return place_on_path(self.path, truth.p_pad)
+
+    def running(self) -> RunningForce:
+        """The error of the force, to be judged step by step."""
+        return RunningForce(self.force, self.bounds)
 
 
 class PressedAt:
     """Done once the set force has been held at a point for some time, within the bounds of force and path."""
 
     def __init__(self, at: SetForce, seconds: float) -> None:
-        self._at, self._seconds = at, seconds
+        self._at, self._seconds, self._error = at, seconds, at.running()
         self.start()
 
     def start(self) -> None:
         """Begin an episode."""
         self.done, self.failed = False, ""
-        self._again()
-
-    def _again(self) -> None:
-        self._held = self._squares = 0.0
+        self._error.start()
 
     def watch(self, truth: Truth, dt: float) -> None:
-        """Count the time, and the force's error in it."""
-        at, bounds = self._at, self._at.bounds
-        error = truth.contact_normal - at.force
-        if abs(error) > bounds.force_error_max or at.deviation(truth)[1] > bounds.path_deviation:
-            self._again()
+        """Count the time, and the force's error in it; beyond a bound both begin anew."""
+        at, bounds, error = self._at, self._at.bounds, self._error
+        peak = force_peak(truth.contact_least, truth.contact_most, at.force)
+        if peak > bounds.force_error_max or at.place(truth)[1] > bounds.path_deviation:
+            error.start()
             return
-        self._held += dt
-        self._squares += dt * error * error
-        if self._squares > self._held * bounds.force_error_rms**2 and self._held > SETTLING:
-            self._again()
-        self.done = self.done or self._held >= self._seconds
+        error.add(truth.contact_normal, truth.contact_least, truth.contact_most, dt)
+        if error.since < self._seconds:
+            return
+        if error.missed():
+            error.start()
+        else:
+            self.done = True
 
 
 class WipedAlong:
     """Done once the tool has gone along the whole path under the set force, within the bounds of the surface job.
 
-    The work begins with the first contact at the path's start under half the set force, and is judged from `SETTLING`
-    later on. Losing contact, or leaving a bound, spoils it for good.
+    The work begins with the first contact at the path's start under half the set force, and is
+    judged once the force is settled. Losing contact, or leaving a bound, spoils it for good.
     """
 
     REACHED = 0.99  # share of the path's length
 
     def __init__(self, along: SetForce) -> None:
-        self._along = along
+        self._along, self._error = along, along.running()
         self.start()
 
     def start(self) -> None:
         """Begin an episode."""
         self.done, self.failed = False, ""
         self.s = 0.0  # [m] arc length reached
-        self._since = -1.0  # [s] for which the work lasts; negative: it has not begun
-        self._squares = self._judged = 0.0
+        self._begun = False
+        self._error.start()
 
     def watch(self, truth: Truth, dt: float) -> None:
         """Judge force, path and progress."""
-        along, bounds, end = self._along, self._along.bounds, float(self._along.path.s[-1])
-        s, deviation = along.deviation(truth)
-        if self._since < 0.0:
-            if truth.contact_normal > 0.5 * along.force and s < (1.0 - self.REACHED) * end + bounds.path_deviation:
-                self._since = 0.0
+        along, error, end = self._along, self._error, float(self._along.path.s[-1])
+        bound = along.bounds.path_deviation
+        s, deviation = along.place(truth)
+        if not self._begun:
+            at_start = s < (1.0 - self.REACHED) * end + bound
+            self._begun = truth.contact_normal > 0.5 * along.force and at_start
             return
         if self.done or self.failed:
             return
-        self._since += dt
-        if s > self.s and s < self.s + 10.0 * bounds.path_deviation:  # no leap across a bend
+
+        wrong = error.add(truth.contact_normal, truth.contact_least, truth.contact_most, dt)
+        if s > self.s and s < self.s + 10.0 * bound:  # no leap across a bend
             self.s = s
-        if self._since < SETTLING:
+        if error.since < unsettled(0.0):
             return
-        error = truth.contact_normal - along.force
-        self._judged += dt
-        self._squares += dt * error * error
-        if truth.contact_normal < LOST_BELOW:
-            self.failed = "contact lost"
-        elif abs(error) > bounds.force_error_max:
-            self.failed = f"force off by {error:.1f} N"
-        elif deviation > bounds.path_deviation:
-            self.failed = f"{1e3 * deviation:.1f} mm off the path"
-        elif self.s >= self.REACHED * end:
-            rms = float(np.sqrt(self._squares / self._judged))
-            self.done = rms <= bounds.force_error_rms
-            self.failed = "" if self.done else f"force off by {rms:.1f} N RMS"
+        if not wrong and deviation > bound:
+            wrong = f"{1e3 * deviation:.1f} mm off the path"
+        at_end = self.s >= self.REACHED * end
+        self.failed = wrong or (error.missed() if at_end else "")
+        self.done = at_end and not self.failed
 
 
 class TappedAt:
@@ -174,14 +158,14 @@ class TappedAt:
         if self.done:
             return
         along = self._along
-        if truth.contact_normal < LOST_BELOW:
+        if is_lost(truth.contact_least):
             self._away, self._held = True, 0.0
             return
-        s, deviation = along.deviation(truth)
+        s, deviation = along.place(truth)
         bound = along.bounds.path_deviation
-        there = abs(s - self._points[self.count]) <= bound and deviation <= bound
-        pressed = abs(truth.contact_normal - along.force) <= TOUCHING * along.force
-        self._held = self._held + dt if there and pressed and self._away else 0.0
+        at_point = abs(s - self._points[self.count]) <= bound and deviation <= bound
+        pressed = abs(truth.contact_normal - along.force) <= TAP_ERROR * along.force
+        self._held = self._held + dt if at_point and pressed and self._away else 0.0
         if self._held >= self._seconds:
             self.count, self._held, self._away = self.count + 1, 0.0, False
             self.done = self.count == len(self._points)
@@ -201,16 +185,14 @@ class InsertedTo:
 
     def watch(self, truth: Truth, dt: float) -> None:
         """Judge depth and force."""
-        hole, X_WH = self._hole, self._hole.X_WH
-        tip_H = X_WH[:3, :3].T @ (truth.p_pad - X_WH[:3, 3])
-        force_H = X_WH[:3, :3].T @ truth.contact_force_W
-        in_bore = float(np.hypot(tip_H[0], tip_H[1])) < hole.radius
-        self.depth = float(tip_H[2]) if in_bore else -np.inf
-        side, axial = float(np.hypot(force_H[0], force_H[1])), float(force_H[2])
+        hole, bounds = self._hole, self._bounds
+        tip_H = transform_points(inverse(hole.X_WH), truth.p_pad[None])
+        self.depth = float(tip_H[0, 2]) if hole.within_wall(tip_H)[0] else -np.inf
         if self.done or self.failed:
             return
-        if side > self._bounds.side_force:
+        side, axial = (float(force[0]) for force in hole.forces(truth.contact_force_W[None]))
+        if side > bounds.side_force:
             self.failed = f"side force {side:.0f} N"
-        elif abs(axial) > self._bounds.axial_force:
+        elif abs(axial) > bounds.axial_force:
             self.failed = f"axial force {abs(axial):.0f} N"
-        self.done = not self.failed and self.depth >= hole.depth - self._bounds.short
+        self.done = not self.failed and hole.depth - self.depth <= bounds.short

@@ -177,7 +177,7 @@ class Job:
                 unknown = f"job {self.name} has no {shown(word)}{meant}"
                 raise ConfigurationError(f"{unknown}; it has {', '.join(known)}")
         of_scenario = {
-            word: _checked(options[word].hint, value, word)
+            word: value if options[word].takes(value) else _checked(options[word].hint, value, word)
             for word, value in values.items()
             if word not in self.arguments
         }

@@ -34,7 +34,13 @@ class ScenarioOption:
         """An option's value in the unit and type of the field."""
         if self.table is not None:
             return self.table() if value else None
+        if self.declared.named is not None and isinstance(value, str):
+            return self.declared.named(value)
         return _scaled(value, self.declared.unit)
+
+    def takes(self, value: Any) -> bool:
+        """True for a thing itself, where a name would do as well."""
+        return self.declared.named is not None and not isinstance(value, str | None)
 
     def closes(self, value: Any) -> bool:
         """True if the value means that the option's table is absent."""
@@ -91,6 +97,13 @@ def _of_table(table: Any, before: str) -> Iterator[ScenarioOption]:
         if inner is not None:
             option = ScenarioOption(word=word, key=key, declared=declared, hint=bool, value=False)
             yield replace(option, value=value is not None, table=inner)
+            continue
+
+        # A thing by its name.
+        if declared.named is not None:
+            name = None if value is None else type(value).__name__
+            kind = str | None
+            yield ScenarioOption(word=word, key=key, declared=declared, hint=kind, value=name)
             continue
 
         # A number, a text, or several.

@@ -25,6 +25,7 @@ import numpy as np
 
 from uuv.models.registry import Registry
 from uuv.sim.loop.rollout import Observer, Parts, SteppedPlant
+from uuv.sim.water.current import Current
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -53,8 +54,12 @@ class Perturbation:
     def on_scene(self, scene: mujoco.MjSpec) -> None:
         """Changes the spec of vehicle and site in place."""
 
+    def on_water(self, current: Current) -> Current:
+        """The current of the run: `current`, with a flow field on top, or another one."""
+        return current
+
     def on_loop(self, loop: Loop) -> Loop:
-        """The loop with parts wrapped or replaced."""
+        """The loop with parts wrapped or replaced; its plant stands at the start."""
         return loop
 
     def rng(self, seed: int) -> np.random.Generator:
@@ -91,6 +96,7 @@ def registry() -> Registry[Perturbation]:
         "Payload": "uuv.perturbations.vehicle:Payload",
         "Thrusters": "uuv.perturbations.vehicle:ThrusterSpread",
         "Gears": "uuv.perturbations.vehicle:Gears",
+        "Wake": "uuv.perturbations.wake:Wake",
         "Pad": "uuv.perturbations.pad:Pad",
         "ElasticGears": "uuv.perturbations.elastic_gears:ElasticGears",
         "WanderingVision": "uuv.perturbations.sensing:WanderingVision",

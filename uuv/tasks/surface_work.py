@@ -192,16 +192,8 @@ class PlacedSurfaceWork(PlacedTask):
 
     @property
     def bounds(self) -> Bounds:
-        """The usual bounds; those of the force by the arm's size, and an axis that leans for one of fewer joints."""
-        from uuv.controllers.planning.arm_margins import TILT
-        from uuv.controllers.planning.arm_size import FULL
-
-        own, usual = self.own.at_work(), Bounds()
-        return Bounds(
-            force_error_rms=own.size * usual.force_error_rms,
-            force_error_max=own.size * usual.force_error_max,
-            tilt=usual.tilt if own.chain.n >= FULL else TILT,
-        )
+        """Those of work by this vehicle."""
+        return work_bounds(self.own)
 
     def scene(self, vehicle: mujoco.MjSpec) -> mujoco.MjSpec:
         """Adds the true object, on which the tool slides, and flat seabed."""
@@ -307,6 +299,22 @@ class PlacedSurfaceWork(PlacedTask):
         from uuv.sim.reporting.report_figures import object_as_found
 
         return object_as_found(ran.recording, self.truth)
+
+
+def work_bounds(own: OwnVehicle) -> Bounds:
+    """The usual bounds; of the force by the arm's size, and of the tilt by its number of joints."""
+    from uuv.controllers.planning.arm_margins import TILT
+    from uuv.controllers.planning.arm_size import FULL
+
+    known = own.at_work()
+    usual = Bounds()
+
+    # An arm of fewer joints lets its tool lean.
+    return Bounds(
+        force_error_rms=known.size * usual.force_error_rms,
+        force_error_max=known.size * usual.force_error_max,
+        tilt=usual.tilt if known.chain.n >= FULL else TILT,
+    )
 
 
 def _check_survey(scenario: Scenario) -> None:

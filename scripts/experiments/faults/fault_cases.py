@@ -283,7 +283,7 @@ class _Job:
 
     def begin(self, *observers: Observer) -> Rollout:
         """A run from the start; each has the same random numbers."""
-        built = replace(self.built, gusts=deepcopy(self.built.gusts), noise=deepcopy(self.built.noise))
+        built = replace(self.built, noise=deepcopy(self.built.noise))
         doubled = self.onsets.get(DOUBLED)
         profile = None if doubled is None else faults.changing(doubled, 2.0, 1.0)
         built.plant.reset(current=built.current(profile), X_WB=built.X_WB)

@@ -31,7 +31,7 @@ from rich.table import Table
 from uuv.assembly import Assembly, assemble
 from uuv.jobs import clean_barrel
 from uuv.jobs.command_line import parsed
-from uuv.runner import Run, rehearse, run
+from uuv.runner import Run, rehearse, run, to_rehearse
 from uuv.scenario import Scenario
 from uuv.sim.interfaces.errors import UuvError
 from uuv.sim.interfaces.messages import WorkState
@@ -168,9 +168,8 @@ class Instants:
 
 def fresh(job: MeasuredJob) -> Assembly:
     """The job assembled from the seed, with its code loaded."""
-    built = assemble(job.scenario, full=job.record)
-    rehearse(built)
-    return built
+    rehearse(assemble(to_rehearse(job.scenario), full=job.record))
+    return assemble(job.scenario, full=job.record)
 
 
 def digest(outcome: Run) -> str:

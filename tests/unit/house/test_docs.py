@@ -16,8 +16,10 @@ from uuv import assemble, jobs, models
 from uuv.cli.skeletons import SENSOR
 from uuv.controllers.arm.inverse_dynamics import ArmDynamics
 from uuv.models.vehicle import Vehicle
+from uuv.scenario_file import with_values
 from uuv.sim.interfaces.messages import Command, Reference, StateEstimate
 from uuv.sim.interfaces.protocols import Controller
+from uuv.sim.interfaces.spatial import pose
 
 
 def names_of(root: Path, word: str, page: str = "docs/own_controller.md", **given: Any) -> dict[str, Any]:
@@ -110,6 +112,34 @@ def test_the_fault_of_the_documents_reaches_the_thruster(root, monkeypatch):
         plant.step(Command(time=time, joint_torque=np.zeros(6), thrusters=given, scan=False))
     factor = np.where(np.array(untyped(plant).plant.vehicle.thruster_names) == "heave_front", 1.3, 1.0)
     np.testing.assert_allclose(sent, [given, factor * given], rtol=1e-12)
+
+
+@pytest.mark.parametrize("name", ["my_flow", "my_wake"])
+def test_the_examples_of_a_current_are_those_of_the_page(root, name):
+    """A file in docs/examples is the block of the page with a line about it before."""
+    page = (root / "docs" / "own_current.md").read_text(encoding="utf-8")
+    example = (root / "docs" / "examples" / f"{name}.py").read_text(encoding="utf-8")
+    assert example.partition("\n\n")[2] in re.findall(r"```python\n(.*?)```", page, flags=re.DOTALL)
+
+
+def test_the_currents_of_the_documents_are_those_of_a_run(root, monkeypatch):
+    """A jet by the command line's name, and shelter behind the object by `on_water`, at the start of a run."""
+    monkeypatch.syspath_prepend(root / "docs" / "examples")
+    plain = with_values(jobs.clean_barrel(quick=True), ["site.gust=0.0", "site.current=[0.0, 0.2, 0.0]"])
+    in_jet = assemble(with_values(plain, ["site.flow.kind=my_flow:Jet", "site.flow.width=3.0"])).plant
+    np.testing.assert_array_equal(in_jet.truth.current_W, [0.0, 0.2, 0.0])  # it sets in slowly
+    for _ in range(50):
+        in_jet.observe()
+        in_jet.step(Command(time=0.0, joint_torque=np.zeros(6), thrusters=np.zeros(6), scan=False))
+    rise = 1.0 - np.exp(-0.1 / 10.0)
+    across = np.exp(-((in_jet.data.qpos[0] / 3.0) ** 2))
+    np.testing.assert_allclose(in_jet.truth.current_W, [0.0, 0.2 + 0.2 * across * rise, 0.0], atol=1e-12)
+
+    sheltered = assemble(with_values(plain, ["perturbations.my_wake:Sheltered.share=0.4"]))
+    middle = np.array(sheltered.plant.model.body("target").pos)
+    sheltered.plant.reset(current=sheltered.current(), X_WB=pose(None, middle + np.array([0.0, 2.0, 0.0])))
+    expected = 0.2 * (1.0 - 0.4 * 0.5 * (1.0 + np.tanh(4.0)))
+    np.testing.assert_allclose(sheltered.plant.truth.current_W, [0.0, expected, 0.0], atol=1e-12)
 
 
 def test_the_sensor_of_the_documents_is_the_skeletons(root):

@@ -74,7 +74,7 @@ def test_both_ways_give_the_same_bits(pressed, substeps, gust):
     skipped = _BLOCK - 120 if gust else 0  # rows of gusts
     for plant in (one, other):
         for _ in range(skipped):
-            plant._current.step()
+            plant._water.current.step()
     states, touched = [], False
     for i in range(STEPS):
         one.observe()

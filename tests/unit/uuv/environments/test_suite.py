@@ -291,7 +291,13 @@ LINE = ToolPath(
 def at(x: float, force: float, y: float = 0.0, z: float = 0.0, side: float = 0.0) -> Any:
     """State with the pad at a place, pressed with a force [N] along -z."""
     return untyped(
-        SimpleNamespace(p_pad=np.array([x, y, z]), contact_normal=force, contact_force_W=np.array([side, 0.0, force]))
+        SimpleNamespace(
+            p_pad=np.array([x, y, z]),
+            contact_normal=force,
+            contact_least=force,
+            contact_most=force,
+            contact_force_W=np.array([side, 0.0, force]),
+        )
     )
 
 

@@ -1,0 +1,79 @@
+"""Judgement of work that goes on, step by step, by the rules and limits of a run's figures."""
+
+import math
+
+import numpy as np
+
+from uuv.sim.evaluation.bounds import Bounds
+from uuv.sim.evaluation.force_levels import force_peak, is_lost, unsettled
+from uuv.sim.interfaces.messages import ToolPath
+from uuv.sim.interfaces.spatial import Array
+
+
+class RunningForce:
+    """Error of the true normal force from one set force, as `contact_figures` has it for a run.
+
+    It counts once the force is settled, since `start`.
+    """
+
+    def __init__(self, set_force: float, bounds: Bounds) -> None:
+        """Take the set force [N] and the bounds of its error."""
+        self.set_force = set_force
+        self.bounds = bounds
+        self.start()
+
+    def start(self) -> None:
+        """The set force begins to act."""
+        self.since = 0.0  # [s]
+        self.peak = 0.0  # [N]
+        self._squares = self._judged = 0.0
+
+    @property
+    def rms(self) -> float:
+        """Root mean square error [N] of the settled steps; 0 before."""
+        return math.sqrt(self._squares / self._judged) if self._judged else 0.0
+
+    def add(self, normal: float, least: float, most: float, dt: float) -> str:
+        """A step of `dt` [s], with the mean, smallest and largest normal force [N] in it.
+
+        Returns:
+            What of it is out of bounds, once settled; empty: nothing.
+        """
+        self.since += dt
+        if self.since < unsettled(0.0):
+            return ""
+        error = normal - self.set_force
+        self._judged += dt
+        self._squares += dt * error * error
+
+        peak = float(force_peak(least, most, self.set_force))
+        self.peak = max(self.peak, peak)
+        if is_lost(least):
+            return "contact lost"
+        return f"force off by {peak:.1f} N" if peak > self.bounds.force_error_max else ""
+
+    def missed(self) -> str:
+        """What of the whole is out of bounds: the root mean square; empty: nothing."""
+        rms = self.rms
+        return f"force off by {rms:.1f} N RMS" if rms > self.bounds.force_error_rms else ""
+
+
+def place_on_path(path: ToolPath, p_W: Array) -> tuple[float, float]:
+    """Arc length [m] of the place of a path nearest to a tip (3,) [m], and its distance [m].
+
+    The distance is that across the path's tool axes: how deep the tool is does not count.
+    """
+    gap = p_W - path.p
+    gap -= np.sum(gap * path.z, axis=1, keepdims=True) * path.z
+    at = int(np.argmin(np.sum(gap * gap, axis=1)))
+    best = float(path.s[at]), float(np.linalg.norm(gap[at]))
+
+    # Between the samples, before and after the nearest one.
+    for a, b in ((at - 1, at), (at, at + 1)):
+        if a >= 0 and b < len(path.s):
+            along = path.p[b] - path.p[a]
+            share = float(np.clip(gap[a] @ along / (along @ along), 0.0, 1.0))
+            off = float(np.linalg.norm(gap[a] - share * along))
+            if off < best[1]:
+                best = float(path.s[a] + share * (path.s[b] - path.s[a])), off
+    return best

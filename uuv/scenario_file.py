@@ -242,7 +242,9 @@ def _class_of(kind: type, table: Table, where: str) -> tuple[type, Table, str]:
     place = _READER.place(where)
     if name is None:
         raise ConfigurationError(f"{place}: needs a {KIND}; there are {', '.join(registry.names())}")
-    return registry.class_of(str(name), kind, place)
+
+    entries = {key: value for key, value in table.items() if key != KIND}
+    return registry.class_of(str(name), kind, place), entries, where
 
 
 _READER = TableReader(choose=_class_of)

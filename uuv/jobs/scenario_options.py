@@ -92,18 +92,18 @@ def _of_table(table: Any, before: str) -> Iterator[ScenarioOption]:
                 yield from _of_table(inner, f"{key}.")
             continue
 
-        # A table as an option is there, or is not.
-        word = declared.word or field.name
-        if inner is not None:
-            option = ScenarioOption(word=word, key=key, declared=declared, hint=bool, value=False)
-            yield replace(option, value=value is not None, table=inner)
-            continue
-
         # A thing by its name.
+        word = declared.word or field.name
         if declared.named is not None:
             name = None if value is None else type(value).__name__
             kind = str | None
             yield ScenarioOption(word=word, key=key, declared=declared, hint=kind, value=name)
+            continue
+
+        # A table as an option is there, or is not.
+        if inner is not None:
+            option = ScenarioOption(word=word, key=key, declared=declared, hint=bool, value=False)
+            yield replace(option, value=value is not None, table=inner)
             continue
 
         # A number, a text, or several.

@@ -7,7 +7,7 @@ import mujoco
 
 from reading_walk import walk
 from uuv.components.contact_parts import believed_and_built
-from uuv.jobs import BarrelOptions
+from uuv.jobs import clean_barrel
 from uuv.models.files.urdf import UrdfRobot
 from uuv.models.files.vehicle_file import VehicleFile
 from uuv.own_vehicle import OwnVehicle
@@ -57,7 +57,7 @@ def test_the_way_of_a_urdf_into_a_job_is_straight(tmp_path: Path) -> None:
     file.write_text(URDF, encoding="utf-8")
     (tmp_path / "rov.parts.yaml").write_text(PARTS, encoding="utf-8")
     (tmp_path / "rov.water.yaml").write_text(WATER, encoding="utf-8")
-    scenario = BarrelOptions(vehicle=str(file), tool="small_pad").scenario()
+    scenario = clean_barrel(vehicle=str(file), tool="small_pad")
     models: list[mujoco.MjModel] = []
 
     def way() -> None:  # as `uuv.assembly.assemble` takes it

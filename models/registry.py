@@ -17,7 +17,7 @@ heavy is imported.
 import importlib
 import inspect
 from collections.abc import Callable, Mapping
-from dataclasses import is_dataclass
+from dataclasses import dataclass, is_dataclass
 from typing import TYPE_CHECKING, Any, Generic, TypeVar, cast
 
 from uuv.sim.interfaces.errors import ConfigurationError, UuvError, did_you_mean
@@ -30,11 +30,23 @@ T = TypeVar("T")
 GROUP = "uuv_arm"  # of entry points, with the kind behind a dot
 
 
+@dataclass(frozen=True, slots=True)
+class Form:
+    """What a maker has to return."""
+
+    words: str
+    fits: Callable[[Any], bool]
+
+
 class Registry(Generic[T]):
     """Makers by name for one kind of thing: "vehicle", "arm", "object", "tool", "soil", "sensor", "controller"."""
 
     def __init__(
-        self, kind: str, built_in: Mapping[str, Callable[..., T] | str], aliases: Mapping[str, str] | None = None
+        self,
+        kind: str,
+        built_in: Mapping[str, Callable[..., T] | str],
+        aliases: Mapping[str, str] | None = None,
+        form: "Form | None" = None,
     ) -> None:
         """Take the kind, its built-in makers by name, and other names for some of them.
 
@@ -43,8 +55,10 @@ class Registry(Generic[T]):
             built_in: makers by name, or MODULE:ATTRIBUTE of one, imported when it is asked for; they take precedence
                 over other packages' of the same name.
             aliases: built-in names by alias.
+            form: of what a user's maker has to return; None: nothing is known of it.
         """
         self.kind = kind
+        self._form = form
         self._built_in = dict(built_in)
         self._aliases = dict(aliases or {})
         self._found: dict[str, EntryPoint] | None = None
@@ -94,11 +108,17 @@ class Registry(Generic[T]):
         if own:
             return make(*given, **options)
         try:
-            return make(*given, **options)
+            thing = make(*given, **options)
         except UuvError:
             raise
         except Exception as error:
             raise ConfigurationError(f"{self.kind} {name!r}: {type(error).__name__}: {error}") from error
+
+        # A user's maker may return anything.
+        if self._form is not None and not self._form.fits(thing):
+            got = type(thing).__name__
+            raise ConfigurationError(f"{self.kind} {name!r}: must return {self._form.words}, got {got}")
+        return thing
 
     def maker(self, name: str) -> Callable[..., T]:
         """The callable that makes the thing of that name.

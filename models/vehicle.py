@@ -98,6 +98,19 @@ class Vehicle:
             thruster_names=_names_of(model, thruster_actuators),
         )
 
+    def damping_in(self, model: mujoco.MjModel) -> Array:
+        """Viscous friction (n,) [N m s/rad] of the joints, a view where they are neighbours.
+
+        So what changes it in `model` during a run, changes it for the sensors too.
+        """
+        of_dofs = np.asarray(model.dof_damping).reshape(model.nv, -1)[:, 0]
+        first = int(self.dof[0]) if len(self.dof) else 0
+        view = of_dofs[first : first + len(self.dof)].view()
+        view.setflags(write=False)
+
+        neighbours = np.array_equal(self.dof, first + np.arange(len(self.dof)))
+        return view if neighbours and view.flags.c_contiguous else self.joint_damping
+
 
 def thruster_names(model: mujoco.MjModel) -> tuple[str, ...]:
     """Names of a vehicle's thrusters: those of their actuators without "thruster_", such as "heave_front"."""

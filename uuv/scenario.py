@@ -61,7 +61,8 @@ class VehicleSetup:
     )
     tool: str | None = option(
         None,
-        "Tool on the arm's tip: a name of `uuv list tools`; default: the vehicle's own, or the one that the job needs.",
+        "Tool on the arm's tip: a name of `uuv list tools`, or MODULE:FUNCTION; default: the "
+        "vehicle's own, or the one that the job needs.",
         group="vehicle",
     )
     parts: str | None = option(

@@ -30,7 +30,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import ArrayLike
 
-from uuv.models.registry import Registry
+from uuv.models.registry import Form, Registry
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import Array
 
@@ -114,7 +114,8 @@ def rankine(friction: float) -> float:
     return float(np.tan(0.25 * np.pi + 0.5 * friction) ** 2)
 
 
-SOILS = Registry("soil", {"sand": sand, "mud": mud})
+_FORM = Form("a uuv.models.site.soil.Soil", lambda thing: isinstance(thing, Soil))
+SOILS = Registry("soil", {"sand": sand, "mud": mud}, form=_FORM)
 
 
 def core_tube(radius: float, wall: float) -> SoilTool:

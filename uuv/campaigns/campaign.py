@@ -260,6 +260,7 @@ class _CampaignFile:
     cases: int = field(metadata={"schema": {"minimum": 1, "maximum": _MOST_CASES}})
     name: str | None = None  # None: that of the file
     quick: bool = False
+    job: Mapping[str, Any] = field(default_factory=dict)  # options of the base, as it takes them
     seed: int = field(default=0, metadata={"schema": {"minimum": 0}})
     design: Design = "random"
     set: Mapping[str, Any] = field(default_factory=dict)  # by dotted key of a scenario file
@@ -305,13 +306,13 @@ def _campaign(file: _CampaignFile, path: Path, changed: Mapping[str, Any], *, tr
 def _base(file: _CampaignFile, beside: Path, *, trust: bool) -> Scenario:
     """A job by its name, or a scenario in a file."""
     if file.base in jobs.JOBS:
-        job = jobs.named(file.base)
-        return job(quick=True) if file.quick else job()
+        quick = {"quick": True} if file.quick else {}
+        return jobs.named(file.base)(**{**quick, **file.job})
 
     if not file.base.endswith(".toml"):
         near = did_you_mean(file.base, jobs.JOBS.names())
         raise ConfigurationError(f"base: allowed {_BASE}, got {shown(file.base)}{near}")
-    if file.quick:
-        rule = "only with a job as base; a scenario file says how long its job is"
-        raise ConfigurationError(f"quick: {rule}")
+    if file.quick or file.job:
+        rule = "only with a job as base; a scenario file says what its job is"
+        raise ConfigurationError(f"{'quick' if file.quick else 'job'}: {rule}")
     return read_scenario(beside / file.base, trust=trust)

@@ -22,8 +22,8 @@ class Verb:
 VERBS = {  # by the one or two words that are typed
     "list": Verb("listing", "ListOptions", "", "what there is: jobs, experiments, vehicles, ..."),
     "run": Verb("run_job", "RunVerb", "NAME", "a job, or a scenario file: my.toml", "run-scenario"),
-    "check": Verb("check_vehicle", "CheckOptions", "VEHICLE", "what a vehicle has of the contract"),
-    "wet": Verb("wet_model", "WetOptions", "MODEL", "water of a URDF, MJCF or mesh from its geometry"),
+    "check": Verb("vehicles.check_vehicle", "CheckOptions", "VEHICLE", "what a vehicle has of the contract"),
+    "wet": Verb("vehicles.wet_model", "WetOptions", "MODEL", "water of a URDF, MJCF or mesh from its geometry"),
     "new": Verb("skeletons", "NewOptions", "KIND NAME", "a working skeleton with a test"),
     "doctor": Verb("doctor", "DoctorOptions", "", "what works on this machine"),
     "completion": Verb("completion", "CompletionOptions", "SHELL", "completion for bash or zsh"),
@@ -45,7 +45,7 @@ VERBS = {  # by the one or two words that are typed
     "compare-campaigns": Verb(
         "compare_campaigns", "CompareCampaignsOptions", "FOLDER FOLDER", "two campaigns of the same draws"
     ),
-    "models": Verb("models", "ModelsOptions", "", "named models, their size and sources", "show-models"),
+    "models": Verb("vehicles.models", "ModelsOptions", "", "named models, their size and sources", "show-models"),
     "validate": Verb(
         "validate", "ValidateOptions", "", "the physics against closed forms, in a checkout", "validate-physics"
     ),

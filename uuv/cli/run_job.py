@@ -1,5 +1,6 @@
 """A job or a scenario file: `uuv run NAME`, `uuv run MODULE:FUNCTION`, `uuv run FILE.toml`."""
 
+import sys
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, make_dataclass, replace
@@ -76,6 +77,7 @@ def main(verb: str, args: Sequence[str]) -> int:
         raise ConfigurationError(f"{name}: the name of a job comes first: uuv run NAME [OPTIONS]")
     if name not in jobs.JOBS:
         raise ConfigurationError(_no_job(name))
+    sys.argv[0] = f"uuv run {name}"  # as the help text has it
     return run(jobs.named(name), rest, started)
 
 

@@ -329,7 +329,97 @@ def test_the_rock_is_swept():
 """,
     use="uuv run NAME:NAME --width 0.15 --seed 2",
 )
-SKELETONS = {"job": JOB, "controller": CONTROLLER, "vehicle": VEHICLE, "object": OBJECT, "sensor": SENSOR, "task": TASK}
+TOOL = Skeleton(
+    part='''"""Tool NAME: that of the library with a wider dome."""
+
+from dataclasses import replace
+
+from uuv.models.tools.tools import TOOLS
+
+
+def NAME():
+    """The tool: a Head, Jaws, Tube or Box of `uuv.models.tools`, lengths in metres."""
+    return replace(TOOLS.load("pad"), radius=0.08)
+''',
+    test="""from uuv import jobs
+from uuv.own_vehicle import vehicle_spec
+
+from NAME import NAME
+
+
+def test_the_vehicle_carries_it():
+    scenario = jobs.clean_barrel(tool="NAME:NAME", quick=True)
+    assert scenario.vehicle.tool == "NAME:NAME"
+    pad = vehicle_spec("uuv_puma", tool="NAME:NAME").compile().geom("pad")
+    assert abs(pad.size[0] - NAME().radius) < 1e-9
+""",
+    use="uuv run clean-barrel --quick --tool NAME:NAME",
+)
+PERTURBATION = Skeleton(
+    part='''"""Perturbation NAME: the gears lose more to viscous friction from a moment on."""
+
+from dataclasses import dataclass, replace
+
+from uuv import Perturbation
+
+
+class WornPlant:
+    """The plant with other damping of its joints; state of its own is kept for one run."""
+
+    def __init__(self, plant, factor, at):
+        self.plant, self.timestep = plant, plant.timestep
+        self.factor, self.at, self.worn = factor, at, False
+
+    def observe(self):
+        """The truth; the sensors take the friction from it."""
+        return self.plant.observe()
+
+    def step(self, command):
+        """One step; the model's own damping changes once."""
+        if not self.worn and command.time >= self.at:
+            vehicle = self.plant.vehicle
+            self.plant.model.dof_damping[vehicle.dof] *= self.factor
+            self.worn = True
+        self.plant.step(command)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Worn(Perturbation):
+    """Viscous friction of all gears times `factor` from `at` [s] on."""
+
+    factor: float = 1.3
+    at: float = 20.0  # [s]
+
+    def on_loop(self, loop):
+        """The loop around the worn plant."""
+        return replace(loop, plant=WornPlant(loop.plant, self.factor, self.at))
+''',
+    test="""from dataclasses import replace
+
+from uuv import assemble, jobs, run
+
+from NAME import Worn
+
+
+def test_the_gears_are_worn_from_the_moment_on():
+    scenario = replace(jobs.open_water(seed=0, seconds=2.0), perturbations=(Worn(factor=2.0, at=1.0),))
+    made = assemble(scenario)
+    before = made.plant.truth.joint_damping.copy()
+    run(made, longest=2.0)
+    assert (made.plant.truth.joint_damping == 2.0 * before).all()
+""",
+    use="uuv run clean-barrel --quick --set perturbations.NAME:Worn.factor=2.0",
+)
+SKELETONS = {
+    "tool": TOOL,
+    "perturbation": PERTURBATION,
+    "job": JOB,
+    "controller": CONTROLLER,
+    "vehicle": VEHICLE,
+    "object": OBJECT,
+    "sensor": SENSOR,
+    "task": TASK,
+}
 
 
 @dataclass(kw_only=True)

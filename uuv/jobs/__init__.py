@@ -54,7 +54,7 @@ def clean_barrel(
         path: Along the barrel's top, half around it, or first along and then off to a side.
         arc: Arc of the transverse path [deg]; default 180, with --quick 60. Where the reach ends
             sooner, the largest from 150 deg on is worked and reported.
-        quick: As in every job.
+        quick: A shorter path, for a first look within a minute.
     """
     from uuv.site import Barrel
     from uuv.tasks.surface_work import SurfaceWorkTask
@@ -83,7 +83,7 @@ def clean_pile(
         arc: Arc of ring and helix [deg]; default 100, with --quick 40. Where the reach ends
             sooner, the largest possible from 80 deg on is worked and reported.
         rise: Rise of the helix [m]; default 0.003 for each degree of its arc.
-        quick: As in every job.
+        quick: A shorter path, for a first look within a minute.
     """
     from uuv.site import Pile
     from uuv.tasks.surface_work import SurfaceWorkTask
@@ -104,7 +104,7 @@ def clean_object(*, quick: bool = False) -> "Scenario":
     """Clean a known object with a set force.
 
     Args:
-        quick: As in every job.
+        quick: One set force in place of three.
     """
     from uuv.site import KnownObject
     from uuv.tasks.surface_work import SurfaceWorkTask
@@ -129,7 +129,7 @@ def insert_sampler(*, depth: float | None = None, quick: bool = False) -> "Scena
     Args:
         depth: Depth to reach below the mouth [mm], default 60, with --quick 30; the hole is 20 mm
             deeper.
-        quick: As in every job.
+        quick: A shallower hole.
     """
     from uuv.scenario import Scenario
     from uuv.site import HoleManifold, Site
@@ -157,7 +157,7 @@ def sample_seabed(
         depth: drag: depth of the box [mm], default 30; core: depth at which the tube is full [mm],
             default 180.
         without: Controller methods to leave out, e.g. compensation (ablation).
-        quick: As in every job.
+        quick: A smaller force on the core tube.
     """
     from uuv.scenario import Control, Scenario
     from uuv.site import Ground, Site
@@ -181,7 +181,7 @@ def inspect_object(*, quick: bool = False) -> "Scenario":
     """Fly around a known object, once or until it is covered.
 
     Args:
-        quick: As in every job.
+        quick: A faster flight.
     """
     from uuv.scenario import Scenario
     from uuv.site import KnownObject, Site
@@ -212,7 +212,7 @@ def identify_friction(
         seed: Seed of everything random: the true gears, the noise of the sensors, the gusts.
         gear_spread: Share in +- by which the true friction of each gear deviates from the
             controller's model.
-        quick: As in every job.
+        quick: Shorter swings.
     """
     from uuv.perturbations.vehicle import Gears
     from uuv.scenario import Scenario
@@ -235,7 +235,7 @@ def open_water(*, quick: bool = False) -> "Scenario":
     """Keep station in open water, or do a task of one's own there (--task MODULE:CLASS).
 
     Args:
-        quick: As in every job.
+        quick: Station keeping for a shorter time.
     """
     from uuv.scenario import Scenario
     from uuv.site import OpenWater, Site

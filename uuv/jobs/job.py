@@ -100,7 +100,7 @@ class Job:
     def arguments(self) -> Mapping[str, JobOption]:
         """Arguments of the function itself, by name."""
         hints = self._hints()
-        abouts = _arguments(self._text) | {QUICK: _ABOUT_QUICK}
+        abouts = {QUICK: _ABOUT_QUICK} | _arguments(self._text)
         return {
             word: JobOption(
                 # An argument without an annotation takes anything.

@@ -1,10 +1,15 @@
 """Names of things: ours, aliases, and what other packages add by entry points."""
 
+import re
 from pathlib import Path
 
 import pytest
 
+from uuv.kinds import SENSORS
+from uuv.models import VEHICLES
 from uuv.models.registry import Registry
+from uuv.models.site.soil import SOILS
+from uuv.models.tools.tools import TOOLS
 from uuv.sim.interfaces.errors import ConfigurationError
 
 BOXES = Registry("box", {"small": lambda size=1: size, "large": lambda: 10}, {"big": "large"})
@@ -62,3 +67,21 @@ def test_an_option_that_is_none():
 def test_what_goes_wrong_in_another_package_is_told_with_its_name(boxes, name, said):
     with pytest.raises(ConfigurationError, match=said):
         boxes.load(name)
+
+
+@pytest.mark.parametrize(
+    ("registry", "form"),
+    [
+        (TOOLS, "a Head, Jaws, Tube or Box of uuv.models.tools"),
+        (SOILS, "a uuv.models.site.soil.Soil"),
+        (VEHICLES, "a mujoco.MjSpec"),
+        (SENSORS, "a sensor and its uuv.perception.SensorModel or None"),
+    ],
+    ids=lambda value: getattr(value, "kind", ""),
+)
+def test_what_a_users_function_returns_is_checked(registry, form, tmp_path, monkeypatch):
+    (tmp_path / "returns_anything.py").write_text("def thing(*given):\n    return {}\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    message = f"{registry.kind} 'returns_anything:thing': must return {form}, got dict"
+    with pytest.raises(ConfigurationError, match=re.escape(message)):
+        registry.load("returns_anything:thing")

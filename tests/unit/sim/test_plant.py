@@ -227,3 +227,12 @@ def test_substeps_are_the_steps_of_a_finer_plant():
     assert most > 10.0
     assert spread > 1.0
     assert {0, 4} < parts  # of some steps only a part was spent in collision
+
+
+def test_the_truth_tells_the_damping_that_the_model_has_now():
+    """As a fault changes it: the torque sensors take the friction from the truth."""
+    plant = Plant(hydrodynamics.compile(models.load("uuv_puma")), current=Current(np.zeros(3)))
+    before = plant.observe().joint_damping.copy()
+    plant.model.dof_damping[plant.vehicle.dof[1]] *= 1.3
+    expected = before * np.where(np.arange(len(before)) == 1, 1.3, 1.0)
+    np.testing.assert_array_equal(plant.truth.joint_damping, expected)

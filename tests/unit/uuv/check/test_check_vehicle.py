@@ -17,7 +17,7 @@ from uuv.check.findings import JobVerdict, VehicleCheck
 from uuv.check.jobs import restless
 from uuv.check.preflight import preflight
 from uuv.check.table import print_check
-from uuv.cli import check_vehicle as command
+from uuv.cli.vehicles import check_vehicle as command
 from uuv.jobs import clean_barrel
 from uuv.models import hydrodynamics
 from uuv.models.naming import CAMERA_SITE, HULL_BODY, TIP_SITE

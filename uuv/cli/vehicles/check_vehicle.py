@@ -25,7 +25,8 @@ class CheckOptions:
         Positional[str],
         arg(
             metavar="VEHICLE",
-            help="A name of `uuv list vehicle`, a file, MJCF or URDF, or MODULE:FUNCTION that returns an MjSpec.",
+            help="A name of `uuv list vehicle`, a file, MJCF or URDF, or MODULE:FUNCTION that returns an "
+            "MjSpec, compiled or not.",
         ),
     ]
     parts: Path | None = None
@@ -58,7 +59,11 @@ def main(verb: str, args: Sequence[str]) -> int:
 
     first_start.build()
     verdicts = check_vehicle(
-        options.vehicle, parts_file=options.parts, tool=options.tool, jobs=options.jobs, forces=options.forces
+        options.vehicle,  # its name or file
+        parts_file=options.parts,
+        tool=options.tool,
+        jobs=options.jobs,
+        forces=options.forces,
     )
     if options.json:
         print_json(verdicts.as_dict())

@@ -15,7 +15,7 @@ class ModelsOptions:
     """Named models, their size, actuation and sources."""
 
     names: Annotated[
-        Positional[tuple[str, ...]], arg(metavar="[NAME ...]", help="Names of uuv.models.available(); default: all.")
+        Positional[tuple[str, ...]], arg(metavar="[NAME ...]", help="Of `uuv list vehicles`; default: all.")
     ] = ()
     json: bool = False
     """Print the table as JSON."""

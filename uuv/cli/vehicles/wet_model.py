@@ -30,7 +30,7 @@ class WetOptions:
     it may be.
     """
 
-    model: Annotated[Positional[Path], arg(metavar="MODEL", help="URDF, MJCF, or one mesh (STL, OBJ).")]
+    model: Annotated[Positional[Path], arg(metavar="MODEL", help="URDF, MJCF, or one mesh.")]
     out: Path | None = None
     """File to write; default NAME.wet.xml beside the model."""
     geoms: Choice = "auto"
@@ -74,7 +74,7 @@ def wet_model(options: WetOptions, console: "Console") -> int:
     if not out.parent.is_dir():
         raise ConfigurationError(f"--out {out}: there is no folder {str(out.parent)!r}")
     from uuv.models.files.sidecar import tree_of
-    from uuv.models.water_from_geometry.wetting import wet  # brings the compiled panels, after what can be refused
+    from uuv.models.water_from_geometry.wetting import wet  # brings compiled panels
 
     wetted = wet(
         spec,
@@ -91,7 +91,7 @@ def wet_model(options: WetOptions, console: "Console") -> int:
         print_json({**content, "origins": [asdict(origin) for origin in wetted.origins]})
         return 0
     console.print(table(wetted, options.model.name))
-    for note in (*notes, *(f"no water: {said}" for said in wetted.dry)):
+    for note in (*notes, *(f"no water: {body}" for body in wetted.dry)):
         console.print(note, markup=False, highlight=False, soft_wrap=True)
     for path in written:
         console.print(f"written to {path}", markup=False, highlight=False, soft_wrap=True)
@@ -109,7 +109,7 @@ def table(wetted: "Wetted", title: str) -> "Table":
     for o in wetted.origins:
         if last not in (None, o.body):
             printed.add_section()
-        said = ("" if o.body == last else o.body, o.quantity, o.value, o.origin, o.uncertainty)
-        printed.add_row(*said)
+        row = ("" if o.body == last else o.body, o.quantity, o.value, o.origin, o.uncertainty)
+        printed.add_row(*row)
         last = o.body
     return printed

@@ -80,7 +80,7 @@ class StripDrag:
     end: Array  # (3,) [m], body frame
     normal: float  # [kg/m^2] = 0.5 rho C_d d
     tangential: float = 0.0  # [kg/m^2] = 0.5 rho C_f pi d
-    stations: int = 4  # 1..MAX_STATIONS
+    stations: int = field(default=4, metadata={"schema": {"minimum": 1, "maximum": MAX_STATIONS}})
 
     def __post_init__(self) -> None:
         for name, place in zip(("start", "end"), segment(self.start, self.end, "strip"), strict=True):

@@ -10,7 +10,7 @@ actuator's gear, so that plant, allocation and MuJoCo use the same column.
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from typing import Any, Self
 
 import mujoco
@@ -26,6 +26,7 @@ HEADER = 10  # columns before the data of the curve
 _STAMP = 745510.0  # plus the kind of the curve: identifies our rows among foreign user data
 _QUADRATIC, _POLYNOMIAL, _TABLE = range(3)  # kinds, as rows state them
 
+_ROWS = {"schema": {"title": "two rows of numbers", "items": {"title": "a row of numbers"}}}
 _XML = 1e-5  # tolerance of a gear, which may come from a file of six digits
 _PLAIN: dict[str, Any] = {
     "trntype": mujoco.mjtTrn.mjTRN_SITE,
@@ -55,13 +56,14 @@ class Thruster:
     torque_per_thrust: float = 0.0  # [m] reaction torque about the thrust axis per thrust
     handedness: int = 1  # +1: right-handed about the thrust axis when ahead, so the hull turns left-handed; or -1
     least_thrust: float = 0.0  # [N] least thrust of a turning propeller; smaller thrusts are impossible
-    polynomial: tuple[tuple[float, ...], tuple[float, ...]] | None = None  # [N] of r, r^2, ...: ahead, astern
-    table: tuple[tuple[float, ...], tuple[float, ...]] | None = None  # commands, thrusts [N]
+    # [N] of r, r^2, ...: ahead, astern
+    polynomial: tuple[tuple[float, ...], tuple[float, ...]] | None = field(default=None, metadata=_ROWS)
+    # Commands, thrusts [N].
+    table: tuple[tuple[float, ...], tuple[float, ...]] | None = field(default=None, metadata=_ROWS)
 
     def __post_init__(self) -> None:
-        for field in fields(self):
-            if field.type is float:
-                object.__setattr__(self, field.name, number(getattr(self, field.name), f"thruster {field.name}"))
+        for name in [entry.name for entry in fields(self) if entry.type is float]:
+            object.__setattr__(self, name, number(getattr(self, name), f"thruster {name}"))
         for name in ("polynomial", "table"):
             object.__setattr__(self, name, _pair(getattr(self, name), name))
         for name in ("dead_band", "time_constant", "inflow_loss", "torque_per_thrust", "least_thrust"):

@@ -241,6 +241,7 @@ def _checked_key(base: Scenario, name: str) -> None:
     put(as_dict(base), name, None)
 
 
+_WORD = {"schema": {"title": "letters, digits, - and _"}}
 _NAMES = {"schema": {"title": "a list of names", "items": {"title": "a name"}}}
 _BASE = f"{', '.join(jobs.JOBS.names())} or a scenario file (.toml)"
 
@@ -258,7 +259,7 @@ class _CampaignFile:
 
     base: str = field(metadata={"schema": {"title": _BASE}})
     cases: int = field(metadata={"schema": {"minimum": 1, "maximum": _MOST_CASES}})
-    name: str | None = None  # None: that of the file
+    name: str | None = field(default=None, metadata=_WORD)  # None: that of the file
     quick: bool = False
     job: Mapping[str, Any] = field(default_factory=dict)  # options of the base, as it takes them
     seed: int = field(default=0, metadata={"schema": {"minimum": 0}})

@@ -28,6 +28,8 @@ def product(*more: str) -> Iterator[Path]:
 def parsers_in(text: str) -> set[str]:
     """What parses documents in a module: packages, and `load` and `loads` of json."""
     used: set[str] = set()
+    if not any(word in text for word in ("json", *PARSERS)):
+        return used
     for node in ast.walk(ast.parse(text)):
         if isinstance(node, ast.Import):
             used |= {name.name.partition(".")[0] for name in node.names} & PARSERS

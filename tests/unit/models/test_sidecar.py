@@ -227,10 +227,14 @@ def test_stock_vehicles_survive_both_files(name: str, tmp_path: Path) -> None:
         ("thrusters: {bow: {of_polynomial: {ahead: [1e300, 1]}}}", r"polynomial: must not exceed 1e\+15"),
         ("bodies: {hull: {volume: 1}}\nbodies: {}", "the key 'bodies' stands twice in one table"),
         ("bodies: {hull: {volume: 1, volume: 2}}", "the key 'volume' stands twice in one table"),
+        (
+            "bodies: {hull: {volume: 1, strips: {start: [0, 0, 0], end: [1, 0, 0], normal: 1, stations: 2.5}}}",
+            "strips.stations: must be a whole number, at least 1 and at most 8, got 2.5",
+        ),
         ("bodies: {hull: {volume: 1, forms: [{}]}}", r"forms\[0\]: must be one of munk_factor, .*, got \[\]"),
         (
             "thrusters: {bow: {forward: 1, reverse: 1, table: 4}}",
-            r"thrusters.bow.table: must be 2 values, got \[\[4\]\]",
+            r"thrusters.bow.table: must be two rows of numbers, got \[\[4\]\]",
         ),
         ("bodies: {hull: {volume: [", "cannot be read .*at line 2"),
         ("[1, 2]", r"the file: must be a table, got \[1, 2\]"),

@@ -128,6 +128,7 @@ def test_joints_that_bend_under_payloads_are_found(calibrate, root, tmp_path, wi
         (("--touches", "README.md", "--true-gears", "0.001"), "--touches and --true-compliance, --true-gears"),
         (("--touching", "clamped", "--arm", "uuv_puma", "--true-seating", "1e-4"), "not with touching by contact"),
         (("--true-seating", "1"), "--true-seating [m]"),
+        (("--flow", "CylinderWake"), "--flow: water moves nothing here; with --touching hovering"),
         (("--compliance", "--method", "paper"), "--compliance and --method paper"),
     ],
 )

@@ -104,6 +104,10 @@ class CalibrationOptions(TouchedSiteOptions):
     plan: int | None = None
     """Plan this number of touches instead: those that would tell most, after those of --touches or from the start."""
 
+    def __post_init__(self) -> None:
+        if self.flow is not None and self.touching != "hovering":
+            raise ConfigurationError("--flow: water moves nothing here; with --touching hovering")
+
 
 def check_inputs(options: CalibrationOptions) -> None:
     """Refuses an arm that there is not, and files that hold neither touches nor an arm.

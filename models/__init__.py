@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from uuv.models.registry import Form, Registry
+from uuv.models.registry import MadeForm, Registry
 
 if TYPE_CHECKING:
     import mujoco
@@ -71,7 +71,7 @@ VEHICLES: "Registry[mujoco.MjSpec]" = Registry(
     "vehicle",
     {name: entry.build for name, entry in _MODELS.items()},
     {"bluerov2_heavy": "bluerov2_heavy_benzon2022"},  # the later set, and better attested
-    form=Form("a mujoco.MjSpec", lambda spec: hasattr(spec, "worldbody")),
+    form=MadeForm("a mujoco.MjSpec", lambda spec: hasattr(spec, "worldbody")),
 )
 
 

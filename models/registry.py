@@ -31,7 +31,7 @@ GROUP = "uuv_arm"  # of entry points, with the kind behind a dot
 
 
 @dataclass(frozen=True, slots=True)
-class Form:
+class MadeForm:
     """What a maker has to return."""
 
     words: str
@@ -46,7 +46,7 @@ class Registry(Generic[T]):
         kind: str,
         built_in: Mapping[str, Callable[..., T] | str],
         aliases: Mapping[str, str] | None = None,
-        form: "Form | None" = None,
+        form: "MadeForm | None" = None,
     ) -> None:
         """Take the kind, its built-in makers by name, and other names for some of them.
 

@@ -7,7 +7,7 @@ from importlib.machinery import ModuleSpec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from uuv.models.registry import Form, Registry
+from uuv.models.registry import MadeForm, Registry
 from uuv.sim.interfaces.errors import ConfigurationError, one_line
 from uuv.sim.interfaces.protocols import Controller, Sensor
 from uuv.sim.interfaces.spatial import shown
@@ -30,7 +30,7 @@ SENSORS: "Registry[tuple[Sensor, SensorModel | None]]" = Registry(
         "sonar": "uuv.components.contact_parts:sonar",
         SURVEY: "uuv.components.contact_parts:survey",
     },
-    form=Form(
+    form=MadeForm(
         "a sensor and its uuv.perception.SensorModel or None", lambda pair: isinstance(pair, tuple) and len(pair) == 2
     ),
 )

@@ -30,7 +30,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import ArrayLike
 
-from uuv.models.registry import Form, Registry
+from uuv.models.registry import MadeForm, Registry
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import Array
 
@@ -114,7 +114,7 @@ def rankine(friction: float) -> float:
     return float(np.tan(0.25 * np.pi + 0.5 * friction) ** 2)
 
 
-_FORM = Form("a uuv.models.site.soil.Soil", lambda thing: isinstance(thing, Soil))
+_FORM = MadeForm("a uuv.models.site.soil.Soil", lambda thing: isinstance(thing, Soil))
 SOILS = Registry("soil", {"sand": sand, "mud": mud}, form=_FORM)
 
 

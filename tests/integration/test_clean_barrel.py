@@ -96,7 +96,7 @@ NAMELESS = """
             id="place not certain enough",
             marks=pytest.mark.long(guarded_by=UNCERTAIN),
         ),
-        pytest.param(["--least-chance", "1.5"], None, "least, a chance", id="no chance"),
+        pytest.param(["--least-chance", "1.5"], None, "--least-chance (task.promise.least), a chance", id="no chance"),
         pytest.param(["--range", "12"], None, "not identified", id="camera sees nothing"),
         pytest.param([*KNOWN, "--forces", "60"], short_armed, "out of reach", id="out of reach"),
         pytest.param([], lambda: NAMELESS, "thrusters, body 'arm_base' (carries the arm)", id="no names"),

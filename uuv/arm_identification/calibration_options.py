@@ -1,7 +1,7 @@
 """Options of the calibration of an arm, and its inputs, which are read before anything is compiled."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import ClassVar, Literal
 
@@ -10,7 +10,7 @@ from uuv.sim.interfaces.errors import ConfigurationError, did_you_mean
 from uuv.sim.interfaces.options import about_of
 from uuv.sim.runs.command_line import RunOptions
 from uuv.sim.runs.run_folder import new_folder
-from uuv.site import Site
+from uuv.site import Site, flow_of
 
 COMMAND = "calibrate"  # name in the results
 Touching = Literal["noise", "clamped", "hovering"]
@@ -20,7 +20,7 @@ Touching = Literal["noise", "clamped", "hovering"]
 class TouchedSiteOptions(RunOptions):
     """Seed and water of a calibration."""
 
-    groups: ClassVar[Mapping[str, str]] = {"water": "current gust wave wave_frequency"}
+    groups: ClassVar[Mapping[str, str]] = {"water": "current flow gust wave wave_frequency"}
     abouts: ClassVar[Mapping[str, str]] = {field.name: about_of(field) for field in fields(Site)}
 
     seed: int = 0
@@ -28,6 +28,7 @@ class TouchedSiteOptions(RunOptions):
     quick: bool = False
     """Fewer touches by contact; options that are given keep their values."""
     current: tuple[float, float, float] = Site.current
+    flow: str | None = None
     gust: float = Site.gust
     wave: tuple[float, float, float] = Site.wave
     wave_frequency: float = Site.wave_frequency
@@ -42,8 +43,9 @@ class TouchedSiteOptions(RunOptions):
 
     def site(self) -> Site:
         """The water; its object is none of a calibration."""
-        wave = {"wave": self.wave, "wave_frequency": self.wave_frequency}
-        return Site(current=self.current, gust=self.gust, **wave)
+        flow = None if self.flow is None else flow_of(self.flow)
+        water = Site(current=self.current, flow=flow, gust=self.gust)
+        return replace(water, wave=self.wave, wave_frequency=self.wave_frequency)
 
 
 @dataclass(kw_only=True)

@@ -22,7 +22,7 @@ def test_the_mapping_of_the_page_is_read(root: Path, tmp_path: Path) -> None:
     (tmp_path / "rov.parts.yaml").write_text(text, encoding="utf-8")
     parts = read_parts(tmp_path / "rov.parts.yaml")
     assert parts.hull == "base_link"
-    assert dict(parts.joints or {}) == {"turn": 10.0, "lift": 10.0, "elbow": 10.0, "roll": 2.0}
+    assert dict(parts.torque_limits or {}) == {"turn": 10.0, "lift": 10.0, "elbow": 10.0, "roll": 2.0}
     assert [each.thruster.forward for each in parts.thrusters] == pytest.approx([51.44, 50.0])
 
 

@@ -13,6 +13,7 @@ from uuv.experiment.options import PoolOptions
 from uuv.runner import assessed, run_through
 from uuv.scenario import Scenario, Task
 from uuv.sim.evaluation import insertion_metrics, seabed_metrics
+from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.tasks.insertion import InsertionTask
 from uuv.tasks.seabed_sampling import SeabedSamplingTask
 
@@ -31,10 +32,15 @@ def command_trials(scenario: Scenario, trials: int, options: PoolOptions) -> int
     Raises:
         UuvError: An option is out of range.
     """
+    summed = TRIALS.get(type(scenario.task))
+    if summed is None:
+        kind = type(scenario.task).__name__
+        reason = f"the figures of task {kind} are not summed up; a campaign does that"
+        raise ConfigurationError(f"--trials: {reason}")
     first_start.build()
     assemble(scenario)  # an error in the settings is raised here once, not in every worker
     seeds = range(scenario.seed, scenario.seed + trials)
-    return TRIALS[type(scenario.task)].carry_out(scenario.name, scenario, seeds, options)
+    return summed.carry_out(scenario.name, scenario, seeds, options)
 
 
 def one_trial(case: tuple[Scenario, int]) -> Mapping[str, Any]:

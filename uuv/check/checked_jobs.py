@@ -1,14 +1,14 @@
 """Jobs for which a vehicle is checked, by name: scenarios of those with the arm, currents of station keeping."""
 
-from collections.abc import Callable, Iterable
-from dataclasses import replace
-from functools import partial
-from typing import TYPE_CHECKING, Any, Literal
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from uuv.jobs import clean_barrel, clean_pile, insert_sampler, sample_seabed
+from uuv.jobs import Job, clean_barrel, clean_pile, insert_sampler, sample_seabed
 from uuv.sim.interfaces.errors import ConfigurationError, did_you_mean
+from uuv.tasks.surface_work import TAP_FORCE, TAPPED
 
 if TYPE_CHECKING:
     from uuv.scenario import Scenario
@@ -16,40 +16,58 @@ if TYPE_CHECKING:
 CURRENT = (0.3 * float(np.cos(np.pi / 6)), 0.3 * float(np.sin(np.pi / 6)), 0.0)  # [m/s] of the job hover-current
 
 
-def _barrel(path: Literal["longitudinal", "transverse"], **given: Any) -> "Scenario":
-    return clean_barrel(path=path, **given)
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CheckedJob:
+    """A job with the arm, as a vehicle is checked for it; called, it gives the scenario."""
+
+    job: Job
+    options: Mapping[str, Any] = field(default_factory=dict)
+    changed: "Callable[[Scenario], Scenario] | None" = None  # to a task that is none of a job's
+
+    def __call__(self, **options: Any) -> "Scenario":
+        """The scenario with further options of the job."""
+        scenario = self.job(**{**self.options, **options})
+        return scenario if self.changed is None else self.changed(scenario)
+
+    @property
+    def takes_forces(self) -> bool:
+        """Whether its force is a list of set forces."""
+        return "forces" in self.job.options()
+
+    @property
+    def brings_tool(self) -> bool:
+        """Whether its task brings a tool."""
+        return self.job().task.tool is not None
+
+    @property
+    def command(self) -> str:
+        """What follows `uuv run`; empty: no command does it."""
+        if self.changed is not None:
+            return ""
+
+        # What is usual need not be typed.
+        usual = self.job.options()
+        typed = [f"--{w} {value}" for w, value in self.options.items() if value != usual[w].default]
+        return " ".join([self.job.name, *typed])
 
 
-def _pile(**given: Any) -> "Scenario":
-    return clean_pile(**given)
-
-
-def _tap(**given: Any) -> "Scenario":
+def _tapping(scenario: "Scenario") -> "Scenario":
     """The points to tap, on a line along the barrel."""
-    from uuv.tasks.surface_work import TAP_FORCE, TAPPED, SurfaceWorkTask
+    from uuv.tasks.surface_work import SurfaceWorkTask
     from uuv.tasks.tapping import TappingTask
 
-    options: dict[str, Any] = {"length": TAPPED[-1], "forces": (TAP_FORCE,)} | given
-    scenario = clean_barrel(**options)
     task = scenario.task_of(SurfaceWorkTask)
+
     return replace(scenario, task=TappingTask(path=task.path, forces=task.forces, range=task.range))
 
 
-def _insertion(**given: Any) -> "Scenario":
-    return insert_sampler(**given)
-
-
-def _core(**given: Any) -> "Scenario":
-    return sample_seabed(**given)
-
-
-ARM_JOBS: "dict[str, Callable[..., Scenario]]" = {
-    "barrel-longitudinal": partial(_barrel, "longitudinal"),
-    "barrel-transverse": partial(_barrel, "transverse"),
-    "pile": _pile,
-    "tap": _tap,
-    "insertion": _insertion,
-    "seabed-core": _core,
+ARM_JOBS = {
+    "barrel-longitudinal": CheckedJob(job=clean_barrel),
+    "barrel-transverse": CheckedJob(job=clean_barrel, options={"path": "transverse"}),
+    "pile": CheckedJob(job=clean_pile),
+    "tap": CheckedJob(job=clean_barrel, options={"length": TAPPED[-1], "forces": (TAP_FORCE,)}, changed=_tapping),
+    "insertion": CheckedJob(job=insert_sampler),
+    "seabed-core": CheckedJob(job=sample_seabed),
 }
 HOVERING = {"hover": (0.0, 0.0, 0.0), "hover-current": CURRENT}
 JOBS = (*HOVERING, *ARM_JOBS)

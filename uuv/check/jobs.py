@@ -47,9 +47,6 @@ HIDDEN = 0.1  # share of the ground about a target that may be hidden from the s
 SMALL_PAD = 50.0  # [N] at the tip in its weakest direction, under which the small pad is proposed
 
 
-_FORCELESS = ("insertion", "seabed-core")  # jobs whose force is no list of set forces
-
-
 def hover_verdict(name: str, model: mujoco.MjModel) -> JobVerdict:
     """Verdict on station keeping, by simulation."""
     kept = _hovering(model, HOVERING[name])
@@ -109,7 +106,7 @@ class ArmJobs:
     def scenario(self, name: str) -> Scenario:
         """Scenario of a job for the vehicle."""
         given: dict[str, Any] = {"vehicle": self._vehicle}
-        if self.forces and name not in _FORCELESS:
+        if self.forces and ARM_JOBS[name].takes_forces:
             given["forces"] = self.forces
         scenario = ARM_JOBS[name](**given)
         tool = self._tool if scenario.task.tool is None else None  # a job with a tool of its own brings it

@@ -1,19 +1,14 @@
 """The check of a vehicle on a terminal: parts that are not as given, figures, findings, and the verdicts."""
 
+from collections.abc import Iterable
+
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from uuv.check.checked_jobs import ARM_JOBS
 from uuv.check.findings import VehicleCheck
 
-COMMANDS = {  # of `uuv run`, by job; those that hover are simulated by the check itself
-    "barrel-longitudinal": "clean-barrel",
-    "barrel-transverse": "clean-barrel --path transverse",
-    "pile": "clean-pile",
-    "insertion": "insert-sampler",
-    "seabed-core": "sample-seabed",
-}
-OWN_TOOL = {"insert-sampler", "sample-seabed"}  # bring their tool and force
 _COLOURS = {
     "note": "cyan",
     "doubt": "yellow",
@@ -52,11 +47,17 @@ def print_check(check: VehicleCheck, console: Console) -> None:
             verdict = Text("promised", "green") if each.promised else Text(f"refused: {each.code}", "red")
             table.add_row(each.job, verdict, each.said)
         console.print(table)
-        promised = {COMMANDS[each.job] for each in check.jobs if each.promised and each.job in COMMANDS}
-        for runs, same in ((promised - OWN_TOOL, "--vehicle, --tool and --forces"), (promised & OWN_TOOL, "--vehicle")):
-            if runs:
-                said = f"to run what is promised, with the same {same}: uuv run {', '.join(sorted(runs))}"
-                console.print(Text(said, style="dim"))
+        _print_commands([verdict.job for verdict in check.jobs if verdict.promised], console)
+
+
+def _print_commands(promised: Iterable[str], console: Console) -> None:
+    """What runs the promised jobs; those that hover are simulated by the check itself."""
+    runs = [ARM_JOBS[name] for name in promised if name in ARM_JOBS and ARM_JOBS[name].command]
+    for brings, same in ((False, "--vehicle, --tool and --forces"), (True, "--vehicle")):
+        commands = sorted(run.command for run in runs if run.brings_tool is brings)
+        if commands:
+            line = f"to run what is promised, with the same {same}: uuv run {', '.join(commands)}"
+            console.print(Text(line, style="dim"))
 
 
 def _parts(check: VehicleCheck) -> Text:

@@ -12,10 +12,13 @@ import numpy as np
 import pytest
 
 from uuv import jobs
+from uuv.campaigns.task_trials import TRIALS
+from uuv.catalogue import things
 from uuv.controllers.planning.promise import StopLimits
 from uuv.jobs import Job, clean_barrel, clean_object, clean_pile, insert_sampler, open_water, sample_seabed
 from uuv.jobs.command_line import options_class, parsed, typed
 from uuv.jobs.job import as_job
+from uuv.jobs.scenario_options import _of_table
 from uuv.scenario import Scenario, Task
 from uuv.scenario_file import from_dict
 from uuv.sensors.arm_camera import ArmCameraSetup
@@ -266,3 +269,23 @@ def test_a_lambda_is_a_job_with_an_argument_of_any_type():
         return replace(open_water(), site=site or Site(object=OpenWater()))
 
     assert as_job(made, "made")(site=Site(object=OpenWater(), gust=0.0)).site.gust == 0.0
+
+
+@pytest.mark.parametrize("kind", [SurfaceWorkTask, StationKeepingTask, *TRIALS], ids=lambda kind: kind.__name__)
+def test_what_a_task_heeds_are_options(kind: type[Task]):
+    """A word that is none would be passed over in silence."""
+    everything = {word for job in ALL for word in _every_word(job())}
+    assert {*kind.heeds} <= everything
+
+
+def _every_word(scenario: Scenario) -> set[str]:
+    """Words of all options of a scenario, also of those that its task does not heed."""
+    return {option.word for option in _of_table(scenario, "")}
+
+
+def test_the_list_of_jobs_is_the_registry():
+    assert dict(things("job")) == {job.name: job.about for job in ALL}
+
+
+def test_the_tasks_with_trials_are_those_that_can_be_summed_up():
+    assert {type(job().task) for job in ALL if job.over_seeds} == {*TRIALS}

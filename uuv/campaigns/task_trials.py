@@ -32,13 +32,17 @@ def command_trials(scenario: Scenario, trials: int, options: PoolOptions) -> int
     Raises:
         UuvError: An option is out of range.
     """
+    # Which figures, or none.
     summed = TRIALS.get(type(scenario.task))
     if summed is None:
         kind = type(scenario.task).__name__
         reason = f"the figures of task {kind} are not summed up; a campaign does that"
         raise ConfigurationError(f"--trials: {reason}")
+
+    # An error in the settings is raised here once, not in every worker.
     first_start.build()
-    assemble(scenario)  # an error in the settings is raised here once, not in every worker
+    assemble(scenario)
+
     seeds = range(scenario.seed, scenario.seed + trials)
     return summed.carry_out(scenario.name, scenario, seeds, options)
 

@@ -31,6 +31,8 @@ def print_check(check: VehicleCheck, console: Console) -> None:
         for each in check.figures:
             table.add_row(each.name, each.said)
         console.print(table)
+
+    # What is unusual, and what it can do.
     if check.findings:
         table = Table(box=None, show_header=False, pad_edge=False, title="findings", title_justify="left")
         table.add_column(no_wrap=True)
@@ -38,6 +40,7 @@ def print_check(check: VehicleCheck, console: Console) -> None:
         for each in check.findings:
             table.add_row(Text(each.code, style=_COLOURS[each.level]), each.said)
         console.print(table)
+
     if check.jobs:
         table = Table(box=None, show_header=False, pad_edge=False, title="jobs", title_justify="left")
         table.add_column(no_wrap=True)
@@ -53,6 +56,8 @@ def print_check(check: VehicleCheck, console: Console) -> None:
 def _print_commands(promised: Iterable[str], console: Console) -> None:
     """What runs the promised jobs; those that hover are simulated by the check itself."""
     runs = [ARM_JOBS[name] for name in promised if name in ARM_JOBS and ARM_JOBS[name].command]
+
+    # Those with a tool of their own take none.
     for brings, same in ((False, "--vehicle, --tool and --forces"), (True, "--vehicle")):
         commands = sorted(run.command for run in runs if run.brings_tool is brings)
         if commands:

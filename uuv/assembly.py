@@ -73,7 +73,7 @@ def current_of(scenario: Scenario, timestep: float, gusts: np.random.Generator) 
         gusts: Its state is left as it is.
 
     Raises:
-        ConfigurationError: A perturbation's `on_water` returns no current.
+        ConfigurationError: A perturbation's `on_water` returns no current, or loses a flow field.
     """
     site = scenario.site
     wave = Wave(amplitude_W=site.wave, frequency=site.wave_frequency)
@@ -88,6 +88,14 @@ def current_of(scenario: Scenario, timestep: float, gusts: np.random.Generator) 
             hook = f"{type(perturbation).__name__}.on_water"
             needs = "must return a uuv.sim.water.current.Current"
             raise ConfigurationError(f"{hook}: {needs}, got {shown(changed)}")
+
+        # Fields that were there go on, or it is said that they do not.
+        for flow in current.flows:
+            if all(flow is not kept for kept in changed.flows):
+                hook = f"{type(perturbation).__name__}.on_water"
+                field = type(flow).__name__
+                lost = f"returns a current without the flow field {field} of the one that it got"
+                raise ConfigurationError(f"{hook}: {lost}; `with_flow` keeps it")
         current = changed
     return current
 

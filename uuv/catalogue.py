@@ -34,6 +34,7 @@ SHELVES = (
     Shelf("soil", "uuv run sample-seabed --soil NAME"),
     Shelf("sensor", "--sensor NAME"),
     Shelf("controller", "--controller NAME"),
+    Shelf("flow", "--flow NAME, with the keys of [site.flow]; one of your own: MODULE:CLASS"),
     Shelf("task", "kind of [task] in a scenario file; uuv run open-water --task MODULE:CLASS"),
     Shelf("perturbation", "kind of [[perturbations]] in a scenario file"),
 )
@@ -65,6 +66,10 @@ def things(kind: str) -> Iterator[tuple[str, str]]:
             yield from _documented(HOME / "models" / "tools" / "tools.py", "TOOLS")
         case "soil":
             yield from _documented(HOME / "models" / "site" / "soil.py", "SOILS")
+        case "flow":
+            documented = _definitions(HOME / "sim" / "water" / "cylinder_wake.py")
+            for name in _keys(HOME / "site.py", "FLOWS"):
+                yield name, documented.get(name, "")
         case "sensor":
             documented = _definitions(HOME / "components" / "contact_parts.py")
             for name in _keys(HOME / "kinds.py", "SENSORS"):

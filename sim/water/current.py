@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.kernels import kernel
-from uuv.sim.interfaces.spatial import Array, checked, number
+from uuv.sim.interfaces.spatial import Array, checked, number, readonly
 from uuv.sim.water.flow_field import FlowField, checked_flow, placed_in, total_velocity
 
 if TYPE_CHECKING:
@@ -144,8 +144,8 @@ class Current:
 
     @property
     def mean_W(self) -> Array:
-        """Steady part (3,) [m/s] of the current, world axes; a copy."""
-        return self._mean.copy()
+        """Steady part (3,) [m/s] of the current, world axes; read-only, for another is a field."""
+        return readonly(self._mean)
 
     def with_flow(self, flow: FlowField) -> Self:
         """The same current with one more flow field on top; to be used in place of this one.

@@ -314,3 +314,20 @@ def test_the_current_of_an_assembly_is_always_from_its_beginning():
     np.testing.assert_array_equal(rows[0], rows[1])
     np.testing.assert_array_equal(rows[0][0], built.plant.truth.current_W)
     assert np.abs(np.array(rows[0]) - [0.15, 0.0, 0.0]).max() > 1e-3
+
+
+def test_a_flow_field_is_not_lost_in_silence():
+    @dataclass(frozen=True, kw_only=True)
+    class Fresh(Perturbation):
+        def on_water(self, current):
+            return Current([0.0, 0.1, 0.0], timestep=0.002)
+
+    scenario = replace(clean_barrel(quick=True, flow="my_water:Sheared"), perturbations=(Fresh(),))
+    with pytest.raises(ConfigurationError, match=r"^Fresh\.on_water: .*flow field Sheared.*`with_flow` keeps it"):
+        assemble(scenario)
+    assert assemble(replace(clean_barrel(quick=True), perturbations=(Fresh(),))).plant.truth.current_W is not None
+
+
+def test_the_steady_part_cannot_be_changed_in_place():
+    with pytest.raises(ValueError, match="read-only"):
+        Current([0.2, 0.0, 0.0]).mean_W[1] = 0.3

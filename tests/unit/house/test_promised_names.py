@@ -5,6 +5,7 @@ import importlib.util
 import re
 import sys
 from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -37,8 +38,8 @@ NAMES = [name for group in GROUPS for name in group.lines]
 
 
 def needs_environments(name: str) -> bool:
-    """Whether `name` is of a package that this Python cannot have."""
-    return name.startswith("uuv.environments") and sys.version_info >= (3, 13)
+    """Whether `name` is of a package that needs dm_control, and there is none."""
+    return name.startswith("uuv.environments") and find_spec("dm_control") is None
 
 
 def python_blocks(document: Path) -> list[str]:

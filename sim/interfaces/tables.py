@@ -244,11 +244,14 @@ def _unchanged(hint: Any) -> frozenset[type]:
     return frozenset(plain & {option for option in options if isinstance(option, type)})
 
 
-_ARRAY_KINDS = frozenset(get_args(ArrayLike))  # a union, which a further None would join
+# A union, which a further None would join, or with newer Pythons an alias of its own.
+_ARRAY_KINDS = frozenset(get_args(ArrayLike)) or frozenset({ArrayLike})
 
 
 def _is_array(hint: Any) -> bool:
-    return get_origin(hint) is np.ndarray or {*get_args(hint)} - {type(None)} == _ARRAY_KINDS
+    if get_origin(hint) is np.ndarray or hint is ArrayLike:
+        return True
+    return {*get_args(hint)} - {type(None)} == _ARRAY_KINDS
 
 
 @dataclass(frozen=True, slots=True)

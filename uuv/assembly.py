@@ -127,7 +127,7 @@ def assemble(scenario: Scenario, *, full: bool = False) -> Assembly:
     timestep = float(built.option.timestep)  # of the loop; a stiff surface needs a shorter timestep of the physics
     drawn = perturb(built, scenario.perturbations, scenario.perturbation_seed)
     own = OwnVehicle.of(believed, task.spares)
-    placed = task.place(scenario, own, rng)
+    placed = _placed(scenario, own, rng)
     gusts, noise, start, sampling = rng.spawn(4)
     model = _compiled(placed.scene(built), scenario)
     offset = pose(exp_so3([0.0, 0.0, start.uniform(-0.02, 0.02)]), start.uniform(-0.03, 0.03, 3))
@@ -159,6 +159,16 @@ def assemble(scenario: Scenario, *, full: bool = False) -> Assembly:
         said=said,
         drawn=drawn,
     )
+
+
+def _placed(scenario: Scenario, vehicle: OwnVehicle, rng: np.random.Generator) -> PlacedTask:
+    """The task at its site; one of a user's own may give anything."""
+    placed: Any = scenario.task.place(scenario, vehicle, rng)
+    if not isinstance(placed, PlacedTask):
+        kind = type(scenario.task).__name__
+        got = type(placed).__name__
+        raise ConfigurationError(f"task {kind}: place must return a PlacedTask, got {got}")
+    return placed
 
 
 def _compiled(scene: mujoco.MjSpec, scenario: Scenario) -> mujoco.MjModel:

@@ -34,7 +34,7 @@ SHELVES = (
     Shelf("soil", "uuv run sample-seabed --soil NAME"),
     Shelf("sensor", "--sensor NAME"),
     Shelf("controller", "--controller NAME"),
-    Shelf("flow", "--flow NAME, with the keys of [site.flow]; one of your own: MODULE:CLASS"),
+    Shelf("flow", "kind of [site.flow] in a scenario file; --flow MODULE:CLASS"),
     Shelf("task", "kind of [task] in a scenario file; uuv run open-water --task MODULE:CLASS"),
     Shelf("perturbation", "kind of [[perturbations]] in a scenario file"),
 )

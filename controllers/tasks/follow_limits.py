@@ -1,4 +1,4 @@
-"""Limits of the motion along a path; apart from the phases, whose kernels a description lacks."""
+"""Limits of the motion along a path, without the phases, which bring compiled kernels."""
 
 from dataclasses import dataclass
 

@@ -1,6 +1,6 @@
-"""What a user sets of each task's work: fields of the task's description and of its planner alike.
+"""Settings of the tasks: what a user sets; a task's description and its planner inherit it.
 
-They stand apart from the planners, whose kernels a description does without.
+Nothing here brings compiled kernels, as the planners do.
 """
 
 from dataclasses import dataclass, field, fields

@@ -7,7 +7,7 @@ What is returned can be printed, computed with and walked through:
 
 - Keys are text, and none stands twice in a table.
 - Texts hold no control characters.
-- Whole numbers have at most 63 bits, no number is NaN, and those of JSON are finite.
+- A whole number fits 64 bits with its sign. No number is NaN, and in JSON none is infinite.
 - Nothing is nested deeper than DEEPEST.
 
 `uuv.sim.interfaces.tables` makes dataclasses of the tables.

@@ -11,7 +11,9 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from uuv.jobs.job import BY_NAME, Job, as_job, job
+from uuv.jobs.job import BY_NAME, as_job
+from uuv.jobs.job import Job as Job
+from uuv.jobs.job import job as job
 from uuv.methods import Method
 from uuv.models.registry import Registry
 from uuv.sim.interfaces.options import MILLIMETRE
@@ -20,21 +22,6 @@ from uuv.sim.interfaces.spatial import finite_number
 if TYPE_CHECKING:  # a list of jobs needs none of what a scenario is made of
     from uuv.scenario import Scenario, Task
     from uuv.site import Workpiece
-
-__all__ = [
-    "JOBS",
-    "Job",
-    "clean_barrel",
-    "clean_object",
-    "clean_pile",
-    "identify_friction",
-    "insert_sampler",
-    "inspect_object",
-    "job",
-    "named",
-    "open_water",
-    "sample_seabed",
-]
 
 BOTTOM = 0.02  # [m] by which a hole is deeper than the depth to reach
 ALONG = (60.0, 90.0, 60.0)  # [N] set forces on a path along an object
@@ -59,7 +46,8 @@ def clean_barrel(
     from uuv.site import Barrel
     from uuv.tasks.surface_work import SurfaceWorkTask
 
-    around = arc if arc is not None else 60.0 if quick else 180.0  # [deg]
+    around = arc if arc is not None else 60.0 if quick else 180.0
+    finite_number(around, "arc [deg]", above=0.0)
     barrel = Barrel(length=0.2 if quick else 0.6, arc=float(np.radians(around)))
     if path == "transverse":
         task = SurfaceWorkTask(path=path, forces=AROUND, least=min(1.0, 150.0 / around))
@@ -88,7 +76,8 @@ def clean_pile(
     from uuv.site import Pile
     from uuv.tasks.surface_work import SurfaceWorkTask
 
-    around = arc if arc is not None else 40.0 if quick else 100.0  # [deg]
+    around = arc if arc is not None else 40.0 if quick else 100.0
+    finite_number(around, "arc [deg]", above=0.0)
     climb = 0.003 * around if rise is None else rise
     pile = Pile(length=0.2 if quick else 0.5, arc=float(np.radians(around)), rise=climb)
     if path == "vertical":
@@ -245,8 +234,7 @@ def open_water(*, quick: bool = False) -> "Scenario":
     return Scenario(name="open_water", site=Site(object=OpenWater()), task=task)
 
 
-_PLACES = {name: f"{__name__}:{BY_NAME[name].__name__}" for name in BY_NAME}
-JOBS: Registry[Job] = Registry("job", _PLACES)
+JOBS: "Registry[Scenario]" = Registry("job", dict(BY_NAME))
 
 
 def named(name: str) -> Job:
@@ -255,6 +243,4 @@ def named(name: str) -> Job:
     Raises:
         ConfigurationError: There is none; the message lists those there are.
     """
-    if JOBS.resolve(name) in BY_NAME:
-        return BY_NAME[name]
     return as_job(JOBS.maker(name), name)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 from uuv.experiment.engines import EngineName
 from uuv.experiment.options import at_least
 from uuv.jobs.job import Job, JobOption
+from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.runs.command_line import RunOptions, parse
 
 if TYPE_CHECKING:  # a help text does without
@@ -49,11 +50,20 @@ def options_class(
         job: The job.
         beside: Class of the command's options beside those of job and run.
         base: Its scenario, where a task of the user's own changes which options there are.
+
+    Raises:
+        ConfigurationError: The job has an option of a word that every run has.
     """
     of_run = run_options(job)
     bases = (of_run,) if issubclass(of_run, beside) else (beside, of_run)
+    options = list(job.options(base).values())
+
+    # A word with two meanings would be read as one of them.
     taken = {option.name for kind in bases for option in fields(kind)}
-    options = [option for word, option in job.options(base).items() if word not in taken]
+    for option in options:
+        if option.word in taken:
+            rule = "is an option of every run; it needs another word"
+            raise ConfigurationError(f"job {job.name}: {option.key or option.word} {rule}")
 
     # Titles of groups, keys of a scenario file and texts, as `parse` reads them.
     titles = _groups(options)

@@ -52,10 +52,26 @@ Changes = Mapping[str, tuple[ScenarioOption, Any]]  # options and their values, 
 
 
 def scenario_options(scenario: Scenario) -> dict[str, ScenarioOption]:
-    """Options by their words: those of every job, and those that the scenario's task heeds."""
-    heeds = scenario.task.heeds
-    options = {option.word: option for option in _of_table(scenario, "")}
-    return {w: options[w] for w in options if options[w].declared.everywhere or w in heeds}
+    """Options by their words: those of every job, and those that the scenario's task heeds.
+
+    Raises:
+        ConfigurationError: Two of them have the same word.
+    """
+    options: dict[str, ScenarioOption] = {}
+    for option in every_option(scenario):
+        if not (option.declared.everywhere or option.word in scenario.task.heeds):
+            continue
+        if option.word in options:
+            both = f"{options[option.word].key} and {option.key}"
+            rule = f"both are the option {option.word!r}; one of them needs another word"
+            raise ConfigurationError(f"{both}: {rule}")
+        options[option.word] = option
+    return options
+
+
+def every_option(scenario: Scenario) -> Iterator[ScenarioOption]:
+    """All options in the scenario's tables, whether its task heeds them or not."""
+    yield from _of_table(scenario, "")
 
 
 def with_options_set(scenario: Scenario, options: Options, values: Mapping[str, Any]) -> Scenario:

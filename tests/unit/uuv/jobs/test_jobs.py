@@ -11,14 +11,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from uuv import jobs
+from uuv import assemble, jobs
 from uuv.campaigns.task_trials import TRIALS
 from uuv.catalogue import things
+from uuv.cli.run_job import EveryJob
 from uuv.controllers.planning.promise import StopLimits
 from uuv.jobs import Job, clean_barrel, clean_object, clean_pile, insert_sampler, open_water, sample_seabed
 from uuv.jobs.command_line import options_class, parsed, typed
 from uuv.jobs.job import as_job
-from uuv.jobs.scenario_options import _of_table
+from uuv.jobs.scenario_options import every_option
 from uuv.scenario import Scenario, Task
 from uuv.scenario_file import from_dict
 from uuv.sensors.arm_camera import ArmCameraSetup
@@ -109,6 +110,8 @@ def test_an_option_that_a_task_does_not_heed_is_none_of_its_jobs():
         ({"quick": 1}, "^quick: must be true or false"),
         ({"speed": float("nan")}, r"^task\.speed \[m/s\]"),
         ({"line": (0.0, 0.0, 1.0, 0.0)}, "has no 'line'"),
+        ({"arc": 0.0}, r"^arc \[deg\]: must be positive"),
+        ({"path": "transverse", "arc": -20.0}, r"^arc \[deg\]: must be positive"),
     ],
 )
 def test_a_wrong_argument_is_refused_at_the_call(given: dict[str, Any], message: str):
@@ -264,7 +267,7 @@ def test_open_water_has_no_object():
         open_water(seconds=0.0)
 
 
-def test_a_lambda_is_a_job_with_an_argument_of_any_type():
+def test_an_argument_without_a_type_takes_anything():
     def made(*, site=None) -> Scenario:
         return replace(open_water(), site=site or Site(object=OpenWater()))
 
@@ -274,13 +277,8 @@ def test_a_lambda_is_a_job_with_an_argument_of_any_type():
 @pytest.mark.parametrize("kind", [SurfaceWorkTask, StationKeepingTask, *TRIALS], ids=lambda kind: kind.__name__)
 def test_what_a_task_heeds_are_options(kind: type[Task]):
     """A word that is none would be passed over in silence."""
-    everything = {word for job in ALL for word in _every_word(job())}
+    everything = {option.word for job in ALL for option in every_option(job())}
     assert {*kind.heeds} <= everything
-
-
-def _every_word(scenario: Scenario) -> set[str]:
-    """Words of all options of a scenario, also of those that its task does not heed."""
-    return {option.word for option in _of_table(scenario, "")}
 
 
 def test_the_list_of_jobs_is_the_registry():
@@ -289,3 +287,27 @@ def test_the_list_of_jobs_is_the_registry():
 
 def test_the_tasks_with_trials_are_those_that_can_be_summed_up():
     assert {type(job().task) for job in ALL if job.over_seeds} == {*TRIALS}
+
+
+def test_a_word_with_two_meanings_is_refused():
+    def loud(*, json: bool = True) -> Scenario:
+        return open_water(quick=json)
+
+    @dataclass(frozen=True, kw_only=True)
+    class Stream(Drift):
+        fast: float = option(1.0, "Of the stream [m/s].", word="current")
+
+    with pytest.raises(ConfigurationError, match="job loud: json is an option of every run"):
+        options_class(Job(loud), EveryJob)
+    with pytest.raises(ConfigurationError, match=r"^task\.fast and site\.current: both are the option 'current'"):
+        open_water.options(replace(open_water(), task=Stream()))
+
+
+def test_a_task_that_is_placed_nowhere_is_one_line():
+    @dataclass(frozen=True, kw_only=True)
+    class Nowhere(Drift):
+        def place(self, scenario, own, rng):
+            return None
+
+    with pytest.raises(ConfigurationError, match=r"^task Nowhere: place must return a PlacedTask, got NoneType"):
+        assemble(replace(open_water(), task=Nowhere()))

@@ -286,7 +286,11 @@ SKELETON = pytest.mark.long(guarded_by="tests/unit/uuv/cli/test_uuv_command.py::
 
 
 @pytest.mark.parametrize(
-    "kind", ["vehicle", *(pytest.param(kind, marks=SKELETON) for kind in ("object", "sensor", "controller", "task"))]
+    "kind",
+    [
+        *("vehicle", "tool", "perturbation"),
+        *(pytest.param(kind, marks=SKELETON) for kind in ("object", "sensor", "controller", "task", "job")),
+    ],
 )
 def test_a_skeleton_passes_its_own_test(kind: str, uuv, tmp_path: Path):
     uuv("new", kind, "mine")
@@ -294,7 +298,7 @@ def test_a_skeleton_passes_its_own_test(kind: str, uuv, tmp_path: Path):
     command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "test_mine.py"]
     ran = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
     assert ran.returncode == 0, ran.stdout
-    named = {"task": "mine:Circle"}.get(kind, "mine:mine")
+    named = {"task": "mine:Circle", "perturbation": "perturbations.mine:Worn.factor=2.0"}.get(kind, "mine:mine")
     assert named in skeletons.SKELETONS[kind].use.replace("NAME", "mine").split()
 
 

@@ -341,15 +341,12 @@ def NAME():
     """The tool: a Head, Jaws, Tube or Box of `uuv.models.tools`, lengths in metres."""
     return replace(TOOLS.load("pad"), radius=0.08)
 ''',
-    test="""from uuv import jobs
-from uuv.own_vehicle import vehicle_spec
+    test="""from uuv.own_vehicle import vehicle_spec
 
 from NAME import NAME
 
 
 def test_the_vehicle_carries_it():
-    scenario = jobs.clean_barrel(tool="NAME:NAME", quick=True)
-    assert scenario.vehicle.tool == "NAME:NAME"
     pad = vehicle_spec("uuv_puma", tool="NAME:NAME").compile().geom("pad")
     assert abs(pad.size[0] - NAME().radius) < 1e-9
 """,
@@ -364,7 +361,7 @@ from uuv import Perturbation
 
 
 class WornPlant:
-    """The plant with other damping of its joints; state of its own is kept for one run."""
+    """The plant, whose joints are damped otherwise from a moment on; made anew for each run."""
 
     def __init__(self, plant, factor, at):
         self.plant, self.timestep = plant, plant.timestep

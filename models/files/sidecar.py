@@ -262,7 +262,8 @@ def xml_without_water(spec: mujoco.MjSpec) -> str:
             body.userdata = []
     for actuator in bare.actuators:
         if thrusters.carries(np.array(actuator.userdata)):
-            actuator.userdata, actuator.gear[3:] = [], 0.0
+            thrusters.detach(actuator)
+            actuator.gear[3:] = 0.0
     bare.nuser_body = max([len(body.userdata) for body in bare.bodies] or [0])
     bare.nuser_actuator = max([len(actuator.userdata) for actuator in bare.actuators] or [0])
     return exact_xml(bare)

@@ -19,6 +19,8 @@ _NOTHING = 1e-12  # share of the largest coefficient that turns no curve
 # [N] and slopes of a table, or coefficients ahead and astern.
 _KIND, _COUNT, _LOW, _HIGH, _LEAST, _FIRST = range(6)
 
+Sides = tuple[tuple[float, ...], tuple[float, ...]]  # coefficients ahead and astern; or commands and thrusts [N]
+
 
 def pack_polynomial(kind: int, ahead: Sequence[float], astern: Sequence[float], band: float, least: float) -> Array:
     """Row of a polynomial curve `c[0] r + c[1] r^2 + ...` [N].
@@ -53,6 +55,32 @@ def pack_table(command: Sequence[float], thrust: Sequence[float], least: float) 
     x, y = np.array(command), np.array(thrust)
     still = x[y == 0.0]
     return np.array([TABLE, len(x), still[0], still[-1], least, *x, *y, *_slopes(x, y)])
+
+
+def unpack(curve: Array) -> tuple[Sides | None, Sides | None]:
+    """Polynomial and table of a row; None for what it is not, both for a quadratic curve.
+
+    Raises:
+        ConfigurationError: a row of another kind or length.
+    """
+    numbers = curve.tolist()
+    kind, count = (round(number) for number in numbers[:_LOW]) if len(numbers) >= _FIRST else (-1, 0)
+    blocks = {QUADRATIC: 2, POLYNOMIAL: 2, TABLE: 3}.get(kind, -1)
+    if len(numbers) != _FIRST + blocks * count:
+        raise ConfigurationError(f"thruster: its curve of {len(numbers)} numbers has no known kind and length")
+    first = tuple(numbers[_FIRST : _FIRST + count])
+    second = tuple(numbers[_FIRST + count : _FIRST + 2 * count])
+    if kind == TABLE:
+        return None, (first, second)
+    if kind == QUADRATIC:
+        return None, None
+    return (_without_zeros(first), _without_zeros(second)), None
+
+
+def _without_zeros(coefficients: tuple[float, ...]) -> tuple[float, ...]:
+    """Coefficients without the zeros that fill the shorter side up."""
+    count = max((k + 1 for k, c in enumerate(coefficients) if c), default=0)
+    return coefficients[:count]
 
 
 @kernel

@@ -1,8 +1,12 @@
-"""Thruster model, command to thrust, stored as a table on the actuators of an MjSpec.
+"""Thruster model, command to thrust, stored on the actuators of an MjSpec, where MuJoCo evaluates it at each step.
 
 A command u in [-1, 1] is the normalised propeller speed (or pulse width) that is demanded. The propeller follows within
 its slew rate and with a first-order lag. Its thrust is a static curve of that speed, reduced by inflow: the bilinear
 model T = T_nn |n| n - T_nu |n| u_a [Fossen 2011]. The curve is quadratic, a polynomial, or a table, beyond a dead band.
+
+`attach` makes an actuator a thruster: its control is the command, its two activations are the command after the slew
+limit and the propeller speed, its force is the thrust in N. Its dynamics and bias are of MuJoCo's type "user" and read
+their numbers from `actuator_user` (`uuv.sim.water.thruster_callbacks`).
 
 The propeller's reaction torque on the hull about the thrust axis is proportional to the thrust. It is stored in the
 actuator's gear, so that plant, allocation and MuJoCo use the same column.
@@ -11,6 +15,7 @@ actuator's gear, so that plant, allocation and MuJoCo use the same column.
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields
+from functools import partial
 from typing import Any, Self
 
 import mujoco
@@ -20,20 +25,32 @@ from numpy.typing import ArrayLike
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import Array, number
 
-# Columns of a row; the data of the curve follow.
+# Columns of a row; the curve follows, as `uuv.models.water.thruster_curves` packs it.
 FORWARD, REVERSE, DEAD_BAND, TIME_CONSTANT, INFLOW_LOSS, SLEW_RATE, TORQUE, LEAST, STAMP, COUNT = range(10)
-HEADER = 10  # columns before the data of the curve
-_STAMP = 745510.0  # plus the kind of the curve: identifies our rows among foreign user data
-_QUADRATIC, _POLYNOMIAL, _TABLE = range(3)  # kinds, as rows state them
+HEADER = 10  # columns before the curve
+STAMP_VALUE = 745530.0  # identifies rows of this layout among foreign user data
+
+# Activations of a thruster: command after the slew limit, propeller speed
+PASSED, SPEED = 0, 1
+ACTIVATIONS = 2
 
 _ROWS = {"schema": {"title": "two rows of numbers", "items": {"title": "a row of numbers"}}}
 _XML = 1e-5  # tolerance of a gear, which may come from a file of six digits
-_PLAIN: dict[str, Any] = {
+# What distinguishes a plain motor on a site, whose control is its force, and a thruster.
+_COMMON: dict[str, Any] = {
     "trntype": mujoco.mjtTrn.mjTRN_SITE,
     "gaintype": mujoco.mjtGain.mjGAIN_FIXED,
+    "delay": 0.0,
+}
+_MOTOR: dict[str, Any] = {
     "biastype": mujoco.mjtBias.mjBIAS_NONE,
     "dyntype": mujoco.mjtDyn.mjDYN_NONE,
-    "delay": 0.0,
+    "gainprm": 1.0,
+}
+_DRIVEN: dict[str, Any] = {
+    "biastype": mujoco.mjtBias.mjBIAS_USER,
+    "dyntype": mujoco.mjtDyn.mjDYN_USER,
+    "gainprm": 0.0,
 }
 
 
@@ -211,11 +228,13 @@ def t200(
 
 
 def attach(spec: mujoco.MjSpec, table: Mapping[str, Thruster]) -> None:
-    """Store `table` (actuator name -> Thruster) on the actuators of `spec`, and the reaction torques in their gears.
+    """Make actuators of `spec` thrusters; `table` maps their names to the parameters.
+
+    The control is then the command in [-1, 1], and the reaction torque is in the gear.
 
     Raises:
-        ConfigurationError: a name is not an actuator of `spec`, its user data is foreign, or it is not a plain motor on
-            a site, without limits and with a gear of unit length. The control is the thrust in N.
+        ConfigurationError: a name is not an actuator of `spec`, its user data is foreign, or it is neither a thruster
+            nor a plain motor on a site, without limits and with a gear of unit length.
     """
     actuators = {actuator.name: actuator for actuator in spec.actuators}
     for name, thruster in table.items():
@@ -230,36 +249,59 @@ def attach(spec: mujoco.MjSpec, table: Mapping[str, Thruster]) -> None:
                 f"thruster {name!r}: its actuator's gear must leave the torque to torque_per_thrust, got "
                 f"{actuator.gear.tolist()}"
             )
-        _check_motor(name, lambda field, actuator=actuator: getattr(actuator, field), actuator.refsite != "")
+        of_spec = partial(getattr, actuator)
+        _check(name, of_spec, _DRIVEN if replaced else _MOTOR, actuator.refsite != "")
         actuator.gear[3:] = row[TORQUE] * actuator.gear[:3]
         actuator.userdata = row
+        _set_kind(actuator, _DRIVEN)
+        actuator.actdim = ACTIVATIONS
+        actuator.ctrllimited, actuator.ctrlrange = mujoco.mjtLimited.mjLIMITED_TRUE, [-1.0, 1.0]
     # All rows must have one length; absent values compile to zero, which decodes as "no thruster".
     spec.nuser_actuator = max(spec.nuser_actuator, *(len(a.userdata) for a in spec.actuators), HEADER)
 
 
-def _check_motor(name: str, field: Callable[[str], Any], refers: bool) -> None:
-    """Raise ConfigurationError unless MuJoCo applies an actuator's control unchanged along a unit axis of a site.
+def detach(actuator: mujoco.MjsActuator) -> None:
+    """Make a thruster of a spec a plain motor again: its control is the thrust in N; the reaction torque stays.
+
+    Args:
+        actuator: changed in place; one that is no thruster stays as it is.
+    """
+    if not carries(actuator.userdata):
+        return
+    _set_kind(actuator, _MOTOR)
+    actuator.userdata, actuator.actdim = [], -1
+    actuator.ctrllimited, actuator.ctrlrange = mujoco.mjtLimited.mjLIMITED_AUTO, [0.0, 0.0]
+
+
+def _set_kind(actuator: mujoco.MjsActuator, kind: Mapping[str, Any]) -> None:
+    actuator.dyntype, actuator.biastype = kind["dyntype"], kind["biastype"]
+    actuator.gainprm[0] = kind["gainprm"]
+
+
+def _check(name: str, field: Callable[[str], Any], kind: Mapping[str, Any], refers: bool) -> None:
+    """Raise ConfigurationError unless an actuator applies its force unchanged along a unit axis of a site.
 
     Args:
         name: of the actuator, for the message.
         field: returns a field of the actuator by the name that spec and model share.
+        kind: what it must be, `_MOTOR` or `_DRIVEN`.
         refers: True with a reference site or a plugin.
     """
     along = np.array(field("gear")[:3])
-    odd = [word for word, plain in _PLAIN.items() if np.any(np.ravel(field(word)) != plain)]
-    if field("gainprm")[0] != 1.0:
-        odd.append("gainprm")
+    odd = [word for word, plain in _COMMON.items() if np.any(np.ravel(field(word)) != plain)]
+    odd += [word for word, plain in kind.items() if np.ravel(field(word))[0] != plain]
     if refers:
         odd.append("refsite or plugin")
-    for word in ("ctrl", "force"):
-        low, high = field(f"{word}range")
-        limited = int(field(f"{word}limited"))
-        if limited == mujoco.mjtLimited.mjLIMITED_TRUE or (limited == mujoco.mjtLimited.mjLIMITED_AUTO and low < high):
-            odd.append(f"{word}range")
-    if odd:
+    odd += [f"{word}range" for word in ("ctrl", "force", "act") if not _range_fits(field, word, kind is _DRIVEN)]
+    if odd and kind is _MOTOR:
         raise ConfigurationError(
             f"thruster {name!r}: its actuator must be a plain motor on a site, its control the thrust [N]: gain 1, no "
             f"bias, dynamics, delay, limits, refsite or plugin; not so here: {', '.join(odd)}"
+        )
+    if odd:
+        raise ConfigurationError(
+            f"thruster {name!r}: its actuator must be as uuv.models.water.thrusters.attach leaves it, on a site, its "
+            f"dynamics and bias of the type user, its control in [-1, 1]; not so here: {', '.join(odd)}"
         )
     if not abs(np.linalg.norm(along) - 1.0) < _XML:
         raise ConfigurationError(
@@ -267,15 +309,27 @@ def _check_motor(name: str, field: Callable[[str], Any], refers: bool) -> None:
         )
 
 
+def _range_fits(field: Callable[[str], Any], word: str, driven: bool) -> bool:
+    """True if a thruster's commands, and nothing else, are limited."""
+    low, high = field(f"{word}range")
+    limited = int(field(f"{word}limited"))
+    is_limited = limited == mujoco.mjtLimited.mjLIMITED_TRUE
+    is_limited = is_limited or (limited == mujoco.mjtLimited.mjLIMITED_AUTO and low < high)
+    if word == "ctrl" and driven:
+        return is_limited and (low, high) == (-1.0, 1.0)
+    return not is_limited
+
+
 def pack(thruster: Thruster) -> Array:
     """Encode `thruster` as a row: HEADER numbers, then its curve."""
-    data: tuple[float, ...] = ()
-    kind = _QUADRATIC
-    if thruster.polynomial is not None:
-        ahead, astern = thruster.polynomial
-        kind, data = _POLYNOMIAL, (float(len(ahead)), *ahead, *astern)
-    elif thruster.table is not None:
-        kind, data = _TABLE, (*thruster.table[0], *thruster.table[1])
+    from uuv.models.water import thruster_curves as rows  # brings numba
+
+    if thruster.table is not None:
+        curve = rows.pack_table(*thruster.table, thruster.least_thrust)
+    else:
+        kind = rows.QUADRATIC if thruster.polynomial is None else rows.POLYNOMIAL
+        sides = thruster.polynomial or ((0.0, thruster.forward), (0.0, thruster.reverse))
+        curve = rows.pack_polynomial(kind, *sides, thruster.dead_band, thruster.least_thrust)
     slew = thruster.slew_rate if np.isfinite(thruster.slew_rate) else 0.0
     # A right-handed propeller is driven about the thrust axis; the reaction turns the hull the other way.
     torque = -thruster.handedness * thruster.torque_per_thrust
@@ -288,10 +342,10 @@ def pack(thruster: Thruster) -> Array:
         slew,
         torque,
         thruster.least_thrust,
-        _STAMP + kind,
-        len(data),
+        STAMP_VALUE,
+        len(curve),
     )
-    return np.array([*header, *data])
+    return np.array([*header, *curve])
 
 
 def unpack(row: Array) -> Thruster:
@@ -300,16 +354,13 @@ def unpack(row: Array) -> Thruster:
     Raises:
         ConfigurationError: numbers that were changed to invalid values.
     """
-    kind, count = round(float(row[STAMP]) - _STAMP), round(float(row[COUNT]))
-    data = tuple(np.asarray(row[HEADER : HEADER + count]).tolist())
-    polynomial = table = None
-    if len(data) != count or count < 0:
+    from uuv.models.water import thruster_curves as rows
+
+    count = round(float(row[COUNT]))
+    curve = np.asarray(row[HEADER : HEADER + max(count, 0)])
+    if len(curve) != count:
         raise ConfigurationError(f"thruster: its row of {len(row)} numbers is too short for a curve of {count}")
-    if kind == _POLYNOMIAL:
-        split = 1 + int(data[0]) if data else 0
-        polynomial = (data[1:split], data[split:])
-    elif kind == _TABLE:
-        table = (data[: count // 2], data[count // 2 :])
+    polynomial, table = rows.unpack(curve)
     return Thruster(
         forward=float(row[FORWARD]),
         reverse=float(row[REVERSE]),
@@ -327,52 +378,44 @@ def unpack(row: Array) -> Thruster:
 
 def carries(row: Array) -> bool:
     """True if a row of user data holds a thruster."""
-    return len(row) >= HEADER and row[STAMP] - _STAMP in (_QUADRATIC, _POLYNOMIAL, _TABLE)
+    return len(row) >= HEADER and row[STAMP] == STAMP_VALUE
 
 
 def read(model: mujoco.MjModel) -> tuple[np.ndarray, Array]:
     """Thrusters of a compiled model: actuator indices (m,) and their rows (m, width), as `pack` encodes them.
 
     Raises:
-        ConfigurationError: an invalid row, or an actuator that would not apply the thrust unchanged (see `attach`); the
-            message has the actuator's name.
+        ConfigurationError: an invalid row, or an actuator that is not as `attach` leaves it; the message has its name.
     """
     rows = np.asarray(model.actuator_user)
     index = np.array([i for i in range(model.nu) if carries(rows[i])], dtype=np.int64)
-    for i in index:
+    for i in index.tolist():
+        name, gear = model.actuator(i).name, model.actuator_gear[i]
         try:
             unpack(rows[i])
         except ConfigurationError as error:
-            raise ConfigurationError(f"actuator {model.actuator(int(i)).name!r}: {error}") from error
-        name, gear = model.actuator(int(i)).name, model.actuator_gear[i]
-        _check_motor(
-            name,
-            lambda field, i=i: getattr(model, f"actuator_{field}")[i],
-            model.actuator_trnid[i, 1] >= 0 or model.actuator_plugin[i] >= 0,
-        )
+            raise ConfigurationError(f"actuator {name!r}: {error}") from error
+        of_model = partial(_of_compiled, model, i)
+        _check(name, of_model, _DRIVEN, model.actuator_trnid[i, 1] >= 0 or model.actuator_plugin[i] >= 0)
         if np.abs(gear[3:] - rows[i, TORQUE] * gear[:3]).max() > _XML:
             raise ConfigurationError(
                 f"thruster {name!r}: the torque of its actuator's gear must be {rows[i, TORQUE]} along the thrust, got "
                 f"{gear.tolist()}"
             )
+        if model.actuator_actnum[i] != ACTIVATIONS:
+            raise ConfigurationError(
+                f"thruster {name!r}: its actuator must have {ACTIVATIONS} activations, got {model.actuator_actnum[i]}"
+            )
     return index, rows[index].reshape(len(index), rows.shape[-1]).copy()
+
+
+def _of_compiled(model: mujoco.MjModel, actuator: int, field: str) -> Any:
+    return getattr(model, f"actuator_{field}")[actuator]
 
 
 def curves(table: Array) -> Array:
     """Static curves (m, ...) of thruster rows `table` (m, ...), as `uuv.models.water.thruster_curves` takes them."""
-    from uuv.models.water import thruster_curves as rows
-
-    thrusters = [unpack(row) for row in table]
-    ready = []
-    for thruster in thrusters:
-        if thruster.table is not None:
-            ready.append(rows.pack_table(*thruster.table, thruster.least_thrust))
-        else:
-            kind = rows.QUADRATIC if thruster.polynomial is None else rows.POLYNOMIAL
-            sides = thruster.polynomial or ((0.0, thruster.forward), (0.0, thruster.reverse))
-            ready.append(rows.pack_polynomial(kind, *sides, thruster.dead_band, thruster.least_thrust))
-    width = max(map(len, ready), default=0)
-    return np.array([np.pad(curve, (0, width - len(curve))) for curve in ready]).reshape(len(ready), width)
+    return np.array(table[:, HEADER:])
 
 
 def inflow_levers(table: Array, wrench: Array) -> Array:

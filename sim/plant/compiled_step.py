@@ -14,24 +14,9 @@ import numpy as np
 from uuv.sim.interfaces.kernels import kernel
 from uuv.sim.interfaces.spatial import Array
 from uuv.sim.plant.readout import DATA, MODEL, STEP1, STEP2, TIME, Readout, gears_and_contacts
-from uuv.sim.plant.thrusters import advance_thrusters
+from uuv.sim.plant.thrusters import Drive, command_thrusters, read_thrusters
 from uuv.sim.water.native_memory import call_physics, f64
 from uuv.sim.water.passive_callback import WET_MARK
-
-
-class Drive(NamedTuple):
-    """Thrusters of one plant, the motion that they depend on, and the controls that they write."""
-
-    curves: Array  # (m, ...) static curves
-    table: Array  # (9, m) constants of `uuv.sim.plant.thrusters.advance_thrusters`
-    state: Array  # (3, m) command after the slew limit, propeller speed, thrust [N]
-    R_WB: Array  # (3, 3)
-    v_WB_W: Array  # (3,) [m/s]
-    w_WB_B: Array  # (3,) [rad/s]
-    current_W: Array  # (3,) [m/s]
-    ctrl: Array  # (nu,) MuJoCo's controls
-    thrusters: np.ndarray  # (m,) indices into `ctrl`
-    saturated: np.ndarray  # (1,) bool: a thruster command was at its limit
 
 
 class Flow(NamedTuple):
@@ -100,7 +85,7 @@ def advance(plant, joint_torque, thrusters):
     if not (np.isfinite(joint_torque).all() and np.isfinite(thrusters).all()):
         return False
     places, ctrl, last = plant.readout.places, plant.drive.ctrl, plant.substeps - 1
-    drive(plant.drive, thrusters)
+    command_thrusters(plant.drive, thrusters)
     for i in range(plant.joints.shape[0]):
         ctrl[plant.joints[i]] = joint_torque[i]
     for substep in range(last):
@@ -109,23 +94,14 @@ def advance(plant, joint_torque, thrusters):
         call_physics(places[STEP1], places[MODEL], places[DATA])
     call_physics(places[STEP2], places[MODEL], places[DATA])
     plant.watch.observed[0] = False
-    end_step(plant.readout, plant.flow, last + 1)
+    end_step(plant.drive, plant.readout, plant.flow, last + 1)
     return True
 
 
 @kernel
-def drive(of_drive, command):
-    """Advance the thrusters (`Drive`, or its fields as a tuple) by one step; True if a command was at its limit."""
-    curves, table, state, R_WB, v_WB_W, w_WB_B, current_W, ctrl, thrusters, saturated = of_drive
-    saturated[0] = advance_thrusters(curves, table, command, R_WB, v_WB_W, w_WB_B, current_W, state)
-    for i in range(thrusters.shape[0]):
-        ctrl[thrusters[i]] = state[2, i]
-    return saturated[0]
-
-
-@kernel
-def end_step(readout, flow, substeps):
+def end_step(drive, readout, flow, substeps):
     """Read the last of `substeps`, and write the flow of the next step before `observe` computes its forces."""
+    read_thrusters(drive)
     gears_and_contacts(readout, substeps - 1, substeps)
     velocity, acceleration, row, wind, current_acceleration, current_W = flow
     at = row[0]

@@ -16,12 +16,12 @@ from uuv.sim import hydrodynamics
 from uuv.sim.interfaces.errors import ConfigurationError, PhysicsWarning
 from uuv.sim.interfaces.messages import Command
 from uuv.sim.interfaces.spatial import Array, checked_pose, cross, fitting, quat_wxyz_from_rotation
-from uuv.sim.plant.compiled_step import Drive, PlantRecord, Watch, drive, end_step, verdict
+from uuv.sim.plant.compiled_step import PlantRecord, Watch, end_step, verdict
 from uuv.sim.plant.driven_water import DrivenWater, check_current
 from uuv.sim.plant.reaction_wrench import ReactionWrench
 from uuv.sim.plant.readout import CONTACTS, FORCE, NORMAL, Readout, gears_and_contacts, places_of
 from uuv.sim.plant.soil_contact import SoilForce
-from uuv.sim.plant.thrusters import Thrusters
+from uuv.sim.plant.thrusters import Drive, command_thrusters, read_thrusters
 from uuv.sim.water.current import Current
 from uuv.sim.water.passive_callback import WET_MARK
 
@@ -84,7 +84,7 @@ class Truth:
     armature: Array  # (n,) [kg m^2]
     joint_damping: Array  # (n,) [N m s/rad]
     propeller_speed: Array  # (m,) normalised, lags the commands
-    thrust: Array  # (m,) [N]
+    thrust: Array  # (m,) [N] in the last physics step
     saturated: bool  # a thruster command was at its limit
     current_W: Array  # (3,) [m/s]
     arm_wrench_B: Array  # (6,) [N, N m] of the arm on the hull, at its origin; NaN if the plant does not measure it
@@ -100,13 +100,13 @@ class Truth:
     vehicle: Vehicle
 
     @classmethod
-    def of(cls, data: mujoco.MjData, vehicle: Vehicle, thrusters: Thrusters, contacts: Array, pad_site: int) -> Self:
+    def of(cls, data: mujoco.MjData, vehicle: Vehicle, drive: Drive, contacts: Array, pad_site: int) -> Self:
         """Truth whose arrays are views, made once to avoid lookups in the loop.
 
         Args:
             data: state of the simulation.
             vehicle: the vehicle in it.
-            thrusters: its thrusters.
+            drive: its thrusters.
             contacts: (CONTACTS,) sums of `uuv.sim.plant.readout`.
             pad_site: site of the pad's face, -1 for none.
 
@@ -130,7 +130,7 @@ class Truth:
         truth.tau_friction = np.zeros(len(vehicle.joints))
         truth.tau_drive = _view(data.qfrc_actuator, vehicle.dof)
         truth.armature, truth.joint_damping = vehicle.armature, vehicle.damping_in(data.model)
-        truth.propeller_speed, truth.thrust = thrusters.speed, thrusters.thrust
+        truth.propeller_speed, truth.thrust = drive.speed, drive.thrust
         truth.current_W = np.zeros(3)
         truth.arm_wrench_B = np.full(6, np.nan)
         armed = vehicle.tip >= 0
@@ -215,10 +215,8 @@ class Plant:
             mark=self.data.crb[0, :1] if wet else np.array([WET_MARK]),
             least_gain=least_gain,
         )
-        self._thrusters = Thrusters(
-            vehicle.thruster_table, vehicle.thruster_wrench, self.timestep, kept_in=self.data.userdata
-        )
-        self._ctrl = self.data.ctrl
+        thrusters = vehicle.thruster_actuators, vehicle.thruster_table
+        self._drive = Drive.of(model, self.data, thrusters)
         self._pad_geom = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, names.tool)
         pad_site = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SITE, names.tool_face)
         if pad_site < 0:
@@ -232,7 +230,7 @@ class Plant:
         if soil is not None and self._pad_geom < 0:
             raise ConfigurationError(f"soil acts on the geom {names.tool!r}, which this vehicle does not have")
         self._tool = int(model.geom_bodyid[self._pad_geom]) if soil is not None else -1
-        self.truth = truth = Truth.of(self.data, vehicle, self._thrusters, self._contacts, pad_site)
+        self.truth = truth = Truth.of(self.data, vehicle, self._drive, self._contacts, pad_site)
         dry = vehicle.dry_friction
         self._start = X_WB
         self._water = DrivenWater(model, water, truth.current_W)
@@ -249,21 +247,9 @@ class Plant:
             contacts=self._contacts,
             collided=truth.collided,
         )
-        self._drive = Drive(
-            curves=self._thrusters.curves,
-            table=self._thrusters.table,
-            state=self._thrusters.state,
-            R_WB=truth.R_WB,
-            v_WB_W=truth.v_WB_W,
-            w_WB_B=truth.w_WB_B,
-            current_W=truth.current_W,
-            ctrl=self._ctrl,
-            thrusters=vehicle.thruster_actuators,
-            saturated=np.zeros(1, dtype=np.bool_),
-        )
         # Beside `data`: in the model, in the truth, and in the records of the kernels.
         self._changing = (
-            *(model.opt.wind, water, model.dof_frictionloss, self._thrusters.state, self._contacts),
+            *(model.opt.wind, water, model.dof_frictionloss, self._drive.speed, self._drive.thrust, self._contacts),
             *(self._from_soil, truth.tau_friction, truth.current_W, truth.arm_wrench_B),
             truth.collided,
             *(self._watch.time, self._watch.observed, self._drive.saturated),
@@ -310,13 +296,13 @@ class Plant:
         self._flow, self._tick = self._water.start(current), 0
         # From Python, records go to kernels as plain tuples: numba finds the type of a NamedTuple more slowly.
         self._as_tuples = tuple(self._drive), tuple(self._readout), tuple(self._flow)
-        self._thrusters.reset()
+        self._drive.stop()
         self._from_soil[:] = 0.0
         if self._soil is not None:
             self._soil.reset()
         self._blow()  # overwrite the flow of the last step
         self._watch.time[0] = data.time
-        self._watch.observed[0] = self._drive.saturated[0] = False
+        self._watch.observed[0] = False
         truth.arm_wrench_B[:] = np.nan
         gears_and_contacts(self._as_tuples[1], 0, 1)
         truth.tau_friction[:] = self._contacts[:] = 0.0  # none yet, whatever constraints `data` still has
@@ -403,22 +389,23 @@ class Plant:
         truth = self.truth
         joint_torque = fitting(command.joint_torque, self.vehicle.actuators.shape, "joint torque command [N m]")
         thrusters = fitting(command.thrusters, truth.propeller_speed.shape, "thruster command")
-        truth.saturated = drive(self._as_tuples[0], thrusters)
-        self._ctrl[self._joint_ctrl] = joint_torque
+        truth.saturated = command_thrusters(self._as_tuples[0], thrusters)
+        self.data.ctrl[self._joint_ctrl] = joint_torque
 
     def finish(self) -> None:
         """Read gears and contacts, and set the next flow: the part of a step after its integration."""
-        _, readout, flow = self._as_tuples
+        drive, readout, flow = self._as_tuples
         last = self.substeps - 1
         self._watch.observed[0] = False
         self._tick += 1
         self._water.check()
         if self._water.current.beyond_rows():
+            read_thrusters(drive)
             gears_and_contacts(readout, last, last + 1)
             self._blow()
         else:
             self._water.current.ready()
-            end_step(readout, flow, last + 1)
+            end_step(drive, readout, flow, last + 1)
         self._contact()
 
     def spans(self) -> str:

@@ -35,7 +35,7 @@ _SCALARS = {
 # Model with most kinds of element, so that few arrays are empty.
 _PROBE = """
 <mujoco>
-  <size nuserdata="3" nuser_body="2" nuser_jnt="1"/>
+  <size nuserdata="3" nuser_body="2" nuser_jnt="1" nuser_actuator="2"/>
   <worldbody>
     <light/> <camera name="c"/> <geom type="plane" size="1 1 1"/>
     <body name="a" pos="0 0 1"> <freejoint/> <geom size=".1"/> <site name="s"/>
@@ -44,7 +44,7 @@ _PROBE = """
     <body name="d" mocap="true" pos="3 3 3"> <geom size=".1"/> </body>
   </worldbody>
   <tendon> <spatial name="n"> <site site="s"/> <site site="t"/> </spatial> </tendon>
-  <actuator> <motor joint="j"/> </actuator>
+  <actuator> <motor joint="j"/> <general site="s" dyntype="integrator"/> </actuator>
   <sensor> <jointpos joint="j"/> </sensor>
 </mujoco>
 """

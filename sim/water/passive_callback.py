@@ -30,6 +30,7 @@ from uuv.sim.water.mujoco_layout import offset
 from uuv.sim.water.native_memory import f64 as _f64
 from uuv.sim.water.native_memory import i32 as _i32
 from uuv.sim.water.native_memory import pointer as _pointer
+from uuv.sim.water.native_memory import put as _put
 from uuv.sim.water.simd4 import all_four, at_least, four_of, load_four, put_four, transposed_four
 from uuv.sim.water.vectors import Number, Vector
 from uuv.sim.water.vectors import cross as _cross
@@ -73,23 +74,6 @@ HIGH_TEXT = "uuv.sim.hydrodynamics: a body has risen above z = 0 and is still bu
 Matrix = tuple[Vector, Vector, Vector]
 Indices = tuple[int, int, int, int]
 Blocks = tuple[Matrix, Matrix, Matrix]  # B (linear-linear), C (linear-angular), J (angular-angular) of a 6x6 inertia
-
-
-def _storer() -> Callable[[int, int, float], None]:
-    """Intrinsic f(address, index, value) that stores float64 `value` at 8 * `index` bytes after `address`."""
-
-    def store(_typing: Any, _address: Any, _index: Any, _value: Any) -> Any:
-        def codegen(context: Any, builder: ir.IRBuilder, _signature: Any, args: Any) -> ir.Value:
-            place = builder.add(args[0], builder.mul(args[1], ir.Constant(args[1].type, 8)))
-            builder.store(args[2], builder.inttoptr(place, ir.DoubleType().as_pointer()))
-            return context.get_dummy_value()
-
-        return types.void(types.intp, types.intp, types.float64), codegen
-
-    return cast(Any, intrinsic(store))
-
-
-_put = _storer()
 
 
 def _text(text: str) -> Callable[[], int]:

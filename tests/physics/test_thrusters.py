@@ -16,23 +16,57 @@ from uuv.models.water.thruster_curves import command_for, thrust_at
 from uuv.models.water.thrusters import Thruster
 from uuv.sim import hydrodynamics
 from uuv.sim.interfaces.errors import ConfigurationError
-from uuv.sim.interfaces.spatial import Array, exp_so3, rotation_angle
-from uuv.sim.plant.thrusters import Thrusters
+from uuv.sim.interfaces.spatial import Array, exp_so3, quat_wxyz_from_rotation, rotation_angle
+from uuv.sim.plant.thrusters import Drive, command_thrusters
 
 STEP = 0.002  # [s]
 STILL = (np.eye(3), np.zeros(3), np.zeros(3), np.zeros(3))  # attitude, velocities, current
-ALONG_X = np.eye(6)[:, :1]  # wrench per newton of one thruster
+X = np.array([1.0, 0.0, 0.0])
 
 
-def one(wrench: Array = ALONG_X, **changes: Any) -> Thrusters:
+class Unit:
+    """One thruster on a hull that is too heavy to be moved, stepped by MuJoCo alone."""
+
+    def __init__(self, thruster: Thruster, timestep: float = STEP, *, p: Array = np.zeros(3), axis: Array = X) -> None:
+        """Place the thruster at `p` (3,) [m] of the hull, with its thrust along `axis` (3,)."""
+        spec = mujoco.MjSpec()
+        spec.option.timestep, spec.option.gravity = timestep, np.zeros(3)
+        body = spec.worldbody.add_body(name="hull", mass=1e15, inertia=[1e15] * 3, explicitinertial=True)
+        body.add_freejoint()
+        body.add_site(name="screw", pos=p)
+        motor = spec.add_actuator(name="screw", target="screw", trntype=mujoco.mjtTrn.mjTRN_SITE)
+        motor.gear = [*axis, 0.0, 0.0, 0.0]
+        thrusters.attach(spec, {"screw": thruster})
+        self.model = hydrodynamics.compile(spec)
+        self.data = mujoco.MjData(self.model)
+
+    def step(self, command: float, R_WB: Array, v_WB_W: Array, w_WB_B: Array, current_W: Array) -> None:
+        """One step of MuJoCo, in which the hull moves so."""
+        self.data.qpos[:3] = 0.0
+        self.data.qpos[3:] = quat_wxyz_from_rotation(R_WB)
+        self.data.qvel[:3], self.data.qvel[3:] = v_WB_W, w_WB_B
+        self.model.opt.wind, self.data.ctrl[0] = current_W, command
+        mujoco.mj_step(self.model, self.data)
+
+    @property
+    def speed(self) -> float:
+        """Normalised speed of the propeller."""
+        return float(self.data.act[thrusters.SPEED])
+
+    @property
+    def thrust(self) -> float:
+        """Thrust [N] in the last step."""
+        return float(self.data.actuator_force[0])
+
+
+def one(timestep: float = STEP, p: Array = np.zeros(3), **changes: Any) -> Unit:
     figures: dict[str, Any] = {"forward": 300.0, "reverse": 220.0, "dead_band": 0.05}
-    thruster = Thruster(**(figures | changes))
-    return Thrusters(thrusters.pack(thruster)[None], wrench, STEP)
+    return Unit(Thruster(**(figures | changes)), timestep, p=p)
 
 
-def settled(unit: Thrusters, command: float) -> float:
-    unit.step(np.array([command]), *STILL)
-    return float(unit.thrust[0])
+def settled(unit: Unit, command: float) -> float:
+    unit.step(command, *STILL)
+    return unit.thrust
 
 
 @pytest.mark.check("thruster: step of the command", "first-order lag, in closed form")
@@ -40,9 +74,9 @@ def test_step_response_is_that_of_a_first_order_lag(within):
     unit, lag = one(time_constant=0.15), 0.15
     speed, thrust = [], []
     for _ in range(500):
-        unit.step(np.array([0.8]), *STILL)
-        speed.append(float(unit.speed[0]))
-        thrust.append(float(unit.thrust[0]))
+        unit.step(0.8, *STILL)
+        speed.append(unit.speed)
+        thrust.append(unit.thrust)
     time = STEP * np.arange(1, 501)
     exact = 0.8 * (1.0 - np.exp(-time / lag))
     within("speed", np.array(speed) - exact, 1e-14)  # measured 2e-15
@@ -65,9 +99,11 @@ def test_dead_band_and_both_directions(within):
 
 @pytest.mark.parametrize(("command", "flag"), [(0.989, False), (1.0, True), (1.7, True), (-1.0, True), (-0.9, False)])
 def test_saturation_is_told_and_kept(command, flag):
-    unit = one(dead_band=0.0)
-    assert unit.step(np.array([command]), *STILL) is flag
-    assert abs(float(unit.speed[0])) == min(abs(command), 1.0)
+    unit = Unit(Thruster(forward=300.0, reverse=220.0))
+    drive = Drive.of(unit.model, unit.data, thrusters.read(unit.model))
+    assert command_thrusters(tuple(drive), np.array([command])) is flag
+    assert settled(unit, command) == settled(unit, np.clip(command, -1.0, 1.0))
+    assert abs(unit.speed) == min(abs(command), 1.0)
 
 
 @pytest.mark.check("thruster: inflow", "Fossen 2011, bilinear thruster model")
@@ -83,17 +119,17 @@ def test_inflow_takes_thrust_in_proportion_to_speed(rng, within):
         )
         # Astern, an inflow from behind takes as much of the reverse thrust away.
         for sign, most in ((1.0, 300.0), (-1.0, 220.0)):
-            unit.step(np.array([sign * n]), R, R @ ahead + current, np.zeros(3), current)
+            unit.step(sign * n, R, R @ ahead + current, np.zeros(3), current)
             still, lost = sign * most * n**2, 90.0 * n * ahead[0]
-            errors.append((float(unit.thrust[0]) - (still - lost)) / (abs(still) + abs(lost)))
+            errors.append((unit.thrust - (still - lost)) / (abs(still) + abs(lost)))
     within("relative thrust", errors, 2e-14)  # measured up to 2e-15
 
 
 def test_inflow_of_a_turning_hull_is_taken_where_the_thruster_stands():
-    p, axis, w = np.array([-0.7, 0.4, 0.1]), np.array([1.0, 0.0, 0.0]), np.array([0.1, -0.2, 0.3])
-    unit = one(np.concatenate([axis, np.cross(p, axis)])[:, None], dead_band=0.0, inflow_loss=90.0)
-    unit.step(np.array([0.5]), np.eye(3), np.zeros(3), w, np.zeros(3))
-    assert unit.thrust[0] == pytest.approx(75.0 - 45.0 * axis @ np.cross(w, p), rel=1e-12)
+    p, axis, w = np.array([-0.7, 0.4, 0.1]), X, np.array([0.1, -0.2, 0.3])
+    unit = one(p=p, dead_band=0.0, inflow_loss=90.0)
+    unit.step(0.5, np.eye(3), np.zeros(3), w, np.zeros(3))
+    assert unit.thrust == pytest.approx(75.0 - 45.0 * axis @ np.cross(w, p), rel=1e-12)
 
 
 def test_slew_limit_is_a_ramp_before_the_lag(within):
@@ -104,13 +140,11 @@ def test_slew_limit_is_a_ramp_before_the_lag(within):
     within("thrust [N]", np.array(thrust) - 300.0 * np.minimum(rate * time, 0.8) ** 2, 3e-12)  # measured 3e-13
     worst = []
     for step in (0.002, 0.001):
-        unit = Thrusters(
-            thrusters.pack(Thruster(forward=1.0, reverse=1.0, time_constant=lag, slew_rate=rate))[None], ALONG_X, step
-        )
+        unit = Unit(Thruster(forward=1.0, reverse=1.0, time_constant=lag, slew_rate=rate), step)
         time, speed = step * np.arange(1, round(0.4 / step) + 1), []
         for _ in time:
-            unit.step(np.array([0.8]), *STILL)
-            speed.append(float(unit.speed[0]))
+            unit.step(0.8, *STILL)
+            speed.append(unit.speed)
         worst.append(np.max(np.abs(speed - rate * (time - lag * (1.0 - np.exp(-time / lag))))))
     assert worst[0] < 0.005  # half a step of the ramp: 2e-3
     assert worst[0] / worst[1] == pytest.approx(2.0, rel=0.05)
@@ -120,12 +154,12 @@ def test_slew_works_both_ways_and_reset_forgets():
     unit = one(dead_band=0.0, slew_rate=5.0)
     for command in (1.0, -1.0):
         for _ in range(50):
-            unit.step(np.array([command]), *STILL)
-    assert unit.speed[0] == pytest.approx(0.5 - 0.5, abs=1e-12)  # 50 steps up by 0.01, 50 down
-    unit.step(np.array([1.0]), *STILL)
-    unit.reset()
-    unit.step(np.array([1.0]), *STILL)
-    assert unit.speed[0] == pytest.approx(0.01, abs=1e-15)
+            unit.step(command, *STILL)
+    assert unit.speed == pytest.approx(0.5 - 0.5, abs=1e-12)  # 50 steps up by 0.01, 50 down
+    unit.step(1.0, *STILL)
+    mujoco.mj_resetData(unit.model, unit.data)
+    unit.step(1.0, *STILL)
+    assert unit.speed == pytest.approx(0.01, abs=1e-15)
 
 
 # -------------------------------------------------------------------------------------------------------------- curves
@@ -237,9 +271,10 @@ def driven(thruster: Thruster, gear: float = 1.0) -> mujoco.MjSpec:
 @pytest.mark.parametrize(("handedness", "gear"), [(1, 1.0), (-1, 1.0), (1, -1.0)])
 def test_a_right_handed_propeller_turns_its_hull_left_handed(handedness, gear, within):
     """Euler's equations with force T along the axis and torque -+0.02 T about it."""
-    model = driven(Thruster(forward=50.0, reverse=40.0, torque_per_thrust=0.02, handedness=handedness), gear).compile()
+    thruster = Thruster(forward=50.0, reverse=40.0, torque_per_thrust=0.02, handedness=handedness)
+    model = hydrodynamics.compile(driven(thruster, gear))
     data = mujoco.MjData(model)
-    data.ctrl[0] = 30.0
+    data.ctrl[0] = np.sqrt(30.0 / 50.0)
     mujoco.mj_forward(model, data)
     axis = gear * data.site_xmat[0].reshape(3, 3)[:, 0]
     torque = np.cross([0.3, 0.2, 0.0], 30.0 * axis) - handedness * 0.02 * 30.0 * axis
@@ -249,11 +284,9 @@ def test_a_right_handed_propeller_turns_its_hull_left_handed(handedness, gear, w
 
 def test_inflow_is_not_taken_from_the_torque():
     """A hull that rolls about the thrust axis brings no water through the propeller, whatever its torque."""
-    axis, w = np.array([1.0, 0.0, 0.0]), np.array([0.7, 0.0, 0.0])
-    thruster = Thruster(forward=300.0, reverse=220.0, inflow_loss=90.0, torque_per_thrust=0.05)
-    unit = Thrusters(thrusters.pack(thruster)[None], np.concatenate([axis, -0.05 * axis])[:, None], STEP)
-    unit.step(np.array([0.5]), np.eye(3), np.zeros(3), w, np.zeros(3))
-    assert unit.thrust[0] == pytest.approx(75.0, rel=1e-12)
+    unit = Unit(Thruster(forward=300.0, reverse=220.0, inflow_loss=90.0, torque_per_thrust=0.05))
+    unit.step(0.5, np.eye(3), np.zeros(3), np.array([0.7, 0.0, 0.0]), np.zeros(3))
+    assert unit.thrust == pytest.approx(75.0, rel=1e-12)
 
 
 @pytest.mark.parametrize(

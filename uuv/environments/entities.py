@@ -271,7 +271,6 @@ class VehicleEntity(composer.Entity):
             self.arm = None
         self.kind = vehicle
         self.own = OwnVehicle.of(self.spec.copy(), _ANYTHING)
-        self._root.size.nuserdata = 3 * len(self.own.vehicle.thruster_names)  # where the plant keeps the propellers
         self._plant: Plant | None = None
         self.command: Command | None = None  # of the next step; None: thrusters and motors off
         self.readings = SensorReadings(sensors)

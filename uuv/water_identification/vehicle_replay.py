@@ -16,6 +16,7 @@ from uuv.calib.water.parameters import VehicleWater
 from uuv.models.files.exact_mjcf import library
 from uuv.models.hydrodynamics import LAYOUT, world_row
 from uuv.models.vehicle import Vehicle
+from uuv.models.water import thrusters
 from uuv.models.water.thruster_curves import thrust_in_flow
 from uuv.models.water.thrusters import INFLOW_LOSS, SLEW_RATE, TIME_CONSTANT, curves, inflow_levers
 from uuv.sim import hydrodynamics
@@ -276,7 +277,9 @@ def _compiled(spec: mujoco.MjSpec, vehicle: Vehicle, pushing: list[str]) -> mujo
         for each in list(group):
             spec.delete(each)
     for actuator in list(spec.actuators):
-        if actuator.name not in pushing:
+        if actuator.name in pushing:
+            thrusters.detach(actuator)
+        else:
             spec.delete(actuator)
     home = dict(zip(vehicle.joint_names, vehicle.q_home, strict=True))
     for joint in list(spec.joints):

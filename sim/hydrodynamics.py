@@ -30,22 +30,16 @@ name, so where the plugin is missing MuJoCo crashes or runs another one. `MjSpec
 """
 
 import copyreg
-import ctypes
 import math
-import sys
 import warnings
-import weakref
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import wraps
 from typing import Any
 
-import llvmlite.binding
 import mujoco
 import numpy as np
-from numba.core import event
 
-from uuv.models.files.exact_mjcf import library
 from uuv.models.hydrodynamics import (
     ELEMENTS,
     INDEFINITE,
@@ -63,7 +57,7 @@ from uuv.models.hydrodynamics import (
 from uuv.models.water.bounds import LARGEST
 from uuv.sim.interfaces.errors import ConfigurationError, HydrodynamicsError, PhysicsWarning
 from uuv.sim.interfaces.spatial import Array, shown, skew
-from uuv.sim.water import energy, mujoco_layout, passive_callback
+from uuv.sim.water import energy, passive_callback, process_callbacks
 from uuv.sim.water.wet_inertia import BlockSums, WetInertia
 
 DRAG_SPEED = 2.0  # [m/s, rad/s] speed at which the drag rate is compared with the time step
@@ -82,50 +76,27 @@ DENSITIES = 30.0, 20_000.0  # [kg/m^3] plausible densities of a body; outside th
 # and 30.
 _LEVERS = {"added_mass": (2, 10.0), "linear_damping": (2, 40.0), "quadratic_damping": (3, 100.0)}
 
-_callback: Any = None  # numba CFunc; kept for the life of the process, since MuJoCo holds its bare address
-_place: Any = None  # weakref.finalize of the pointer, which only MuJoCo holds: it fires when the callback is replaced
-
 
 def install() -> None:
-    """Install the hydrodynamic callback as this process's passive callback. Idempotent; about 10 s the first time ever.
+    """Install the process's callbacks of the hydrodynamics. Idempotent; about 10 s the first time ever.
 
-    If other code replaces the callback later, a RuntimeWarning follows: wet models then move without hydrodynamics.
+    If other code replaces one later, a RuntimeWarning follows: wet models then move without it.
 
     Raises:
-        HydrodynamicsError: MuJoCo's memory layout differs from its introspection, or another passive callback is
-            installed already.
+        HydrodynamicsError: MuJoCo's memory layout differs from its introspection, or another callback
+            is in the place of one of ours.
     """
-    global _callback, _place
-    if is_installed():
-        return
-    if mujoco.get_mjcb_passive() is not None:
-        raise HydrodynamicsError("another passive callback is installed; MuJoCo has room for one")
-    if _callback is None:
-        mujoco_layout.verify(passive_callback.MODEL_FIELDS, passive_callback.DATA_FIELDS)
-        native = library()
-        for symbol in passive_callback.SYMBOLS:
-            address = ctypes.cast(getattr(native, symbol), ctypes.c_void_p).value
-            llvmlite.binding.add_symbol(symbol, address)
-        with event.install_listener("numba:compile", _Notice()):
-            _callback = passive_callback.build()
-    pointer = type(_callback.ctypes)(_callback.address)
-    mujoco.set_mjcb_passive(pointer)
-    (pointer._objects or {}).clear()  # MuJoCo's binding leaves a reference cycle there
-    _place = weakref.finalize(pointer, _warn_replaced)
-    _place.atexit = False
+    process_callbacks.install()
 
 
 def uninstall() -> None:
-    """Remove the callback; no effect if it is not installed."""
-    if is_installed():
-        _place.detach()
-        mujoco.set_mjcb_passive(None)
+    """Remove our callbacks; no effect on those of other code."""
+    process_callbacks.uninstall()
 
 
 def is_installed() -> bool:
-    """Return True if the passive callback of this process is the hydrodynamic one."""
-    ours = _place.peek() if _place is not None else None
-    return ours is not None and mujoco.get_mjcb_passive() is ours[0]
+    """Return True if the callbacks of this process are those of the hydrodynamics."""
+    return process_callbacks.is_installed()
 
 
 def check_installed(model: mujoco.MjModel) -> bool:
@@ -376,33 +347,8 @@ def drag_slope(model: mujoco.MjModel, data: mujoco.MjData, speed: float) -> Arra
     return BlockSums(model, data, _bodies(model)).dense(lambda body: _body_drag_slope(body, speed))
 
 
-class _Notice(event.Listener):
-    """Compile listener that prints once why the first start is slow; numba compiles only what its cache lacks."""
-
-    def __init__(self) -> None:
-        self._said = False
-
-    def on_start(self, event: event.Event) -> None:
-        if not self._said:
-            print("compiling the hydrodynamics for this MuJoCo, once: about 10 s", file=sys.stderr, flush=True)
-            self._said = True
-
-    def on_end(self, event: event.Event) -> None:
-        pass
-
-
 def _moves_dry() -> str:
-    if mujoco.get_mjcb_passive() is None:
-        return "moves dry: call uuv.sim.hydrodynamics.install()"
-    return "moves dry: another passive callback is installed, and MuJoCo has room for one"
-
-
-def _warn_replaced() -> None:
-    warnings.warn(
-        "the passive callback of uuv.sim.hydrodynamics was replaced or removed: models with hydrodynamics move dry",
-        RuntimeWarning,
-        3,
-    )
+    return f"moves dry: {process_callbacks.missing()}"
 
 
 def _reduced(stored: Any) -> Any:

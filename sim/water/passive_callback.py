@@ -57,7 +57,7 @@ DATA_FIELDS = (
 # mj_forwardSkip and finite differences call mj_passive again without rebuilding, and would add it twice.
 WET_MARK = 6.20261121e8  # in d.crb[0, 0], which is zero otherwise; arbitrary
 
-# Symbols of libmujoco, which `uuv.sim.hydrodynamics.install` registers with LLVM under these names.
+# Symbols of libmujoco, which `uuv.sim.water.process_callbacks` registers with LLVM by these names.
 SYMBOLS = ("mj_markStack", "mj_freeStack", "mj_stackAllocNum", "mj_warning", "mju_warning")
 _mark_stack = types.ExternalFunction("mj_markStack", types.void(types.intp))
 _free_stack = types.ExternalFunction("mj_freeStack", types.void(types.intp))

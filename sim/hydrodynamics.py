@@ -54,6 +54,7 @@ from uuv.models.hydrodynamics import (
     water_density,
     world_row,
 )
+from uuv.models.water import thrusters
 from uuv.models.water.bounds import LARGEST
 from uuv.sim.interfaces.errors import ConfigurationError, HydrodynamicsError, PhysicsWarning
 from uuv.sim.interfaces.spatial import Array, shown, skew
@@ -288,6 +289,8 @@ def compile(spec: mujoco.MjSpec) -> mujoco.MjModel:  # noqa: A001 (always called
     if any(carries(body.userdata) for body in spec.bodies):
         install()
         attach(spec, {})
+    if any(thrusters.carries(actuator.userdata) for actuator in spec.actuators):
+        install()
     model = spec.compile()
     _refuse_unread_elements(model)
     if not carries_hydrodynamics(model):

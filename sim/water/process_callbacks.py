@@ -19,7 +19,7 @@ from numba.core import event
 
 from uuv.models.files.exact_mjcf import library
 from uuv.sim.interfaces.errors import HydrodynamicsError
-from uuv.sim.water import mujoco_layout, passive_callback
+from uuv.sim.water import mujoco_layout, passive_callback, thruster_dynamics, thruster_force
 
 
 class Source(Protocol):
@@ -52,6 +52,20 @@ CALLBACKS = (
         set=mujoco.set_mjcb_passive,
         get=mujoco.get_mjcb_passive,
         without="models with hydrodynamics move dry",
+    ),
+    NativeCallback(
+        name="actuator dynamics",
+        source=thruster_dynamics,
+        set=mujoco.set_mjcb_act_dyn,
+        get=mujoco.get_mjcb_act_dyn,
+        without="propellers of thrusters do not turn",
+    ),
+    NativeCallback(
+        name="actuator bias",
+        source=thruster_force,
+        set=mujoco.set_mjcb_act_bias,
+        get=mujoco.get_mjcb_act_bias,
+        without="thrusters give no thrust",
     ),
 )
 

@@ -1,4 +1,4 @@
-"""Thrusters ride on plain motors: what MuJoCo would apply otherwise than as the thrust is refused by name."""
+"""Actuators of thrusters: what MuJoCo would apply otherwise than as the thrust is refused by name."""
 
 import re
 from typing import Any
@@ -9,6 +9,7 @@ import pytest
 
 from uuv.models.water import thrusters
 from uuv.models.water.thrusters import Thruster
+from uuv.sim import hydrodynamics
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.sensors import proprioception
 
@@ -43,21 +44,48 @@ def test_an_actuator_that_is_no_plain_motor_is_refused_where_it_is_attached_and_
     with pytest.raises(ConfigurationError, match=rf"'screw'.*{named}"):
         thrusters.attach(spec(actuator), {"screw": thruster})
     late = spec(actuator)
-    late.nuser_actuator = thrusters.HEADER
-    late.actuators[0].userdata = thrusters.pack(thruster)
-    with pytest.raises(ConfigurationError, match=rf"'screw'.*{named}"):
+    late.actuators[0].userdata = row = thrusters.pack(thruster)
+    late.nuser_actuator = len(row)
+    with pytest.raises(ConfigurationError, match="'screw'.*attach leaves it"):
         thrusters.read(late.compile())
 
 
-def test_a_plain_motor_along_any_axis_gives_the_thrust():
+def test_a_motor_along_any_axis_becomes_a_thruster_and_a_motor_again():
     fine = spec('site="screw" gear="0.6 0.8 0 0 0 0" ctrllimited="false" ctrlrange="-5 5"')
     thrusters.attach(fine, {"screw": Thruster(forward=50.0, reverse=40.0)})
+    hydrodynamics.install()
     model = mujoco.MjSpec.from_string(fine.to_xml()).compile()
     assert thrusters.read(model)[0].tolist() == [0]
+    assert model.actuator_ctrlrange.tolist() == [[-1.0, 1.0]]
+    data = mujoco.MjData(model)
+    data.ctrl[0] = 0.5
+    mujoco.mj_forward(model, data)
+    assert data.actuator_force[0] == 12.5
+
+    thrusters.detach(fine.actuators[0])
+    model = fine.compile()
     data = mujoco.MjData(model)
     data.ctrl[0] = 40.0
     mujoco.mj_forward(model, data)
     assert data.actuator_force[0] == 40.0
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "named"),
+    [
+        ("actdim", 3, "activations"),
+        ("biastype", mujoco.mjtBias.mjBIAS_NONE, "biastype"),
+        ("ctrlrange", [-5.0, 5.0], "ctrlrange"),
+        ("gear", [0.0, 3.0, 0.0, 0.0, 0.0, 0.0], "gear of length 1"),
+        ("gear", [1.0, 0.0, 0.0, 0.1, 0.0, 0.0], "torque"),
+    ],
+)
+def test_a_thruster_that_was_changed_afterwards_is_refused(name, value, named):
+    late = spec('site="screw"')
+    thrusters.attach(late, {"screw": Thruster(forward=50.0, reverse=40.0)})
+    setattr(late.actuators[0], name, value)
+    with pytest.raises(ConfigurationError, match=rf"'screw'.*{named}"):
+        thrusters.read(late.compile())
 
 
 @pytest.mark.parametrize("value", ["3", [3.0], 3j, 10**400, None, ((1.0,), (1.0, 2.0))])

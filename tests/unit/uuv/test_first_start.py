@@ -5,7 +5,7 @@ import subprocess
 import sys
 import threading
 import time
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 
 import pytest
 
@@ -57,18 +57,22 @@ def test_rows_run_after_those_that_they_call_two_at_a_time_and_the_longest_way_f
         KernelJob("c", None, (), (0,), 20.0),
         KernelJob("d", None, (), (1, 2), 1.0),
     ]
-    began: list[int] = []
+    begun: list[int] = []
     lock, most = threading.Semaphore(2), 2
 
     def do(row: int) -> bool:
         assert lock.acquire(blocking=False), "more than two at once"
-        began.append(row)
         lock.release()
         return row != 2
 
     with ThreadPoolExecutor(4) as pool:
-        ended = list(first_start._in_order(todo, range(4), lambda row: pool.submit(do, row), most))
-    assert began[:2] == [0, 1]  # 0 leads to the 20 seconds of 2
+
+        def begin(row: int) -> Future[bool]:
+            begun.append(row)  # here, for threads may overtake each other
+            return pool.submit(do, row)
+
+        ended = list(first_start._in_order(todo, range(4), begin, most))
+    assert begun[:2] == [0, 1]  # 0 leads to the 20 seconds of 2
     assert sorted(ended) == [(0, True), (1, True), (2, False), (3, True)]
     assert [row for row, _ in ended].index(2) < [row for row, _ in ended].index(3)
 

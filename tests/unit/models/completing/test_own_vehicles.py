@@ -217,9 +217,10 @@ def test_an_actuator_of_the_model_becomes_a_thruster_of_its_kind(tmp_path: Path)
     column = vehicle.thruster_wrench[:, vehicle.thruster_names.index("prop")]
     assert column[:3] == pytest.approx([0.0, 0.0, 1.0])
     data = mujoco.MjData(model)
-    data.actuator("prop").ctrl = 12.0
+    hydrodynamics.install()
+    data.actuator("prop").ctrl = 1.0
     mujoco.mj_forward(model, data)
-    assert data.qfrc_actuator[:3] == pytest.approx([0.0, 0.0, 12.0])
+    assert data.qfrc_actuator[:3] == pytest.approx([0.0, 0.0, 30.0])
 
 
 def test_a_hull_without_a_joint_floats(tmp_path: Path) -> None:

@@ -11,6 +11,8 @@ import pytest
 
 from uuv.models import hydrodynamics as water
 from uuv.models.hydrodynamics import BodyHydrodynamics
+from uuv.models.water import thrusters
+from uuv.models.water.thrusters import Thruster
 from uuv.sim import hydrodynamics
 from uuv.sim.interfaces.spatial import Array
 from uuv.sim.water.current import Current
@@ -46,8 +48,9 @@ WORLD = """
   <tendon> <spatial name="line" stiffness="20" damping="2" springlength=".5"> <site site="eye"/> <site site="tip"/>
     </spatial> <fixed name="pair" armature=".05"> <joint joint="y" coef="1"/> <joint joint="p" coef=".5"/> </fixed>
   </tendon>
-  <actuator> <position joint="b" kp="60" dampratio="1"/> <velocity joint="s" kv="5"/> <motor tendon="pair"/> </actuator>
-  <keyframe> <key name="bent" ctrl=".5 .1 .3"/> </keyframe>
+  <actuator> <position joint="b" kp="60" dampratio="1"/> <velocity joint="s" kv="5"/> <motor tendon="pair"/>
+    <motor name="screw" site="eye" gear=".6 0 .8 0 0 0"/> <general joint="j" dyntype="integrator" gear=".2"/> </actuator>
+  <keyframe> <key name="bent" ctrl=".5 .1 .3 .8 .1"/> </keyframe>
 </mujoco>
 """
 
@@ -78,19 +81,23 @@ def world(integrator: str = "IMPLICITFAST") -> mujoco.MjSpec:
     sizes |= {"post": 1.0, "boom": 1.0, "jib": 1.0, "target": 1.0}
     water.attach(spec, {name: full(i, size) for i, (name, size) in enumerate(sizes.items())}, 1010.0)
     water.set_current(spec, [0.2, -0.1, 0.05], [0.05, 0.02, -0.03], [0.1, 0.05, 0.0])
+    figures = {"dead_band": 0.1, "time_constant": 0.1, "inflow_loss": 30.0, "slew_rate": 4.0, "torque_per_thrust": 0.02}
+    thrusters.attach(spec, {"screw": Thruster(forward=90.0, reverse=70.0, **figures)})
     return spec
 
 
 def run(model: mujoco.MjModel, steps: int = 400) -> Array:
     data = mujoco.MjData(model)
     mujoco.mj_resetDataKeyframe(model, data, 0)
-    path = np.empty((steps, model.nq + model.nv))
+    path = np.empty((steps, model.nq + model.nv + model.na))
     for k in range(steps):
         mujoco.mj_step(model, data)
-        path[k] = np.concatenate([data.qpos, data.qvel])
+        path[k] = np.concatenate([data.qpos, data.qvel, data.act])
     hydrodynamics.check_motion(model, data)
     assert np.all(np.isfinite(path))
     assert np.max(np.abs(path[-1, model.nq :])) > 0.1
+    if model.na:
+        assert data.actuator_force[model.actuator("screw").id] > 0.5  # [N]
     return path
 
 
@@ -101,15 +108,15 @@ def test_batch_is_one_by_one_whatever_its_threads(persistent):
     alone = []
     for start in starts:
         data = mujoco.MjData(model)
-        data.qvel = start
+        data.qvel, data.ctrl[3] = start, start[0]
         mujoco.mj_step(model, data, 200)
-        alone.append(np.concatenate([data.qpos, data.qvel]))
+        alone.append(np.concatenate([data.qpos, data.qvel, data.act]))
     for threads in (1, 2, 3):
         batch = mujoco.batch.Batch(model, nsim=len(starts), nthread=threads, persistent=persistent)
-        qpos, qvel = batch.bind("qpos"), batch.bind("qvel")
-        qvel[:] = starts
+        qpos, qvel, act = batch.bind("qpos"), batch.bind("qvel"), batch.bind("act")
+        qvel[:], batch.bind("ctrl")[:, 3] = starts, starts[:, 0]
         batch.step(nstep=200)
-        assert np.array_equal(np.hstack([qpos, qvel]), alone)
+        assert np.array_equal(np.hstack([qpos, qvel, act]), alone)
 
 
 def test_batch_takes_a_current_and_a_body_of_its_own_for_each(within):

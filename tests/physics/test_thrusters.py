@@ -132,6 +132,7 @@ def test_inflow_of_a_turning_hull_is_taken_where_the_thruster_stands():
     assert unit.thrust == pytest.approx(75.0 - 45.0 * axis @ np.cross(w, p), rel=1e-12)
 
 
+@pytest.mark.check("thruster: slew limit", "a ramp, and the lag's exact response to it")
 def test_slew_limit_is_a_ramp_before_the_lag(within):
     """At 2 per second a step to 0.8 is a ramp of 0.4 s; behind a lag T the speed is that ramp's exact response."""
     unit, rate, lag = one(dead_band=0.0, slew_rate=2.0), 2.0, 0.1
@@ -268,6 +269,7 @@ def driven(thruster: Thruster, gear: float = 1.0) -> mujoco.MjSpec:
     return spec
 
 
+@pytest.mark.check("thruster: reaction torque of the propeller", "Euler's equations of the hull")
 @pytest.mark.parametrize(("handedness", "gear"), [(1, 1.0), (-1, 1.0), (1, -1.0)])
 def test_a_right_handed_propeller_turns_its_hull_left_handed(handedness, gear, within):
     """Euler's equations with force T along the axis and torque -+0.02 T about it."""

@@ -2,66 +2,47 @@
 
 import gc
 from collections.abc import Iterator
-from types import SimpleNamespace
 
 import mujoco
-import numpy as np
 import pytest
-from numba import types
 
+from uuv.models.water import thrusters
+from uuv.models.water.thrusters import Thruster
 from uuv.sim import hydrodynamics
 from uuv.sim.interfaces.errors import HydrodynamicsError
-from uuv.sim.interfaces.kernels import c_function
 from uuv.sim.water import process_callbacks
-from uuv.sim.water.process_callbacks import NativeCallback
 
-PUSHED = """
-<mujoco>
-  <worldbody> <body> <joint name="j" type="slide"/> <geom size=".1"/> </body> </worldbody>
-  <actuator> <general joint="j" biastype="user"/> </actuator>
-</mujoco>
-"""
-PUSH = 3.25  # [N]
-
-
-def _push() -> object:
-    @c_function(types.float64(types.intp, types.intp, types.int32))
-    def push(_model: int, _data: int, _actuator: int) -> float:
-        return 3.25
-
-    return push
-
-
-PUSHING = NativeCallback(
-    name="actuator bias",
-    source=SimpleNamespace(MODEL_FIELDS=("nv",), DATA_FIELDS=("qvel",), SYMBOLS=(), build=_push),
-    set=mujoco.set_mjcb_act_bias,
-    get=mujoco.get_mjcb_act_bias,
-    without="nothing is pushed",
-)
+THRUST = 40.0  # [N] at full speed
 
 
 @pytest.fixture(autouse=True)
-def two_callbacks(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+def none_installed() -> Iterator[None]:
     hydrodynamics.uninstall()
-    monkeypatch.setattr(process_callbacks, "CALLBACKS", (*process_callbacks.CALLBACKS, PUSHING))
     yield
     hydrodynamics.uninstall()
     mujoco.set_mjcb_passive(None)
     mujoco.set_mjcb_act_bias(None)
 
 
-def pushed() -> np.ndarray:
-    model = mujoco.MjModel.from_xml_string(PUSHED)
+def pushed() -> float:
+    """Force [N] of a thruster at full speed."""
+    spec = mujoco.MjSpec.from_string("""
+    <mujoco>
+      <worldbody> <body> <freejoint/> <geom size=".1"/> <site name="screw"/> </body> </worldbody>
+      <actuator> <motor name="screw" site="screw"/> </actuator>
+    </mujoco>""")
+    thrusters.attach(spec, {"screw": Thruster(forward=THRUST, reverse=THRUST)})
+    model = spec.compile()
     data = mujoco.MjData(model)
+    data.ctrl[0] = 1.0
     mujoco.mj_forward(model, data)
-    return np.array(data.qfrc_actuator)
+    return float(data.actuator_force[0])
 
 
 def test_all_are_installed_and_removed_together():
     hydrodynamics.install()
     assert hydrodynamics.is_installed()
-    assert pushed() == PUSH
+    assert pushed() == THRUST
     hydrodynamics.uninstall()
     assert mujoco.get_mjcb_passive() is None
     assert mujoco.get_mjcb_act_bias() is None
@@ -81,7 +62,7 @@ def test_a_foreign_one_is_refused_by_name_and_nothing_is_installed():
 def test_the_one_that_is_removed_is_named_at_once_and_missed(other):
     hydrodynamics.install()
     gc.collect()
-    with pytest.warns(RuntimeWarning, match="actuator bias callback .* nothing is pushed") as said:
+    with pytest.warns(RuntimeWarning, match="actuator bias callback .* thrusters give no thrust") as said:
         mujoco.set_mjcb_act_bias(other)
     assert said[0].filename == __file__
     assert not hydrodynamics.is_installed()

@@ -188,8 +188,8 @@ def test_a_copied_state_goes_on_as_the_original():
         ends.append(env.physics.data.qpos.copy())
     np.testing.assert_allclose(ends[0], ends[1], rtol=0.0, atol=1e-13)  # `forward` starts the solver anew: 2e-15
     copied = env.physics.copy(share_model=True)
-    np.testing.assert_array_equal(copied.data.userdata, env.physics.data.userdata)
-    assert env.physics.data.userdata.any()
+    np.testing.assert_array_equal(copied.data.act, env.physics.data.act)
+    assert env.physics.data.act.any()
 
 
 def test_two_environments_in_one_process_do_not_mix():

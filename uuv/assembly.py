@@ -139,7 +139,6 @@ def assemble(scenario: Scenario, *, full: bool = False) -> Assembly:
         current=current_of(scenario, substeps * float(model.opt.timestep), gusts),
         X_WB=X_WB,
         reaction_ticks=REACTION_TICKS if full else 0,
-        soil=placed.soil,
         substeps=substeps,
     )
     parts = _parts(scenario, placed, own, model, int(sampling.integers(2**31)))

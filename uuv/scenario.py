@@ -34,7 +34,6 @@ if TYPE_CHECKING:  # a task is described, and refused, without the kernels of wh
 
     from uuv.perception.clouds.scan import SensorModel
     from uuv.sim.loop.recording import Recorder
-    from uuv.sim.plant.soil_contact import SoilForce
 
 P = TypeVar("P", bound=Perturbation)
 T = TypeVar("T", bound="Task")
@@ -258,11 +257,6 @@ class PlacedTask(ABC):
     @property
     def bounds(self) -> Bounds | None:
         """Bounds of force and path, drawn in log and report; None: it has none."""
-        return None
-
-    @property
-    def soil(self) -> "SoilForce | None":
-        """Soil that acts on the tool."""
         return None
 
     @abstractmethod

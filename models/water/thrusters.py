@@ -37,21 +37,9 @@ ACTIVATIONS = 2
 _ROWS = {"schema": {"title": "two rows of numbers", "items": {"title": "a row of numbers"}}}
 _XML = 1e-5  # tolerance of a gear, which may come from a file of six digits
 # What distinguishes a plain motor on a site, whose control is its force, and a thruster.
-_COMMON: dict[str, Any] = {
-    "trntype": mujoco.mjtTrn.mjTRN_SITE,
-    "gaintype": mujoco.mjtGain.mjGAIN_FIXED,
-    "delay": 0.0,
-}
-_MOTOR: dict[str, Any] = {
-    "biastype": mujoco.mjtBias.mjBIAS_NONE,
-    "dyntype": mujoco.mjtDyn.mjDYN_NONE,
-    "gainprm": 1.0,
-}
-_DRIVEN: dict[str, Any] = {
-    "biastype": mujoco.mjtBias.mjBIAS_USER,
-    "dyntype": mujoco.mjtDyn.mjDYN_USER,
-    "gainprm": 0.0,
-}
+_COMMON: dict[str, Any] = {"trntype": mujoco.mjtTrn.mjTRN_SITE, "gaintype": mujoco.mjtGain.mjGAIN_FIXED, "delay": 0.0}
+_MOTOR: dict[str, Any] = {"biastype": mujoco.mjtBias.mjBIAS_NONE, "dyntype": mujoco.mjtDyn.mjDYN_NONE, "gainprm": 1.0}
+_DRIVEN: dict[str, Any] = {"biastype": mujoco.mjtBias.mjBIAS_USER, "dyntype": mujoco.mjtDyn.mjDYN_USER, "gainprm": 0.0}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -14,6 +14,7 @@ import numpy as np
 from uuv.sim.interfaces.kernels import kernel
 from uuv.sim.interfaces.spatial import Array
 from uuv.sim.plant.readout import DATA, MODEL, STEP1, STEP2, TIME, Readout, gears_and_contacts
+from uuv.sim.plant.soil_contact import SoilContact, feel_soil
 from uuv.sim.plant.thrusters import Drive, command_thrusters, read_thrusters
 from uuv.sim.water.native_memory import call_physics, f64
 from uuv.sim.water.passive_callback import WET_MARK
@@ -48,6 +49,7 @@ class PlantRecord(NamedTuple):
     readout: Readout
     flow: Flow
     watch: Watch
+    soil: SoilContact
     joints: np.ndarray  # (n,) indices of the joint motors into `drive.ctrl`
     substeps: int
 
@@ -89,9 +91,11 @@ def advance(plant, joint_torque, thrusters):
     for i in range(plant.joints.shape[0]):
         ctrl[plant.joints[i]] = joint_torque[i]
     for substep in range(last):
+        feel_soil(plant.soil)
         call_physics(places[STEP2], places[MODEL], places[DATA])
         gears_and_contacts(plant.readout, substep, last + 1)
         call_physics(places[STEP1], places[MODEL], places[DATA])
+    feel_soil(plant.soil)
     call_physics(places[STEP2], places[MODEL], places[DATA])
     plant.watch.observed[0] = False
     end_step(plant.drive, plant.readout, plant.flow, last + 1)

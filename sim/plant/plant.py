@@ -15,12 +15,12 @@ from uuv.models.vehicle import Vehicle
 from uuv.sim import hydrodynamics
 from uuv.sim.interfaces.errors import ConfigurationError, PhysicsWarning
 from uuv.sim.interfaces.messages import Command
-from uuv.sim.interfaces.spatial import Array, checked_pose, cross, fitting, quat_wxyz_from_rotation
+from uuv.sim.interfaces.spatial import Array, checked_pose, fitting, quat_wxyz_from_rotation
 from uuv.sim.plant.compiled_step import PlantRecord, Watch, end_step, verdict
 from uuv.sim.plant.driven_water import DrivenWater, check_current
 from uuv.sim.plant.reaction_wrench import ReactionWrench
-from uuv.sim.plant.readout import CONTACTS, FORCE, NORMAL, Readout, gears_and_contacts, places_of
-from uuv.sim.plant.soil_contact import SoilForce
+from uuv.sim.plant.readout import CONTACTS, FORCE, Readout, gears_and_contacts, places_of
+from uuv.sim.plant.soil_contact import SoilContact, feel_soil
 from uuv.sim.plant.thrusters import Drive, command_thrusters, read_thrusters
 from uuv.sim.water.current import Current
 from uuv.sim.water.passive_callback import WET_MARK
@@ -150,7 +150,6 @@ class PlantState:
     arrays: tuple[Array, ...]  # as `Plant._changing`
     tick: int
     current: dict[str, Any]
-    soil: tuple[Array, np.ndarray] | None
 
 
 class Plant:
@@ -163,7 +162,6 @@ class Plant:
         current: Current,
         X_WB: Array | None = None,
         reaction_ticks: int = 0,
-        soil: SoilForce | None = None,
         substeps: int = 1,
         data: mujoco.MjData | None = None,
         names: PartNames = USUAL_NAMES,
@@ -176,7 +174,6 @@ class Plant:
             X_WB: Initial hull pose (4, 4); default: the model's.
             reaction_ticks: Measure the wrench of the arm on the hull (`reaction_wrench`) every so many steps; 0:
                 never.
-            soil: Force of the soil on the body of the pad; it counts as contact.
             substeps: Physics steps per `timestep`, under one command and one current. Stiff contact needs short steps,
                 the loop around the plant does not.
             data: State of `model` that another simulation owns and steps: it calls `begin` and `finish` around its own
@@ -226,10 +223,7 @@ class Plant:
         measured = reaction_ticks > 0 and vehicle.joints.size > 0
         self._reaction = ReactionWrench(model, vehicle.arm_base, frame=vehicle.hull) if measured else None
         self._reaction_ticks, self._tick = reaction_ticks, 0
-        self._soil, self._from_soil = soil, np.zeros(4)  # [N] normal force, and force (3,) in W, for the kernel
-        if soil is not None and self._pad_geom < 0:
-            raise ConfigurationError(f"soil acts on the geom {names.tool!r}, which this vehicle does not have")
-        self._tool = int(model.geom_bodyid[self._pad_geom]) if soil is not None else -1
+        self._soil = SoilContact.of(model, self.data)
         self.truth = truth = Truth.of(self.data, vehicle, self._drive, self._contacts, pad_site)
         dry = vehicle.dry_friction
         self._start = X_WB
@@ -241,7 +235,7 @@ class Plant:
             friction=np.array([dry.coulomb, dry.stiction, dry.stribeck_speed]),
             qd=truth.qd,
             own_geom=_carried_geoms(model, vehicle.hull),
-            added=self._from_soil,
+            added=self._soil.force,
             tau_friction=truth.tau_friction,
             frictionloss=model.dof_frictionloss,
             contacts=self._contacts,
@@ -250,7 +244,7 @@ class Plant:
         # Beside `data`: in the model, in the truth, and in the records of the kernels.
         self._changing = (
             *(model.opt.wind, water, model.dof_frictionloss, self._drive.speed, self._drive.thrust, self._contacts),
-            *(self._from_soil, truth.tau_friction, truth.current_W, truth.arm_wrench_B),
+            *(self._soil.force, truth.tau_friction, truth.current_W, truth.arm_wrench_B),
             truth.collided,
             *(self._watch.time, self._watch.observed, self._drive.saturated),
         )
@@ -295,11 +289,9 @@ class Plant:
         data, truth = self.data, self.truth
         self._flow, self._tick = self._water.start(current), 0
         # From Python, records go to kernels as plain tuples: numba finds the type of a NamedTuple more slowly.
-        self._as_tuples = tuple(self._drive), tuple(self._readout), tuple(self._flow)
+        self._as_tuples = tuple(self._drive), tuple(self._readout), tuple(self._flow), tuple(self._soil)
         self._drive.stop()
-        self._from_soil[:] = 0.0
-        if self._soil is not None:
-            self._soil.reset()
+        self._soil.reset()
         self._blow()  # overwrite the flow of the last step
         self._watch.time[0] = data.time
         self._watch.observed[0] = False
@@ -312,11 +304,7 @@ class Plant:
     def save(self) -> PlantState:
         """All that changes, as it is: to be copied before the next step, but for `data`, a copy."""
         return PlantState(
-            data=copy.copy(self.data),
-            arrays=self._changing,
-            tick=self._tick,
-            current=self._water.current.save(),
-            soil=None if self._soil is None else self._soil.save(),
+            data=copy.copy(self.data), arrays=self._changing, tick=self._tick, current=self._water.current.save()
         )
 
     def resume(self, saved: PlantState, _command: Command | None = None) -> None:
@@ -326,8 +314,6 @@ class Plant:
             array[...] = value
         self._tick = saved.tick
         self._water.current.resume(saved.current, steps=saved.tick + 1)
-        if self._soil is not None and saved.soil is not None:
-            self._soil.resume(saved.soil)
         self.publish(0)
 
     def observe(self) -> Truth:
@@ -362,16 +348,14 @@ class Plant:
         if not self._watch.observed[0]:
             raise ConfigurationError("plant: call observe() before each step(): it computes what the step integrates")
         self.begin(command)
-        model, data, truth, soil, last = self.model, self.data, self.truth, self._soil, self.substeps - 1
-        readout = self._as_tuples[1]
+        model, data, truth, last = self.model, self.data, self.truth, self.substeps - 1
+        _, readout, _, soil = self._as_tuples
         for substep in range(last):
-            if soil is not None:
-                self._dig(soil)
+            feel_soil(soil)
             mujoco.mj_step2(model, data)
             gears_and_contacts(readout, substep, last + 1)
             mujoco.mj_step1(model, data)
-        if soil is not None:
-            self._dig(soil)
+        feel_soil(soil)
         if self._reaction is not None and self._tick % self._reaction_ticks == 0:
             before = data.qvel.copy()
             mujoco.mj_step2(model, data)
@@ -394,7 +378,7 @@ class Plant:
 
     def finish(self) -> None:
         """Read gears and contacts, and set the next flow: the part of a step after its integration."""
-        drive, readout, flow = self._as_tuples
+        drive, readout, flow, _ = self._as_tuples
         last = self.substeps - 1
         self._watch.observed[0] = False
         self._tick += 1
@@ -410,8 +394,6 @@ class Plant:
 
     def spans(self) -> str:
         """Why the compiled stages of `uuv.sim.plant.compiled_step` cannot advance this plant; empty if they can."""
-        if self._soil is not None:
-            return "the plant has soil"
         if reason := self._water.current.beyond_rows():
             return reason
         if _spacing(self.vehicle.dof) > 1:
@@ -434,6 +416,7 @@ class Plant:
             readout=self._readout,
             flow=self._flow,
             watch=self._watch,
+            soil=self._soil,
             joints=self.vehicle.actuators,
             substeps=self.substeps,
         )
@@ -449,15 +432,6 @@ class Plant:
         truth = self.truth
         truth.contact_normal, _, _, _, collision, truth.contact_least, truth.contact_most = self._contacts.tolist()
         truth.collision = bool(collision)
-
-    def _dig(self, soil: SoilForce) -> None:
-        """Apply the soil's force on the tool for the next physics step."""
-        data, truth, axis = self.data, self.truth, self.truth.R_WG[:, 2]
-        f_W = soil.step(truth.p_pad, axis)
-        self._from_soil[NORMAL], self._from_soil[FORCE:] = -(f_W @ axis), f_W
-        wrench = data.xfrc_applied[self._tool]
-        lever = truth.p_pad - data.xipos[self._tool]
-        wrench[:3], wrench[3:] = f_W, cross(lever, f_W)
 
     def _blow(self) -> None:
         """Write the water of the next step into the model, before `observe` computes its forces."""

@@ -44,6 +44,7 @@ _PROBE = """
     <body name="d" mocap="true" pos="3 3 3"> <geom size=".1"/> </body>
   </worldbody>
   <tendon> <spatial name="n"> <site site="s"/> <site site="t"/> </spatial> </tendon>
+  <custom> <numeric name="n" data="1 2"/> </custom>
   <actuator> <motor joint="j"/> <general site="s" dyntype="integrator"/> </actuator>
   <sensor> <jointpos joint="j"/> </sensor>
 </mujoco>

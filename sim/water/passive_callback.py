@@ -25,6 +25,7 @@ from numba.extending import intrinsic
 from uuv.models.hydrodynamics import INDEFINITE, LAYOUT, MAX_STATIONS, MAX_STRIPS, TOO_FAST, TOO_HIGH
 from uuv.sim.interfaces.kernels import c_function
 from uuv.sim.interfaces.spatial import Array
+from uuv.sim.water import soil_force
 from uuv.sim.water.form_kernel import form_wrench
 from uuv.sim.water.mujoco_layout import offset
 from uuv.sim.water.native_memory import f64 as _f64
@@ -45,11 +46,11 @@ from uuv.sim.water.vectors import scaled as _scaled
 # fmt: off
 MODEL_FIELDS = (
     "nv", "nbody", "nuser_body", "body_parentid", "body_rootid", "body_treeid", "body_dofnum", "body_dofadr",
-    "body_user", "M_rownnz", "M_rowadr", "M_colind",
+    "body_user", "M_rownnz", "M_rowadr", "M_colind", *soil_force.MODEL_FIELDS,
 )
 DATA_FIELDS = (
     "qvel", "xpos", "xmat", "subtree_com", "cdof", "cdof_dot", "cvel", "crb", "M", "qLD", "qLDiagInv",
-    "qfrc_passive",
+    "qfrc_passive", *soil_force.DATA_FIELDS,
 )
 # fmt: on
 
@@ -401,8 +402,11 @@ def build() -> Any:
     # linear 3), and 1 if it or a descendant carries coefficients. Behind all bodies: indices of those that carry.
     wrench, summed, acceleration, loaded, stride = 21, 28, 28, 34, 36
 
+    soil = soil_force.build_push()
+
     @c_function(types.void(types.intp, types.intp), error_model="numpy", fastmath={"contract"})
     def passive(m: int, d: int) -> None:
+        soil(m, d)
         nuser, user = _pointer(m, nuser_at), _pointer(m, user_at)
         if nuser < size:
             return

@@ -19,7 +19,7 @@ from numba.core import event
 
 from uuv.models.files.exact_mjcf import library
 from uuv.sim.interfaces.errors import HydrodynamicsError
-from uuv.sim.water import mujoco_layout, passive_callback, thruster_dynamics, thruster_force
+from uuv.sim.water import actuator_dynamics, mujoco_layout, passive_callback, thruster_force
 
 
 class Source(Protocol):
@@ -55,7 +55,7 @@ CALLBACKS = (
     ),
     NativeCallback(
         name="actuator dynamics",
-        source=thruster_dynamics,
+        source=actuator_dynamics,
         set=mujoco.set_mjcb_act_dyn,
         get=mujoco.get_mjcb_act_dyn,
         without="propellers of thrusters do not turn",

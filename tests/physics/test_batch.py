@@ -49,7 +49,8 @@ WORLD = """
     </spatial> <fixed name="pair" armature=".05"> <joint joint="y" coef="1"/> <joint joint="p" coef=".5"/> </fixed>
   </tendon>
   <actuator> <position joint="b" kp="60" dampratio="1"/> <velocity joint="s" kv="5"/> <motor tendon="pair"/>
-    <motor name="screw" site="eye" gear=".6 0 .8 0 0 0"/> <general joint="j" dyntype="integrator" gear=".2"/> </actuator>
+    <motor name="screw" site="eye" gear=".6 0 .8 0 0 0"/> <general joint="j" dyntype="integrator" gear=".2"/>
+  </actuator>
   <keyframe> <key name="bent" ctrl=".5 .1 .3 .8 .1"/> </keyframe>
 </mujoco>
 """

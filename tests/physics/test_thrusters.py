@@ -21,13 +21,13 @@ from uuv.sim.plant.thrusters import Drive, command_thrusters
 
 STEP = 0.002  # [s]
 STILL = (np.eye(3), np.zeros(3), np.zeros(3), np.zeros(3))  # attitude, velocities, current
-X = np.array([1.0, 0.0, 0.0])
+X, MIDDLE = np.array([1.0, 0.0, 0.0]), np.zeros(3)
 
 
 class Unit:
     """One thruster on a hull that is too heavy to be moved, stepped by MuJoCo alone."""
 
-    def __init__(self, thruster: Thruster, timestep: float = STEP, *, p: Array = np.zeros(3), axis: Array = X) -> None:
+    def __init__(self, thruster: Thruster, timestep: float = STEP, *, p: Array = MIDDLE, axis: Array = X) -> None:
         """Place the thruster at `p` (3,) [m] of the hull, with its thrust along `axis` (3,)."""
         spec = mujoco.MjSpec()
         spec.option.timestep, spec.option.gravity = timestep, np.zeros(3)
@@ -59,7 +59,7 @@ class Unit:
         return float(self.data.actuator_force[0])
 
 
-def one(timestep: float = STEP, p: Array = np.zeros(3), **changes: Any) -> Unit:
+def one(timestep: float = STEP, p: Array = MIDDLE, **changes: Any) -> Unit:
     figures: dict[str, Any] = {"forward": 300.0, "reverse": 220.0, "dead_band": 0.05}
     return Unit(Thruster(**(figures | changes)), timestep, p=p)
 

@@ -9,9 +9,9 @@ import numpy as np
 
 from uuv.controllers.tasks.settings import SeabedSettings, settings_of
 from uuv.models.naming import CAMERA_SITE, HULL_BODY, TOOL_GEOM, find
-from uuv.models.site import scenes
+from uuv.models.site import scenes, soil_bed
 from uuv.models.site.seabed import Seabed
-from uuv.models.site.soil import SOILS, SoilTool, box, core_tube
+from uuv.models.site.soil import SOILS, Soil, SoilTool, box, core_tube
 from uuv.models.tools import sampler
 from uuv.outcome import Pictures, RunResult
 from uuv.own_vehicle import OwnVehicle
@@ -34,7 +34,6 @@ if TYPE_CHECKING:
     from uuv.perception.clouds.scan import SensorModel
     from uuv.perception.seabed.seabed_finder import SeabedFinder
     from uuv.sim.loop.recording import Recorder
-    from uuv.sim.plant.soil_contact import SoilForce
     from uuv.sim.sensors.sonar import SonarBeams
 
 ABOVE = np.array([0.0, 0.0, ALTITUDE])  # [m] from the terrain's middle to the hull during the scan, in W
@@ -85,7 +84,6 @@ class SeabedSamplingTask(SeabedSettings, Task):
     def place(self, scenario: Scenario, own: OwnVehicle, rng: np.random.Generator) -> "PlacedSampling":
         """The work on the site's seabed; draws the terrain, heading and height of the start."""
         from uuv.controllers.tasks.seabed_work import SeabedJob
-        from uuv.sim.plant.soil_contact import SoilForce
 
         site: Ground = object_of(scenario, Ground)
         ground = site.draw(scenario.seed, rng)
@@ -102,7 +100,7 @@ class SeabedSamplingTask(SeabedSettings, Task):
             B_W=transform_points(X_WB, B_B),
             up_W=X_WB[:3, :3] @ up_B,
             cloud_W=None if self.cloud is None else transform_points(X_WB, read_cloud(self.cloud)),
-            soil_force=SoilForce(ground, SOILS.load(site.soil), tool_of(own.model)),
+            soil=SOILS.load(site.soil),
         )
 
     def _targets(self) -> tuple[Array, Array]:
@@ -132,7 +130,7 @@ class PlacedSampling(PlacedTask):
     B_W: Array  # (s, 3) [m] targets
     up_W: Array  # (3,) their direction
     cloud_W: Array | None  # (n, 3) [m] that replaces the scan
-    soil_force: "SoilForce"
+    soil: Soil
 
     @property
     def title(self) -> str:
@@ -147,19 +145,16 @@ class PlacedSampling(PlacedTask):
         return self.start
 
     @property
-    def soil(self) -> "SoilForce":
-        """Soil that acts on the tool."""
-        return self.soil_force
-
-    @property
     def truth(self) -> TrueGround:
         """Truth for the evaluation."""
         push = None if self.job.drag else self.job.push
         return TrueGround(ground=self.ground, hull_box=self.own.hull_box, push=push, depth=self.job.depth)
 
     def scene(self, vehicle: mujoco.MjSpec) -> mujoco.MjSpec:
-        """Adds the terrain."""
-        return scenes.dig_site(vehicle, self.ground)
+        """Adds the terrain, and its soil that acts on the tool."""
+        scene = scenes.dig_site(vehicle, self.ground)
+        soil_bed.attach(scene, self.ground, self.soil, tool_of(self.own.model))
+        return scene
 
     def sensors(self, model: mujoco.MjModel) -> "tuple[list[Sensor], SensorModel | None]":
         """Sonar under the bow, slant ranges of the Doppler log."""

@@ -46,7 +46,7 @@ def test_an_actuator_that_is_no_plain_motor_is_refused_where_it_is_attached_and_
     late = spec(actuator)
     late.actuators[0].userdata = row = thrusters.pack(thruster)
     late.nuser_actuator = len(row)
-    with pytest.raises(ConfigurationError, match="'screw'.*attach leaves it"):
+    with pytest.raises(ConfigurationError, match=r"'screw'.*attach leaves it"):
         thrusters.read(late.compile())
 
 

@@ -5,6 +5,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from led_tool import LedTool
 from uuv.models.site.seabed import KINDS, Seabed, seabed
 from uuv.models.site.soil import (
     SOILS,
@@ -22,7 +23,6 @@ from uuv.models.site.soil import (
     side_resistance,
 )
 from uuv.sim.interfaces.errors import ConfigurationError
-from uuv.sim.plant.soil_contact import SoilForce
 
 TUBE = core_tube(0.018, 0.002)
 DOWN = np.array([0.0, 0.0, -1.0])
@@ -97,7 +97,7 @@ def test_the_wedge_before_a_blade_is_in_equilibrium(within, rake):
     within("level force", cutting_factor(soil, rake) - min(level) / (0.5 * rankine(phi)), 1e-5)
 
 
-def lead(force: SoilForce, way: np.ndarray, axis=DOWN) -> np.ndarray:
+def lead(force: LedTool, way: np.ndarray, axis=DOWN) -> np.ndarray:
     """Forces (N, 3) [N] on a tool led along `way` (N, 3) [m]."""
     return np.array([force.step(p, axis).copy() for p in way])
 
@@ -112,7 +112,7 @@ def at(depth: float, x: float = 0.3) -> np.ndarray:
 
 @pytest.mark.parametrize("soil", [*map(SOILS.load, SOILS.names())], ids=SOILS.names())
 def test_a_tool_pushed_in_and_drawn_out_feels_the_resistances(within, soil):
-    force = SoilForce(FLAT, soil, TUBE)
+    force = LedTool(FLAT, soil, TUBE)
     down = lead(force, straight(at(-0.02), at(0.1)))
     depth = np.linspace(-0.02, 0.1, len(down))
     deep = depth > 2.0 * soil.quake
@@ -128,7 +128,7 @@ def test_a_tool_pushed_in_and_drawn_out_feels_the_resistances(within, soil):
 
 def test_within_the_quake_it_is_a_spring(within):
     soil = sand()
-    force = SoilForce(FLAT, soil, TUBE)
+    force = LedTool(FLAT, soil, TUBE)
     lead(force, straight(at(-0.01), at(0.08)))
     lead(force, straight(at(0.08), at(0.08 - 1.05 * soil.quake)))  # some way back, but not sliding yet
     here = at(0.08 - 1.05 * soil.quake)
@@ -143,7 +143,7 @@ def test_within_the_quake_it_is_a_spring(within):
 
 def test_a_tool_dragged_sideways(within):
     soil, blade = mud(), SoilTool(edge=3e-4, skin=0.2, breadth=0.1, rake=0.5 * np.pi)
-    force = SoilForce(FLAT, soil, blade)
+    force = LedTool(FLAT, soil, blade)
     lead(force, straight(at(-0.01), at(0.03)))
     dragged = lead(force, straight(at(0.03), at(0.03, 0.6)))
     within("against the motion [N]", dragged[-1, 0] + side_resistance(soil, blade, 0.03), 1e-2)
@@ -157,7 +157,7 @@ def test_it_never_gives_work_back():
     rng = np.random.default_rng(3)
     soil = sand()
     for _ in range(5):
-        force = SoilForce(FLAT, soil, TUBE)
+        force = LedTool(FLAT, soil, TUBE)
         corners = np.array([at(-0.01), *(at(0.05) + rng.uniform(-0.03, 0.03, 3) for _ in range(6)), at(-0.01)])
         way = np.concatenate([straight(a, b, 3000) for a, b in pairwise(corners)])
         axis = DOWN + rng.uniform(-0.2, 0.2, 3)
@@ -171,7 +171,7 @@ def test_the_surface_is_that_of_the_terrain(within, kind):
     ground = seabed(kind, np.random.default_rng(2), center_W=(1.0, 2.0, -8.0), half=1.0)
     rng = np.random.default_rng(4)
     xy = ground.center_W[:2] + rng.uniform(-0.99, 0.99, (200, 2))
-    force = SoilForce(ground, mud(), TUBE)
+    force = LedTool(ground, mud(), TUBE)
     for x, y, z in np.column_stack([xy, ground.height(xy)]):
         force.reset()
         within("above", force.step(np.array([x, y, z + 1e-9]), DOWN), 0.0)

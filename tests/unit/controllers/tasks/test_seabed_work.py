@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import pytest
 
+from led_tool import LedTool
 from told import Told
 from uuv.controllers.mkps import Chain
 from uuv.controllers.planning.placement import Placement
@@ -21,7 +22,6 @@ from uuv.perception.seabed.terrain_path import core_path
 from uuv.sim.interfaces.errors import ConfigurationError, ReachError
 from uuv.sim.interfaces.messages import Command, ContactEstimate, StateEstimate, Target, ToolPath, WorkState
 from uuv.sim.interfaces.spatial import Array, pose, readonly
-from uuv.sim.plant.soil_contact import SoilForce
 
 PERIOD = 0.01  # [s]
 SCAN_POSE, WORK_POSE = pose(p=[0.0, 0.0, 2.5]), pose(p=[0.1, 0.0, 1.6])
@@ -50,7 +50,7 @@ class Script(Told):
 
     job: SeabedJob
     path: ToolPath = CORE
-    world: SoilForce = field(default_factory=lambda: SoilForce(FLAT, sand(), TUBE))
+    world: LedTool = field(default_factory=lambda: LedTool(FLAT, sand(), TUBE))
     refusal: str = ""
     drift: float = 0.0  # [m] of the hull once it works
     forces: list[float] = field(default_factory=list)
@@ -151,7 +151,7 @@ def test_a_tube_that_is_full_is_drawn_out():
 
 def test_a_tool_is_dragged_at_its_depth(within, placed):
     path = profile()
-    world = SoilForce(FLAT, mud(), TUBE)
+    world = LedTool(FLAT, mud(), TUBE)
     script = Script(job=SeabedJob(depth=0.03, drag=True), path=path, world=world).run()
     assert script.states == [*BEFORE, WorkState.WORK, WorkState.WITHDRAW, WorkState.DONE]
     tips = script.tips(WorkState.WORK)
@@ -190,7 +190,7 @@ def test_a_refused_cloud_leaves_the_vehicle_where_it_scanned(within):
 def test_something_in_the_way_is_noticed():
     """A table 80 mm over the ground as scanned."""
     table = Seabed(kind="flat", heights=np.full((3, 3), 0.08), half=2.0, center_W=np.zeros(3), rocks=np.zeros((0, 3)))
-    script = Script(job=SeabedJob(), world=SoilForce(table, mud(strength=2e4), TUBE)).run()
+    script = Script(job=SeabedJob(), world=LedTool(table, mud(strength=2e4), TUBE)).run()
     assert script.states[-1] is WorkState.ABORT
     assert "over the ground as scanned" in script.end.note
 

@@ -1,4 +1,4 @@
-"""Native actuator dynamics of thrusters: slew rate of the drive and lag of the propeller inside MuJoCo's step.
+"""Native actuator dynamics: slew rate and lag of thrusters, and the state of the soil, inside MuJoCo's step.
 
 MuJoCo adds `act_dot` times the time step to the activations. The callback returns the rate that takes them to the exact
 response of the lag to a command that holds for the step, so lag and step do not depend on each other. Under RK4, which
@@ -14,28 +14,37 @@ from typing import Any
 import mujoco
 from numba import types
 
+from uuv.models.site import soil_bed
 from uuv.models.water.thrusters import HEADER, PASSED, SLEW_RATE, SPEED, STAMP, STAMP_VALUE, TIME_CONSTANT
 from uuv.sim.interfaces.kernels import c_function
+from uuv.sim.water import soil_force
 from uuv.sim.water.mujoco_layout import offset
 from uuv.sim.water.native_memory import f64, i32, pointer, put
 
 # Fields that the callback reads or writes; their layout must be verified on live objects.
-MODEL_FIELDS = ("nuser_actuator", "actuator_user", "actuator_actadr")
-DATA_FIELDS = ("ctrl", "act", "act_dot")
+_MODEL = "nuser_actuator", "actuator_user", "actuator_actadr"
+_DATA = "ctrl", "act", "act_dot"
+MODEL_FIELDS = (*_MODEL, *soil_force.MODEL_FIELDS)
+DATA_FIELDS = (*_DATA, *soil_force.DATA_FIELDS)
 SYMBOLS = ()
 
 
 def build() -> Any:
     """Compile `mjcb_act_dyn`: rates of a thruster's activations. Zero for any other actuator of type user."""
-    nuser_at, user_at, address_at = (offset("mjModel", name) for name in MODEL_FIELDS)
-    ctrl_at, act_at, rate_at = (offset("mjData", name) for name in DATA_FIELDS)
+    nuser_at, user_at, address_at = (offset("mjModel", name) for name in _MODEL)
+    ctrl_at, act_at, rate_at = (offset("mjData", name) for name in _DATA)
     timestep_at, integrator_at = offset("mjModel", "opt.timestep"), offset("mjModel", "opt.integrator")
     amid_steps = int(mujoco.mjtIntegrator.mjINT_RK4)
+
+    advance_soil, of_soil = soil_force.build_rates(), soil_bed.STAMP_VALUE
 
     @c_function(types.float64(types.intp, types.intp, types.int32), error_model="numpy")
     def dynamics(m: int, d: int, i: int) -> float:
         nuser = pointer(m, nuser_at)
         row = pointer(m, user_at) + 8 * nuser * i
+        if nuser >= HEADER and f64(row, STAMP) == of_soil:
+            advance_soil(m, d, i)
+            return 0.0
         if nuser < HEADER or f64(row, STAMP) != STAMP_VALUE:
             return 0.0
         dt, lag, slew = f64(m + timestep_at, 0), f64(row, TIME_CONSTANT), f64(row, SLEW_RATE)

@@ -31,7 +31,8 @@ ARM = """
 <mujoco>
   <worldbody> <body name="hull" pos="0 0 0.12" euler="5 -8 20"> <freejoint/> <geom size=".1" mass="5"/>
     <body name="a"> <joint name="a" axis="0 1 0.2"/> <geom type="capsule" size=".02" fromto="0 0 0 .4 0 0"/>
-      <body name="b" pos=".4 0 0"> <joint name="b" axis="0 1 0"/> <geom type="capsule" size=".02" fromto="0 0 0 0 0 -.7"/>
+      <body name="b" pos=".4 0 0"> <joint name="b" axis="0 1 0"/>
+        <geom type="capsule" size=".02" fromto="0 0 0 0 0 -.7"/>
         <site name="tip" pos="0 0 -.7" xyaxes="1 0 0 0 -1 0"/> </body> </body>
   </body> </worldbody>
 </mujoco>

@@ -24,6 +24,7 @@ from uuv.sim.plant.soil_contact import SoilForce
 from uuv.sim.plant.thrusters import Thrusters
 from uuv.sim.water.current import Current
 from uuv.sim.water.passive_callback import WET_MARK
+from uuv.sim.water.water_motion import users_numbers
 
 
 class Truth:
@@ -215,9 +216,9 @@ class Plant:
             mark=self.data.crb[0, :1] if wet else np.array([WET_MARK]),
             least_gain=least_gain,
         )
-        self._thrusters = Thrusters(
-            vehicle.thruster_table, vehicle.thruster_wrench, self.timestep, kept_in=self.data.userdata
-        )
+        kept_in = users_numbers(model, self.data)
+        table, wrench = vehicle.thruster_table, vehicle.thruster_wrench
+        self._thrusters = Thrusters(table, wrench, self.timestep, kept_in=kept_in)
         self._ctrl = self.data.ctrl
         self._pad_geom = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, names.tool)
         pad_site = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SITE, names.tool_face)
@@ -235,7 +236,7 @@ class Plant:
         self.truth = truth = Truth.of(self.data, vehicle, self._thrusters, self._contacts, pad_site)
         dry = vehicle.dry_friction
         self._start = X_WB
-        self._water = DrivenWater(model, water, truth.current_W)
+        self._water = DrivenWater(model, self.data, truth.current_W)
         self._readout = Readout(
             places=places_of(self.data, model, self._pad_geom),
             gears=_rows_of_friction(model, vehicle),
@@ -364,6 +365,7 @@ class Plant:
     def check(self) -> None:
         """Warn or raise an error as `observe` does, after `uuv.sim.plant.compiled_step.observe` asked for it."""
         hydrodynamics.check_motion(self.model, self.data)
+        self._water.check_reset()
         if self._watch.mark[0] != WET_MARK:
             hydrodynamics.check_wet(self.model, self.data)
 
@@ -473,7 +475,7 @@ class Plant:
         wrench[:3], wrench[3:] = f_W, cross(lever, f_W)
 
     def _blow(self) -> None:
-        """Write the water of the next step into the model, before `observe` computes its forces."""
+        """Write the water of the next step, before `observe` computes its forces."""
         at = self.vehicle.hull_qpos
         # The joint is where the next step begins already, the body still where the last one did.
         self._water.write(self.data.qpos[at : at + 3], self._tick * self.timestep)

@@ -33,9 +33,8 @@ _UPPER: Final = np.triu_indices(6)
 
 # Index of each number in a row of `body_user`. The world body has a row of its own. Both begin with a stamp that
 # changes with the layout, so that a table of another layout or project is rejected. The stamp has six digits and is
-# below 1: MuJoCo writes MJCF with six digits and, from 4.0 on, rounds off numbers that are small beside the others.
-# Behind a body's row stand the records of its forms, each with its kind, its length and that many numbers. A kind of 0,
-# with which shorter rows are filled, ends them.
+# below 1: MJCF has six digits and, from MuJoCo 4.0 on, rounds off numbers that are small beside the others.
+# Behind a body's row stand the records of its forms: kind, length, and that many numbers. A kind of 0 ends them.
 LAYOUT: Final = SimpleNamespace(
     stamp_value=0.620263,
     stamp=0,
@@ -57,12 +56,14 @@ LAYOUT: Final = SimpleNamespace(
     compiled=8,  # sum of dof_invweight0, set by uuv.sim.hydrodynamics.compile
     drag_rate=9,  # 2: drag over inertia [1/s] at rest, and its increase per m/s or rad/s
     ceiling=11,  # [m] above z = 0; a wet body above it causes a warning (`attach` sets CEILING)
-    seen=12,  # sum of the flags TOO_FAST, TOO_HIGH, INDEFINITE met by the callback, each added once
+    seen=12,  # sum of the flags below met by the callback, each added once
     told=13,  # the flags already reported by a Python warning
+    flow=14,  # 2: 1 + index in `data.userdata` of a simulation's current, or 0; numbers there
 )
 TOO_FAST: Final = 1  # flag: drag beyond the range for which the time step was found stable
 TOO_HIGH: Final = 2  # flag: a wet body above the ceiling
 INDEFINITE: Final = 4  # flag: inertia with added mass not positive definite
+NO_CURRENT: Final = 8  # flag: numbers of something else where a simulation has its current
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -95,8 +96,7 @@ class StripDrag:
 class BodyHydrodynamics:
     """Hydrodynamic coefficients of one body, in its body frame. Arrays are read-only copies.
 
-    An asymmetry of the added mass within 1e-3 of its largest number, as printed tables have, is removed with a
-    PhysicsWarning.
+    An asymmetry of the added mass up to 1e-3 of its largest number is removed (PhysicsWarning).
 
     Raises:
         ConfigurationError: a wrong shape; a number that is not finite or beyond `LARGEST` (lengths: `LONGEST`); a
@@ -237,11 +237,11 @@ def world_row(model: mujoco.MjModel) -> Array:
 def set_current(
     spec: mujoco.MjSpec, velocity: ArrayLike = ORIGIN, acceleration: ArrayLike = ORIGIN, shear: ArrayLike = ORIGIN
 ) -> None:
-    """Set the current: velocity at z = 0, acceleration and shear, in world axes.
+    """Set the current of a model: velocity at z = 0, acceleration and shear, in world axes.
 
-    A body is exposed to the current at its own origin. In a compiled model the velocity is `model.opt.wind`. The others
-    are in `model.body_user[0]` at `LAYOUT.current_acceleration` and `LAYOUT.current_shear`. MJCF keeps only the
-    velocity.
+    A simulation can have its own (`uuv.sim.hydrodynamics.set_current`). A body is exposed to the
+    current at its own origin. A compiled model has the velocity in `opt.wind`, the others in
+    `body_user[0]` (`LAYOUT.current_acceleration`, `current_shear`). MJCF keeps only the velocity.
 
     Args:
         spec: model with hydrodynamics attached.
@@ -641,7 +641,7 @@ def _body_named(spec: mujoco.MjSpec, name: object) -> Any:
 
 
 def _numbers(userdata: Sequence[float]) -> Array:
-    """Array of MuJoCo's vector `userdata`, number by number: NumPy's own conversion takes fifteen times as long."""
+    """Array of MuJoCo's vector `userdata`, number by number: fifteen times as fast as NumPy's own."""
     return np.array([userdata[k] for k in range(len(userdata))])
 
 

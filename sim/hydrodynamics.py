@@ -11,9 +11,10 @@ The part -A nudot is linear in `qacc`, so it goes into the joint-space inertia: 
 which has exactly this sparsity pattern. The other terms go to `d.qfrc_passive`. No acceleration is taken from an
 earlier step, so any added mass is stable.
 
-The current is `model.opt.wind` (3,) [m/s] in world axes. Its acceleration and shear are in `model.body_user[0]`
-(`uuv.models.hydrodynamics.set_current`). In a flow that varies in space, the acceleration of the water is
-vdot_c + (v_c . grad) v_c, evaluated at the body origin [Auton 1988].
+The current is that of the simulation, in `data.userdata` (`set_current`, `current`), else that of
+its model: `model.opt.wind` (3,) [m/s] in world axes, with the acceleration and shear in
+`model.body_user[0]` (`uuv.models.hydrodynamics.set_current`). In a flow that varies in space, the
+acceleration of the water is vdot_c + (v_c . grad) v_c, evaluated at the body origin [Auton 1988].
 
 Limits of MuJoCo:
 
@@ -29,13 +30,10 @@ An engine plugin with the same function would cost the same and is no remedy. An
 name, so where the plugin is missing MuJoCo crashes or runs another one. `MjSpec.attach` drops plugins silently.
 """
 
-import copyreg
 import math
 import warnings
 from collections.abc import Iterable
 from dataclasses import dataclass
-from functools import wraps
-from typing import Any
 
 import mujoco
 import numpy as np
@@ -44,6 +42,7 @@ from uuv.models.hydrodynamics import (
     ELEMENTS,
     INDEFINITE,
     LAYOUT,
+    NO_CURRENT,
     TOO_FAST,
     TOO_HIGH,
     BodyHydrodynamics,
@@ -58,8 +57,12 @@ from uuv.models.water import thrusters
 from uuv.models.water.bounds import LARGEST
 from uuv.sim.interfaces.errors import ConfigurationError, HydrodynamicsError, PhysicsWarning
 from uuv.sim.interfaces.spatial import Array, shown, skew
+from uuv.sim.water import arriving_models as arriving_models  # imported for what it does
 from uuv.sim.water import energy, passive_callback, process_callbacks
+from uuv.sim.water.water_motion import FLOW, WaterMotion, current, set_current, take_last
 from uuv.sim.water.wet_inertia import BlockSums, WetInertia
+
+__all__ = ["WaterMotion", "current", "set_current"]  # of a simulation, from `water_motion`
 
 DRAG_SPEED = 2.0  # [m/s, rad/s] speed at which the drag rate is compared with the time step
 
@@ -141,7 +144,8 @@ def check_motion(model: mujoco.MjModel, data: mujoco.MjData) -> None:
 
     Raises:
         HydrodynamicsError: MuJoCo met numbers that are not finite or too large, or the inertia with the added mass was
-            not positive definite. The message names the entry and the body.
+            not positive definite, and the message names the entry and the body; or something else is in
+            the place of the current.
     """
     kinds = mujoco.mjtWarning
     water = model.body_user[0] if carries(model.body_user[0]) else np.zeros(LAYOUT.size)
@@ -153,6 +157,12 @@ def check_motion(model: mujoco.MjModel, data: mujoco.MjData) -> None:
         raise HydrodynamicsError(
             f"the inertia with the added mass was not positive definite near t = {data.time:g} s{at}; "
             "call uuv.sim.hydrodynamics.set_constants() after changing coefficients: it checks them"
+        )
+    if new & NO_CURRENT:
+        raise HydrodynamicsError(
+            "data.userdata holds other numbers than a current from index "
+            f"{int(water[LAYOUT.flow]) - 1} on, behind the user's own; write currents by "
+            "uuv.sim.hydrodynamics.set_current()"
         )
     for kind, what in ((kinds.mjWARN_BADQPOS, "qpos"), (kinds.mjWARN_BADQVEL, "qvel"), (kinds.mjWARN_BADQACC, "qacc")):
         if data.warning[kind].number:
@@ -286,12 +296,14 @@ def compile(spec: mujoco.MjSpec) -> mujoco.MjModel:  # noqa: A001 (always called
     """
     if not isinstance(spec, mujoco.MjSpec):
         raise ConfigurationError(f"compile: expected a mujoco.MjSpec, got {spec!r}")
+    if any(thrusters.carries(actuator.userdata) for actuator in spec.actuators):
+        install()
     if any(carries(body.userdata) for body in spec.bodies):
         install()
         attach(spec, {})
-    if any(thrusters.carries(actuator.userdata) for actuator in spec.actuators):
-        install()
-    model = spec.compile()
+        model = _compiled_with_flow(spec)
+    else:
+        model = spec.compile()
     _refuse_unread_elements(model)
     if not carries_hydrodynamics(model):
         return model
@@ -299,6 +311,19 @@ def compile(spec: mujoco.MjSpec) -> mujoco.MjModel:  # noqa: A001 (always called
     _set_constants(model, _checked(model, bodies), _damping_ratios(spec))
     for doubt in _doubts(model, bodies):
         warnings.warn(doubt, PhysicsWarning, 2)
+    return model
+
+
+def _compiled_with_flow(spec: mujoco.MjSpec) -> mujoco.MjModel:
+    """Compile a wet spec with room for the current of a simulation behind the user's `userdata`."""
+    users = spec.nuserdata
+    spec.nuserdata = users + FLOW.size
+    try:
+        model = spec.compile()
+    finally:
+        # The spec, and MJCF written from it, keep no more than the user's.
+        spec.nuserdata = users
+    take_last(model, users + FLOW.size)
     return model
 
 
@@ -352,36 +377,6 @@ def drag_slope(model: mujoco.MjModel, data: mujoco.MjData, speed: float) -> Arra
 
 def _moves_dry() -> str:
     return f"moves dry: {process_callbacks.missing()}"
-
-
-def _reduced(stored: Any) -> Any:
-    """Reducer for pickle: a wet model installs the callback where it is unpickled, or it would ignore the water."""
-    if not is_wet(stored if isinstance(stored, mujoco.MjModel) else stored.model):
-        return stored.__reduce_ex__(2)
-    return _restored, (type(stored), stored.__getstate__())
-
-
-def _restored(kind: Any, state: Any) -> Any:
-    install()
-    stored: Any = kind.__new__(kind)
-    stored.__setstate__(state)
-    return stored
-
-
-@wraps(mujoco.MjModel.from_binary_path)
-def _from_binary_path(*given: Any, **more: Any) -> mujoco.MjModel:
-    """A model from an MJB, with the callback that it needs."""
-    model = _load_binary(*given, **more)
-    if _carriers(model):
-        install()
-    return model
-
-
-_load_binary = mujoco.MjModel.from_binary_path
-# MuJoCo tells nobody of a model that is loaded, and cannot compile one while a callback in Python waits for it.
-mujoco.MjModel.from_binary_path = staticmethod(_from_binary_path)
-copyreg.pickle(mujoco.MjModel, _reduced)
-copyreg.pickle(mujoco.MjData, _reduced)
 
 
 def _with_ancestors(model: mujoco.MjModel, bodies: Iterable[int]) -> set[int]:

@@ -26,8 +26,8 @@ class Flow(NamedTuple):
     velocity: Array  # (N, 3) [m/s]
     acceleration: Array  # (N, 3) [m/s^2]
     row: np.ndarray  # (2,) next row, rows per step
-    wind: Array  # (3,) [m/s] of MuJoCo's options
-    current_acceleration: Array  # (3,) [m/s^2] of the hydrodynamics
+    wind: Array  # (3,) [m/s] for the hydrodynamics (`uuv.sim.plant.driven_water`)
+    current_acceleration: Array  # (3,) [m/s^2] for the hydrodynamics
     current_W: Array  # (3,) [m/s] of the truth
 
 

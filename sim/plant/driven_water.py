@@ -3,36 +3,60 @@
 import mujoco
 import numpy as np
 
-from uuv.models.hydrodynamics import LAYOUT
+from uuv.models.hydrodynamics import LAYOUT, is_wet, world_row
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import Array, shown
 from uuv.sim.plant.compiled_step import Flow
 from uuv.sim.water.current import Current
+from uuv.sim.water.water_motion import FLOW, place_of, set_current
+
+_HOOK = "water of your own goes in by `on_water` of a perturbation, or by site.flow"
 
 
 class DrivenWater:
-    """Writes the current of a plant into MuJoCo's options, the hydrodynamics and the truth."""
+    """Writes the current of a plant into its simulation and the truth.
 
-    def __init__(self, model: mujoco.MjModel, water: Array, current_W: Array) -> None:
+    A model without coefficients has no place in its data: then the current is that of MuJoCo's own
+    fluid, `opt.wind`, as in a model that `uuv.sim.hydrodynamics.compile` has not compiled.
+    """
+
+    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, current_W: Array) -> None:
         """Take what is written to.
 
         Args:
             model: Of the plant.
-            water: Row of the world in the hydrodynamics of `model` (`uuv.models.hydrodynamics`).
+            data: Of the plant.
             current_W: (3,) [m/s] of the truth.
         """
         self._model = model
+        self._data = data
+        wet = is_wet(model)
+        water = world_row(model) if wet else np.zeros(LAYOUT.size)
+        place = place_of(model)
+        self._in_data = place >= 0
 
         # Views, which compiled steps write too.
-        self._wind = model.opt.wind
-        self._acceleration = water[LAYOUT.current_acceleration :][:3]
+        self._model_wind = model.opt.wind
+        self._model_flow = water[LAYOUT.current_acceleration :][:6]
+        if self._in_data:
+            self._row = data.userdata[place : place + FLOW.size]
+            self._wind = self._row[FLOW.velocity :][:3]
+            self._acceleration = self._row[FLOW.acceleration :][:3]
+        else:
+            self._wind = self._model_wind
+            self._acceleration = self._model_flow[:3]
         self._current_W = current_W
+        self._defaults: list[float] = []  # of the model, at the start
         self.current = Current(np.zeros(3))
 
     def start(self, current: Current) -> Flow:
         """Take a current over, and return the record of its rows for compiled steps."""
         current.place(self._model)
         self.current = current
+        if self._in_data:
+            still = np.zeros(3)
+            set_current(self._model, self._data, still, still, self._model_flow[3:])
+        self._defaults = self._of_model()
         rows = current.velocity, current.acceleration, current.row
         return Flow(*rows, self._wind, self._acceleration, self._current_W)
 
@@ -52,14 +76,46 @@ class DrivenWater:
         """Refuse water that something else has written.
 
         Raises:
-            ConfigurationError: The next step would overwrite it.
+            ConfigurationError: The next step would overwrite it, or it has no effect.
         """
-        if self._wind.tolist() != self._current_W.tolist():
-            raise ConfigurationError(
-                f"plant: opt.wind is {shown(self._wind)} m/s, which the plant did not write and "
-                "overwrites at every step; water of your own goes in by `on_water` of a "
-                "perturbation, or by site.flow"
-            )
+        if not self._in_data:
+            if self._differs():
+                raise _overwritten("opt.wind", self._wind)
+        elif self._row[FLOW.kind] != 0.0:  # else MuJoCo has reset the data: see `check_reset`
+            if self._differs() or self._row[FLOW.kind] != FLOW.uniform:
+                raise _overwritten("the current in its data", self._wind)
+            if self._of_model() != self._defaults:
+                raise self._without_effect()
+
+    def check_reset(self) -> None:
+        """Refuse data that have been reset since the start, and their current with them.
+
+        Raises:
+            ConfigurationError: They have.
+        """
+        if self._in_data and self._row[FLOW.kind] == 0.0:
+            raise ConfigurationError("plant: its data was reset, and the current in it; call its reset() or start()")
+
+    def _differs(self) -> bool:
+        """True if the water is not what was written."""
+        return self._wind.tolist() != self._current_W.tolist()
+
+    def _of_model(self) -> list[float]:
+        return [*self._model_wind.tolist(), *self._model_flow.tolist()]
+
+    def _without_effect(self) -> ConfigurationError:
+        acceleration = shown(self._model_flow[:3])
+        shear = shown(self._model_flow[3:])
+        return ConfigurationError(
+            f"plant: opt.wind is {shown(self._model_wind)} m/s, its acceleration {acceleration} "
+            f"m/s^2, its shear {shear} 1/s, which are not those at the start and have no "
+            f"effect: the plant keeps its current in its data; {_HOOK}"
+        )
+
+
+def _overwritten(what: str, velocity_W: Array) -> ConfigurationError:
+    why = "which the plant did not write and overwrites at every step"
+    return ConfigurationError(f"plant: {what} is {shown(velocity_W)} m/s, {why}; {_HOOK}")
 
 
 def check_current(current: Current, timestep: float) -> None:

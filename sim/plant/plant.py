@@ -227,7 +227,7 @@ class Plant:
         self.truth = truth = Truth.of(self.data, vehicle, self._drive, self._contacts, pad_site)
         dry = vehicle.dry_friction
         self._start = X_WB
-        self._water = DrivenWater(model, water, truth.current_W)
+        self._water = DrivenWater(model, self.data, truth.current_W)
         self._readout = Readout(
             places=places_of(self.data, model, self._pad_geom),
             gears=_rows_of_friction(model, vehicle),
@@ -336,6 +336,7 @@ class Plant:
     def check(self) -> None:
         """Warn or raise an error as `observe` does, after `uuv.sim.plant.compiled_step.observe` asked for it."""
         hydrodynamics.check_motion(self.model, self.data)
+        self._water.check_reset()
         if self._watch.mark[0] != WET_MARK:
             hydrodynamics.check_wet(self.model, self.data)
 
@@ -434,7 +435,7 @@ class Plant:
         truth.collision = bool(collision)
 
     def _blow(self) -> None:
-        """Write the water of the next step into the model, before `observe` computes its forces."""
+        """Write the water of the next step, before `observe` computes its forces."""
         at = self.vehicle.hull_qpos
         # The joint is where the next step begins already, the body still where the last one did.
         self._water.write(self.data.qpos[at : at + 3], self._tick * self.timestep)

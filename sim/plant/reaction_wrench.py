@@ -25,10 +25,16 @@ from uuv.sim.interfaces.errors import ConfigurationError, HydrodynamicsError
 from uuv.sim.interfaces.kernels import kernel
 from uuv.sim.interfaces.spatial import Array
 from uuv.sim.water.form_kernel import form_wrench
+from uuv.sim.water.water_motion import FLOW, place_of
 
 _STALE = 1e-9  # relative mismatch of velocities above which `data` mixes two instants
 _GRAVITY_OFF = int(mujoco.mjtDisableBit.mjDSBL_GRAVITY)
 _ROW, _MASS_AT = int(LAYOUT.size), int(LAYOUT.added_mass)
+_KIND_AT = int(FLOW.kind)
+_VELOCITY_AT = int(FLOW.velocity)
+_ACCELERATION_AT = int(FLOW.acceleration)
+_SHEAR_AT = int(FLOW.shear)
+_UNIFORM = float(FLOW.uniform)
 _NOTHING = np.zeros(3)  # no gravity [m/s^2], or no torque [N m]
 
 
@@ -112,7 +118,8 @@ class ReactionWrench:
         own = data.cfrc_int[body]
         total[:3], total[3:] = -own[3:], -own[:3]
         if self._wet:
-            _add_water(self._water, (xpos, xmat, cvel, data.cacc), com, gravity, total)
+            motion = xpos, xmat, cvel, data.cacc
+            _add_water(self._water, data.userdata, motion, com, gravity, total)
         for i in self._thrusters:
             site = model.actuator_trnid[i, 0]
             gear = data.actuator_force[i] * model.actuator_gear[i].reshape(2, 3) @ data.site_xmat[site].reshape(3, 3).T
@@ -143,7 +150,7 @@ def wrench(model: mujoco.MjModel, data: mujoco.MjData, body: int | str, frame: i
 
 
 class _Water(NamedTuple):
-    """Coefficients of the wet bodies, and live views of the flow, which the plant writes at every step."""
+    """Coefficients of the wet bodies, and where the water's motion is."""
 
     bodies: np.ndarray  # (k,) indices
     matrices: Array  # (k, 2, 6, 6) added mass, linear damping
@@ -151,9 +158,9 @@ class _Water(NamedTuple):
     stations: Array  # (s, 9) row of the body, place, axis, normal and tangential drag
     rows: np.ndarray  # (k,) addresses of the user data of bodies with forms, else 0
     width: int  # numbers in a row of user data
-    surge: Array  # (3,) [m/s^2] acceleration of the current
-    shear: Array  # (3,) [1/s]
-    wind: Array  # (3,) [m/s] current
+    place: int  # of the current in `data.userdata`, -1: none
+    wind: Array  # (3,) [m/s] current of the model; a live view, as the next
+    flow: Array  # (6,) its acceleration [m/s^2] and shear [1/s]
 
 
 def _water_of(model: mujoco.MjModel, wet: list[int]) -> _Water:
@@ -171,7 +178,7 @@ def _water_of(model: mujoco.MjModel, wet: list[int]) -> _Water:
                 share = 0.5 * weight * length
                 place = strip.start + 0.5 * (1.0 + node) * along
                 stations.append([k, *place, *(along / length), share * strip.normal, share * strip.tangential])
-    flow, first = model.body_user[0], model.body_user.ctypes.data
+    first = model.body_user.ctypes.data
     rows = [first + 8 * model.nuser_body * i if body.terms else 0 for i, body in zip(wet, bodies, strict=True)]
     return _Water(
         bodies=np.array(wet, dtype=np.int64),
@@ -180,9 +187,9 @@ def _water_of(model: mujoco.MjModel, wet: list[int]) -> _Water:
         stations=np.array(stations).reshape(-1, 9),
         rows=np.array(rows, dtype=np.int64),
         width=int(model.nuser_body),
-        surge=flow[LAYOUT.current_acceleration :][:3],
-        shear=flow[LAYOUT.current_shear :][:3],
+        place=place_of(model),
         wind=model.opt.wind,
+        flow=model.body_user[0, LAYOUT.current_acceleration :][:6],
     )
 
 
@@ -283,19 +290,30 @@ def _mismatch(first, end, parent, dofadr, dofnum, cdof, cvel, qvel):
 
 
 @kernel
-def _add_water(of_water, motion, com, gravity, total):
+def _add_water(of_water, userdata, motion, com, gravity, total):
     """Add the water's wrench on every wet body to `total`, about `com`, world axes (force; torque).
 
     Args:
         of_water: `_Water`.
+        userdata: (nuserdata,) of the simulation.
         motion: MuJoCo's xpos, xmat, cvel and cacc of all bodies.
         com: (3,) [m]
         gravity: (3,) [m/s^2]
         total: (6,), added to.
     """
-    bodies, matrices, vectors, stations, rows, width, surge, shear, wind = of_water
+    bodies, matrices, vectors, stations, rows, width, at, wind_of_model, flow_of_model = of_water
     xpos, xmat, cvel, cacc = motion
     nudot, nu, momentum, f = np.empty(6), np.empty(6), np.empty(6), np.empty(6)
+
+    # The current of the simulation, else that of the model.
+    wind = _three(wind_of_model, 0)
+    surge = _three(flow_of_model, 0)
+    shear = _three(flow_of_model, 3)
+    if at >= 0 and userdata[at + _KIND_AT] == _UNIFORM:
+        wind = _three(userdata, at + _VELOCITY_AT)
+        surge = _three(userdata, at + _ACCELERATION_AT)
+        shear = _three(userdata, at + _SHEAR_AT)
+
     station = 0
     for k in range(len(bodies)):
         i = bodies[k]

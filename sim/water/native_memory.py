@@ -35,13 +35,14 @@ i32 = loader(types.int32, ir.IntType(32), 4)
 pointer = loader(types.intp, ir.IntType(64), 1)  # index in bytes
 
 
-def storer() -> Callable[[int, int, float], None]:
-    """Intrinsic f(address, index, value) that stores float64 `value` at 8 * `index` bytes after `address`."""
+def _storer() -> Callable[[int, int, float], None]:
+    """Intrinsic f(address, index, value) that stores a float64 at 8 * `index` bytes after `address`."""
 
     def store(_typing: Any, _address: Any, _index: Any, _value: Any) -> Any:
         def codegen(context: Any, builder: ir.IRBuilder, _signature: Any, args: Any) -> ir.Value:
             place = builder.add(args[0], builder.mul(args[1], ir.Constant(args[1].type, 8)))
             builder.store(args[2], builder.inttoptr(place, ir.DoubleType().as_pointer()))
+
             return context.get_dummy_value()
 
         return types.void(types.intp, types.intp, types.float64), codegen
@@ -49,7 +50,7 @@ def storer() -> Callable[[int, int, float], None]:
     return cast(Any, intrinsic(store))
 
 
-put = storer()
+put = _storer()
 
 
 def _numbers() -> Callable[[int], Any]:

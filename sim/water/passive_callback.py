@@ -1,11 +1,12 @@
-"""Native passive callback: added mass into `d.M`; drag, buoyancy and velocity terms into `d.qfrc_passive`.
+"""Native passive callback: added mass into `d.M`; drag, buoyancy, velocity terms into `qfrc_passive`.
 
-Numba compiles it to a bare C function that MuJoCo calls without the GIL. Its only state is a note in the model of the
-warnings given (`LAYOUT.seen`). It allocates on MuJoCo's own stack and is linear in the number of bodies.
+Numba compiles it to a bare C function that MuJoCo calls without the GIL. Its only state is a note in
+the model of the warnings given (`LAYOUT.seen`). It allocates on MuJoCo's own stack and is linear in
+the number of bodies.
 
-It follows MuJoCo's composite-rigid-body pass for the dry inertia. Per-body 6x6 inertias and wrenches are taken to
-world axes at the tree's centre of mass, the reference point of `cdof` and `cvel`, four bodies at a time. They are then
-summed up to the parents and projected on each joint's axis.
+It follows MuJoCo's composite-rigid-body pass for the dry inertia. Per-body 6x6 inertias and wrenches
+are taken to world axes at the tree's centre of mass, the reference point of `cdof` and `cvel`, four
+bodies at a time. They are then summed up to the parents and projected on each joint's axis.
 
 Every offset is a closure variable of `build`, and the store keys machine code by their values. A kept kernel therefore
 never runs with another layout of MuJoCo or of the coefficients.
@@ -22,10 +23,10 @@ from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic
 
-from uuv.models.hydrodynamics import INDEFINITE, LAYOUT, MAX_STATIONS, MAX_STRIPS, TOO_FAST, TOO_HIGH
+from uuv.models.hydrodynamics import INDEFINITE, LAYOUT, MAX_STATIONS, MAX_STRIPS, NO_CURRENT, TOO_FAST, TOO_HIGH
 from uuv.sim.interfaces.kernels import c_function
 from uuv.sim.interfaces.spatial import Array
-from uuv.sim.water import soil_force
+from uuv.sim.water import native_motion, soil_force
 from uuv.sim.water.form_kernel import form_wrench
 from uuv.sim.water.mujoco_layout import offset
 from uuv.sim.water.native_memory import f64 as _f64
@@ -33,29 +34,38 @@ from uuv.sim.water.native_memory import i32 as _i32
 from uuv.sim.water.native_memory import pointer as _pointer
 from uuv.sim.water.native_memory import put as _put
 from uuv.sim.water.simd4 import all_four, at_least, four_of, load_four, put_four, transposed_four
-from uuv.sim.water.vectors import Number, Vector
+from uuv.sim.water.vectors import Matrix, Number, Vector
 from uuv.sim.water.vectors import cross as _cross
 from uuv.sim.water.vectors import dot as _dot
 from uuv.sim.water.vectors import inline as _inline
 from uuv.sim.water.vectors import load3 as _load3
+from uuv.sim.water.vectors import load6 as _load6
 from uuv.sim.water.vectors import minus as _minus
 from uuv.sim.water.vectors import plus as _plus
+from uuv.sim.water.vectors import put3 as _put3
+from uuv.sim.water.vectors import rows as _rows
 from uuv.sim.water.vectors import scaled as _scaled
+from uuv.sim.water.vectors import symmetric as _symmetric
+from uuv.sim.water.vectors import times as _times
+from uuv.sim.water.vectors import transposed as _transposed
+from uuv.sim.water.vectors import turned as _turned
+from uuv.sim.water.vectors import turned_symmetric as _turned_symmetric
 
 # Fields that the callback reads or writes; their layout must be verified on live objects.
 # fmt: off
 MODEL_FIELDS = (
     "nv", "nbody", "nuser_body", "body_parentid", "body_rootid", "body_treeid", "body_dofnum", "body_dofadr",
-    "body_user", "M_rownnz", "M_rowadr", "M_colind", *soil_force.MODEL_FIELDS,
+    "body_user", "M_rownnz", "M_rowadr", "M_colind", *native_motion.MODEL_FIELDS, *soil_force.MODEL_FIELDS,
 )
 DATA_FIELDS = (
     "qvel", "xpos", "xmat", "subtree_com", "cdof", "cdof_dot", "cvel", "crb", "M", "qLD", "qLDiagInv",
-    "qfrc_passive", *soil_force.DATA_FIELDS,
+    "qfrc_passive", *native_motion.DATA_FIELDS, *soil_force.DATA_FIELDS,
 )
 # fmt: on
 
-# MuJoCo zeroes `d.crb` of the world body whenever it rebuilds `d.M`; this mark there says that the added mass is in.
-# mj_forwardSkip and finite differences call mj_passive again without rebuilding, and would add it twice.
+# MuJoCo zeroes `d.crb` of the world body whenever it rebuilds `d.M`; this mark there says that the
+# added mass is in. mj_forwardSkip and finite differences call mj_passive again without rebuilding,
+# and would add it twice.
 WET_MARK = 6.20261121e8  # in d.crb[0, 0], which is zero otherwise; arbitrary
 
 # Symbols of libmujoco, which `uuv.sim.water.process_callbacks` registers with LLVM by these names.
@@ -70,9 +80,9 @@ SINGULAR = 1e-15  # pivot below which mj_factorM warns (mjMINVAL)
 NEVER = 1e300  # stands for no limit of speed [(m/s)^2] or height [m]
 
 FAST_TEXT = "uuv.sim.hydrodynamics: a body moves through the water faster than its drag was judged for at this timestep"
+NO_CURRENT_TEXT = "uuv.sim.hydrodynamics: data.userdata holds no current in its place"
 HIGH_TEXT = "uuv.sim.hydrodynamics: a body has risen above z = 0 and is still buoyant: there is no free surface"
 
-Matrix = tuple[Vector, Vector, Vector]
 Indices = tuple[int, int, int, int]
 Blocks = tuple[Matrix, Matrix, Matrix]  # B (linear-linear), C (linear-angular), J (angular-angular) of a 6x6 inertia
 
@@ -90,54 +100,7 @@ def _text(text: str) -> Callable[[], int]:
 
 
 _fast_text, _high_text = _text(FAST_TEXT), _text(HIGH_TEXT)
-
-
-@_inline
-def _load6(address: int, index: int) -> tuple[Vector, Vector]:
-    return _load3(address, index), _load3(address, index + 3)
-
-
-@_inline
-def _put3(address: int, index: int, v: Vector) -> None:
-    _put(address, index, v[0])
-    _put(address, index + 1, v[1])
-    _put(address, index + 2, v[2])
-
-
-@_inline
-def _times(R: Matrix, v: Vector) -> Vector:
-    return _dot(R[0], v), _dot(R[1], v), _dot(R[2], v)
-
-
-@_inline
-def _transposed(R: Matrix) -> Matrix:
-    return (R[0][0], R[1][0], R[2][0]), (R[0][1], R[1][1], R[2][1]), (R[0][2], R[1][2], R[2][2])
-
-
-@_inline
-def _turned(R: Matrix, X: Matrix) -> Matrix:
-    """R X R^T."""
-    X = _transposed(X)
-    Y = _transposed((_times(R, X[0]), _times(R, X[1]), _times(R, X[2])))
-    return _times(R, Y[0]), _times(R, Y[1]), _times(R, Y[2])
-
-
-@_inline
-def _symmetric(a: Number, b: Number, c: Number, d: Number, e: Number, f: Number) -> Matrix:
-    return (a, b, c), (b, d, e), (c, e, f)
-
-
-@_inline
-def _turned_symmetric(R: Matrix, X: Matrix) -> Matrix:
-    """R X R^T of a symmetric X."""
-    Y = _times(R, X[0]), _times(R, X[1]), _times(R, X[2])
-    a, b, c = _transposed(Y)
-    return _symmetric(_dot(R[0], a), _dot(R[1], a), _dot(R[2], a), _dot(R[1], b), _dot(R[2], b), _dot(R[2], c))
-
-
-@_inline
-def _rows(address: int, index: int) -> Matrix:
-    return _load3(address, index), _load3(address, index + 3), _load3(address, index + 6)
+_no_current_text = _text(NO_CURRENT_TEXT)
 
 
 @_inline
@@ -376,17 +339,20 @@ def build() -> Any:
     parent_at, root_at, tree_at = model.body_parentid, model.body_rootid, model.body_treeid
     dofnum_at, dofadr_at = model.body_dofnum, model.body_dofadr
     rownnz_at, rowadr_at, colind_at = model.M_rownnz, model.M_rowadr, model.M_colind
-    wind_at, gravity_at = offset("mjModel", "opt.wind"), offset("mjModel", "opt.gravity")
+    gravity_at = offset("mjModel", "opt.gravity")
     disable_at, gravity_off = offset("mjModel", "opt.disableflags"), int(mujoco.mjtDisableBit.mjDSBL_GRAVITY)
     qvel_at, xpos_at, xmat_at, com_at = data.qvel, data.xpos, data.xmat, data.subtree_com
     cdof_at, cdof_dot_at, cvel_at = data.cdof, data.cdof_dot, data.cvel
     nv_at, factored_at, inverse_at = model.nv, data.qLD, data.qLDiagInv
     crb_at, M_at, passive_at = data.crb, data.M, data.qfrc_passive
+
+    # Rows of the world and of bodies.
     stamp, size = LAYOUT.stamp_value, LAYOUT.size
     own_density_at = LAYOUT.body_density
-    density_at, surge_at, shear_at = LAYOUT.density, LAYOUT.current_acceleration, LAYOUT.current_shear
+    density_at = LAYOUT.density
     volume_at, mass_at = LAYOUT.volume, LAYOUT.added_mass  # the centre of buoyancy follows the volume
-    linear_at, quadratic_at = LAYOUT.linear_damping, LAYOUT.quadratic_damping
+    linear_at = LAYOUT.linear_damping
+    quadratic_at = LAYOUT.quadratic_damping
     strip_count_at, strips_at, strip_size = LAYOUT.strip_count, LAYOUT.strips, LAYOUT.strip_size
     timestep_at = offset("mjModel", "opt.timestep")
     rate_at, ceiling_at, seen_at = LAYOUT.drag_rate, LAYOUT.ceiling, LAYOUT.seen
@@ -402,7 +368,7 @@ def build() -> Any:
     # linear 3), and 1 if it or a descendant carries coefficients. Behind all bodies: indices of those that carry.
     wrench, summed, acceleration, loaded, stride = 21, 28, 28, 34, 36
 
-    soil = soil_force.build_push()
+    soil, motion = soil_force.build_push(), native_motion.build_motion()
 
     @c_function(types.void(types.intp, types.intp), error_model="numpy", fastmath={"contract"})
     def passive(m: int, d: int) -> None:
@@ -418,14 +384,15 @@ def build() -> Any:
         cdof, cdof_dot = _pointer(d, cdof_at), _pointer(d, cdof_dot_at)
         M, crb, qfrc = _pointer(d, M_at), _pointer(d, crb_at), _pointer(d, passive_at)
 
-        wind, surge, shear, density = _load3(m + wind_at, 0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 0.0
-        fastest, ceiling, ours = NEVER, NEVER, _f64(user, 0) == stamp
+        wind, surge, shear, known = motion(m, d)
+        density, fastest, ceiling, ours = 0.0, NEVER, NEVER, _f64(user, 0) == stamp
         if ours:  # a model from MJCF lacks the world's row
-            surge, shear, density = _load3(user, surge_at), _load3(user, shear_at), _f64(user, density_at)
-            ceiling = _f64(user, ceiling_at)
+            density, ceiling = _f64(user, density_at), _f64(user, ceiling_at)
             if _f64(user, rate_at + 1) > 0.0:  # speed at which the drag rate equals 1 / timestep
                 limit = max((1.0 / _f64(m + timestep_at, 0) - _f64(user, rate_at)) / _f64(user, rate_at + 1), 0.0)
                 fastest = limit * limit
+            if not known and _is_new(user, seen_at, NO_CURRENT):
+                _print_warning(_no_current_text())
         gravity = _load3(m + gravity_at, 0)
         if _i32(m + disable_at, 0) & gravity_off:
             gravity = (0.0, 0.0, 0.0)

@@ -22,7 +22,7 @@ from uuv.sim.interfaces.errors import HydrodynamicsError
 from uuv.sim.water import actuator_dynamics, mujoco_layout, passive_callback, thruster_force
 
 
-class Source(Protocol):
+class CallbackSource(Protocol):
     """A module with the code of a callback."""
 
     # Fields that the callback reads or writes; their layout is verified before it is built.
@@ -39,7 +39,7 @@ class NativeCallback:
     """One callback of ours, and MuJoCo's place for it."""
 
     name: str  # in messages: the "passive" callback
-    source: Any  # `Source`
+    source: Any  # `CallbackSource`
     set: Callable[[Any], None]
     get: Callable[[], Any]
     without: str  # what a model does that lacks it
@@ -148,7 +148,7 @@ def _is_ours(callback: NativeCallback) -> bool:
 
 def _build(callbacks: list[NativeCallback]) -> None:
     """Compile callbacks, after a look at the memory that they reach into."""
-    sources: list[Source] = [callback.source for callback in callbacks]
+    sources: list[CallbackSource] = [callback.source for callback in callbacks]
     mujoco_layout.verify(
         [name for source in sources for name in source.MODEL_FIELDS],
         [name for source in sources for name in source.DATA_FIELDS],

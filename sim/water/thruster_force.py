@@ -10,34 +10,33 @@ from typing import Any
 
 from numba import carray, types
 
-from uuv.models.hydrodynamics import LAYOUT
 from uuv.models.water.thruster_curves import thrust_in_flow
 from uuv.models.water.thrusters import COUNT, HEADER, INFLOW_LOSS, SPEED, STAMP, STAMP_VALUE
 from uuv.sim.interfaces.kernels import c_function
+from uuv.sim.water import native_motion
 from uuv.sim.water.mujoco_layout import offset
 from uuv.sim.water.native_memory import f64, i32, numbers_at, pointer
 from uuv.sim.water.vectors import cross, dot, load3, minus, plus, scaled
 
 # Fields that the callback reads; their layout must be verified on live objects.
 # fmt: off
-MODEL_FIELDS = (
+_MODEL = (
     "nuser_actuator", "actuator_user", "actuator_actadr", "actuator_trnid", "actuator_gear", "site_bodyid",
-    "body_rootid", "nuser_body", "body_user",
+    "body_rootid",
 )
-DATA_FIELDS = ("act", "act_dot", "xpos", "cvel", "subtree_com", "site_xpos", "site_xmat")
+_DATA = ("act", "act_dot", "xpos", "cvel", "subtree_com", "site_xpos", "site_xmat")
+MODEL_FIELDS = (*_MODEL, *native_motion.MODEL_FIELDS)
+DATA_FIELDS = (*_DATA, *native_motion.DATA_FIELDS)
 # fmt: on
 SYMBOLS = ()
 
 
 def build() -> Any:
     """Compile `mjcb_act_bias`: thrust [N] of a thruster. Zero for any other actuator of type user."""
-    places = [offset("mjModel", name) for name in MODEL_FIELDS]
-    nuser_at, user_at, address_at, target_at, gear_at, body_at, root_at, body_nuser_at, water_at = places
-    act_at, rate_at, xpos_at, cvel_at, com_at, site_xpos_at, site_xmat_at = (
-        offset("mjData", name) for name in DATA_FIELDS
-    )
-    wind_at, timestep_at = offset("mjModel", "opt.wind"), offset("mjModel", "opt.timestep")
-    stamp, size, shear_at = LAYOUT.stamp_value, LAYOUT.size, LAYOUT.current_shear
+    places = [offset("mjModel", name) for name in _MODEL]
+    nuser_at, user_at, address_at, target_at, gear_at, body_at, root_at = places
+    act_at, rate_at, xpos_at, cvel_at, com_at, site_xpos_at, site_xmat_at = (offset("mjData", name) for name in _DATA)
+    timestep_at, motion = offset("mjModel", "opt.timestep"), native_motion.build_motion()
 
     @c_function(types.float64(types.intp, types.intp, types.int32), error_model="numpy")
     def force(m: int, d: int, i: int) -> float:
@@ -56,10 +55,8 @@ def build() -> Any:
             root = i32(pointer(m, root_at), body)
             lever = minus(load3(pointer(d, site_xpos_at), 3 * site), load3(pointer(d, com_at), 3 * root))
             w_W, v_W = load3(pointer(d, cvel_at), 6 * body), load3(pointer(d, cvel_at), 6 * body + 3)
-            current_W, water = load3(m + wind_at, 0), pointer(m, water_at)
-            if pointer(m, body_nuser_at) >= size and f64(water, 0) == stamp:
-                height = f64(pointer(d, xpos_at), 3 * body + 2)
-                current_W = plus(current_W, scaled(height, load3(water, shear_at)))
+            wind_W, _, shear, _ = motion(m, d)
+            current_W = plus(wind_W, scaled(f64(pointer(d, xpos_at), 3 * body + 2), shear))
             through_W = minus(plus(v_W, cross(w_W, lever)), current_W)
             axis, turn = load3(pointer(m, gear_at), 6 * i), pointer(d, site_xmat_at)
             for k in range(3):

@@ -68,8 +68,7 @@ def test_a_plant_asks_for_its_constants_and_then_feels_gusts(pair):
     for model in (ours, plain):
         gusts = Current(np.zeros(3), gust=0.2, rng=np.random.default_rng(3))
         plant = Plant(model, current=gusts)
-        slot = model.body_user[0, water.LAYOUT.current_acceleration :][:3]
-        assert np.any(slot)
+        assert np.any(hydrodynamics.current(model, plant.data).acceleration_W)
         plant.observe()
         pushed.append(plant.data.qfrc_passive[:3].copy())
     np.testing.assert_allclose(pushed[1], pushed[0], rtol=0.0, atol=1e-5 * 3169.0)  # six digits of the buoyancy [N]

@@ -38,6 +38,7 @@ from uuv.sim.interfaces.spatial import Array, checked_pose, finite_number, fitti
 from uuv.sim.plant.plant import Plant, Truth
 from uuv.sim.sensors.arm_camera import beside_tool
 from uuv.sim.water.current import Current
+from uuv.sim.water.water_motion import FLOW, take_last
 
 _PLANE = 12.0  # [m] half side of the seabed
 Random = np.random.RandomState
@@ -271,17 +272,16 @@ class VehicleEntity(composer.Entity):
             self.arm = None
         self.kind = vehicle
         self.own = OwnVehicle.of(self.spec.copy(), _ANYTHING)
+        self._root.size.nuserdata = FLOW.size  # where the plant keeps the current
         self._plant: Plant | None = None
         self.command: Command | None = None  # of the next step; None: thrusters and motors off
         self.readings = SensorReadings(sensors)
         self._variation = ModelVariation(self.spec, perturbations) if perturbations else None
         if self.arm is not None:
             self.attach(self.arm, self._root.find("site", MOUNT))
-        camera = self._root.find("site", CAMERA_SITE)
-        if camera is not None:
+        if (camera := self._root.find("site", CAMERA_SITE)) is not None:
             self._add_camera(camera)
-        hull = self._root.find("body", HULL_BODY)
-        hull.add(
+        self._root.find("body", HULL_BODY).add(
             "camera", name="overview", mode="track", pos=[2.9, -2.5, 0.9], xyaxes=[0.65, 0.76, 0, -0.29, 0.25, 0.92]
         )
 
@@ -376,6 +376,7 @@ class VehicleEntity(composer.Entity):
         physics.legacy_step = False  # contacts of a step are read before the next one replaces them
         hydrodynamics.install()
         hydrodynamics.set_constants(model)
+        take_last(model, self._root.size.nuserdata)
         if self._variation is not None:
             self._variation.bind(model, self._find)
         for name in _dry(model):

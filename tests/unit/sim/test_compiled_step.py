@@ -105,6 +105,7 @@ def test_mujoco_called_by_address_is_mujoco(pressed):
     plant, data = plant_of(pressed, 1, 0.0), mujoco.MjData(pressed)
     plant.observe()
     data.qpos[:], data.qvel[:] = plant.data.qpos, plant.data.qvel
+    data.userdata[:] = plant.data.userdata
     mujoco.mj_step1(pressed, data)
     places = plant.record().readout.places
     for _ in range(50):

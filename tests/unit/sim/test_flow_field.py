@@ -200,7 +200,7 @@ def test_water_that_something_else_writes_is_refused(when):
     plant.model.opt.wind[1] = 0.4
     if when == "before":
         plant.observe()
-    with pytest.raises(ConfigurationError, match=r"opt.wind is \[0.15, 0.4, 0.02\] m/s, .*`on_water`.*site.flow"):
+    with pytest.raises(ConfigurationError, match=r"opt.wind is \[0.0, 0.4, 0.0\] m/s, .*`on_water`.*site.flow"):
         plant.step(REST)
     with pytest.raises(ConfigurationError, match=r"opt\.wind is"):
         plant.ready()

@@ -1,10 +1,10 @@
 """Barrel lying on a stand, after [Konoplin 2022], with the tool paths on it."""
 
-import mujoco
 import numpy as np
 
 from uuv.models.meshes.closed_shells import joined, revolve
-from uuv.models.objects.target_model import PATH_STEP, SHARPEST_CORNER, ModelPath, Solid, Symmetry, TargetModel
+from uuv.models.objects.solid import Solid
+from uuv.models.objects.target_model import PATH_STEP, SHARPEST_CORNER, ModelPath, Symmetry, TargetModel
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import exp_so3, finite_number, pose, rotation_from_z, transform_points
 
@@ -128,12 +128,12 @@ def barrel(
     vertices, triangles = revolve(np.array(profile), BARREL_SIDES)
 
     R_axis = rotation_from_z([1.0, 0.0, 0.0], [0.0, 0.0, 1.0])  # MuJoCo's cylinders have their axis along z
-    cylinder = mujoco.mjtGeom.mjGEOM_CYLINDER
     x_rim = h - 0.5 * RIM_WIDTH
+    size = (rim, 0.5 * RIM_WIDTH)
     solids = (
-        Solid(name="target", kind=cylinder, size=(r, h), X_TS=pose(R_axis)),
-        Solid(name="target_rim_aft", kind=cylinder, size=(rim, 0.5 * RIM_WIDTH), X_TS=pose(R_axis, [-x_rim, 0, 0])),
-        Solid(name="target_rim_fore", kind=cylinder, size=(rim, 0.5 * RIM_WIDTH), X_TS=pose(R_axis, [x_rim, 0, 0])),
+        Solid(name="target", kind="cylinder", size=(r, h), X_TS=pose(R_axis)),
+        Solid(name="target_rim_aft", kind="cylinder", size=size, X_TS=pose(R_axis, [-x_rim, 0, 0])),
+        Solid(name="target_rim_fore", kind="cylinder", size=size, X_TS=pose(R_axis, [x_rim, 0, 0])),
     )
     if bung_azimuth is not None:
         radius, height, x = BUNG
@@ -145,7 +145,7 @@ def barrel(
         solids += (
             Solid(
                 name="target_bung",
-                kind=cylinder,
+                kind="cylinder",
                 size=(radius, 0.5 * (height - inside)),
                 X_TS=X_bung @ pose(p=[0.0, 0.0, 0.5 * (height + inside)]),
             ),
@@ -156,12 +156,7 @@ def barrel(
         raise ConfigurationError(f"barrel: stand_height must exceed {r + RIM_HEIGHT} m, got {stand_height}")
     beam = (0.03, half_width, 0.5 * (stand_height - top))
     stand = tuple(
-        Solid(
-            name=f"target_stand_{end}",
-            kind=mujoco.mjtGeom.mjGEOM_BOX,
-            size=beam,
-            X_TS=pose(p=[x, 0.0, -0.5 * (stand_height + top)]),
-        )
+        Solid(name=f"target_stand_{end}", kind="box", size=beam, X_TS=pose(p=[x, 0.0, -0.5 * (stand_height + top)]))
         for end, x in (("aft", -0.28), ("fore", 0.28))
     )
     return TargetModel(

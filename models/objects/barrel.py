@@ -142,14 +142,9 @@ def barrel(
         disc, faces = revolve(np.array([(inside, 0.0), (inside, radius), (height, radius), (height, 0.0)]), 64)
         disc = transform_points(X_bung, disc[:, [1, 2, 0]])
         vertices, triangles = joined([(vertices, triangles), (disc, faces)])
-        solids += (
-            Solid(
-                name="target_bung",
-                kind="cylinder",
-                size=(radius, 0.5 * (height - inside)),
-                X_TS=X_bung @ pose(p=[0.0, 0.0, 0.5 * (height + inside)]),
-            ),
-        )
+        half = 0.5 * (height - inside)
+        X_TS = X_bung @ pose(p=[0.0, 0.0, half + inside])
+        solids += (Solid(name="target_bung", kind="cylinder", size=(radius, half), X_TS=X_TS),)
     half_width = 0.18
     top = np.sqrt(r**2 - half_width**2)  # the beam's upper edges just touch the shell
     if not stand_height > r + RIM_HEIGHT:

@@ -20,14 +20,13 @@ from uuv.calib.loads import BoundLoads, Loads
 from uuv.calib.paper import WARNING, paper_run
 from uuv.calib.parameters import DEFAULT_FREE, DEFAULT_PRIOR, Parameters, prior_deviations, select, widest_prior
 from uuv.calib.rank import RankReport, rank_report
-from uuv.calib.touches import checked_series, first_tcp, moved, without_repeats
+from uuv.calib.touches import UsableTouches, checked_series, usable
 from uuv.calib.verification import PointTouches, kabsch, places, scores
 from uuv.models.arms.kinematics import ROW
 from uuv.models.arms.serial_arm import SerialArm
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import (
     Array,
-    checked,
     finite_number,
     number,
     one_of,
@@ -310,33 +309,25 @@ def identify(
     arm = nominal if isinstance(nominal, SerialArm) else SerialArm.from_dh(nominal, name="nominal")
     if not max(float(np.abs(arm.X_base_0[:3, 3]).max()), arm.reach) < _MOST_LENGTH:
         raise ConfigurationError(f"nominal: an arm within {_MOST_LENGTH:g} m of its base is needed")
-    touches = checked_series(series, arm)
-    kept, warnings = without_repeats(touches)
-    used = [touches[i][places] for i, places in enumerate(kept) if len(places)]
-    if sum(len(q) - 1 for q in used) < 2:
-        raise ConfigurationError(
-            "series: no point was touched in enough different poses; at least three different touches are needed, got "
-            + ", ".join(str(len(places)) for places in kept)
-        )
-    if not any(moved(q, arm).any() for q in used):
-        raise ConfigurationError(
-            "series: no joint moves by a degree about any point; touches of one posture tell nothing of an arm"
-        )
-    guess = first_tcp(arm, used) if tcp is None else checked(tcp, (3,), "tcp")
-    bound = None if loads is None else loads.bind(arm, [len(q) for q in touches])
+    touches = usable(series, arm, tcp)
+    used = touches.used
+
+    # All touches in use as one array, and where they are among all touches.
+    counts = [len(q) for q in touches.series]
+    bound = None if loads is None else loads.bind(arm, counts)
     q = np.ascontiguousarray(np.vstack(used))
-    live = [i for i, places in enumerate(kept) if len(places)]
-    offsets = np.cumsum([0, *(len(each) for each in touches)])
-    rows = np.concatenate([offsets[i] + kept[i] for i in live])
+    offsets = np.cumsum([0, *counts])
+    rows = np.concatenate([offsets[i] + touches.kept[i] for i in touches.live])
     data = Data(
         q=q,
         starts=np.cumsum([0, *(len(each) for each in used[:-1])]),
-        distances=_checked_distances(distances, live, len(touches)),
+        distances=_checked_distances(distances, touches.live, len(counts)),
         load=None if bound is None else bound.at(q, rows),
         weights=np.ones(len(q)),
     )
-    mean = np.concatenate([arm.table.ravel(), guess, np.zeros(arm.n)])
-    observed = _Observed(arm=arm, mean=mean, touches=touches, kept=kept, live=live, loads=bound)
+    mean = np.concatenate([arm.table.ravel(), touches.tcp, np.zeros(arm.n)])
+    observed = _Observed(arm=arm, mean=mean, touches=touches, loads=bound)
+    warnings = list(touches.warnings)
     if method == "paper":
         parameters = select(arm, ("theta", "d", "a", "alpha", "tcp"))
         fit = paper_run(Problem(arm, data, parameters, mean))
@@ -353,9 +344,7 @@ class _Observed:
 
     arm: SerialArm  # nominal
     mean: Array  # (5 n + 3 + n,) its table, initial tool point, no compliance
-    touches: list[Array]  # (m_i, n) per series
-    kept: list[np.ndarray]  # rows of each series that are no repeats
-    live: list[int]  # series in use
+    touches: UsableTouches
     loads: BoundLoads | None
 
 
@@ -424,8 +413,8 @@ def _checked_distances(
 
 
 def _assemble(observed: _Observed, data: Data, parameters: Parameters, fit: Fit, warnings: list[str]) -> Calibration:
-    arm, mean, touches, bound = observed.arm, observed.mean, observed.touches, observed.loads
-    kept, live = observed.kept, observed.live
+    arm, mean, bound = observed.arm, observed.mean, observed.loads
+    touches, kept, live = observed.touches.series, observed.touches.kept, observed.touches.live
     n, size = arm.n, ROW * arm.n
     identified = arm.with_table(fit.full[:size].reshape(n, ROW))
     tcp, compliance = fit.full[size : size + 3], fit.full[size + 3 :]

@@ -8,7 +8,7 @@ automatically, and the result is reported.
 import hashlib
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
@@ -36,6 +36,7 @@ class Touches:
     names: tuple[str, ...]  # names of the points
     sha256: str  # hash of the files' bytes, in the order read
     notes: tuple[str, ...] = ()  # findings about the files, to be reported
+    beyond: tuple[str, ...] = ()  # of each point with joint values beyond the limits, the worst
 
     @property
     def count(self) -> int:
@@ -57,6 +58,7 @@ def read_touches(
     joint_names: Sequence[str] = (),
     units: Units = "auto",
     limits: Array | None = None,
+    beyond: Literal["refuse", "note"] = "refuse",
 ) -> Touches:
     """Read touches from CSV files and from folders of such files.
 
@@ -66,14 +68,15 @@ def read_touches(
         joint_names: selects and orders the columns of a header that has all of them.
         units: "rad", "deg", or "auto" by header or size.
         limits: (n, 2) joint limits [rad], slides [m].
+        beyond: "refuse" values far beyond those limits, or "note" them as `Touches.beyond`.
 
     Returns:
         The touches in radians and metres.
 
     Raises:
         ConfigurationError: files that are missing or empty, numbers that are not finite, rows of another length. Also
-            poses (x y z qx qy qz qw) or values far beyond the limits in place of joint values. Also files that look
-            like degrees beside others that look like radians.
+            poses (x y z qx qy qz qw) in place of joint values. Values far beyond the limits, unless
+            they are noted. Also files that look like degrees beside others that look like radians.
     """
     given = [paths] if isinstance(paths, str | Path) else list(paths)
     files = [file for path in given for file in _files(Path(path))]
@@ -112,9 +115,12 @@ def read_touches(
         sha256=digest.hexdigest(),
         notes=tuple(notes),
     )
-    if limits is not None and (said := beyond_limits(read, np.asarray(limits), hinges, joint_names)):
-        raise ConfigurationError(f"{said[0]}: not joint values of this arm, or in another unit or order")
-    return read
+    if limits is None:
+        return read
+    outside = _beyond_limits(read, np.asarray(limits), hinges, joint_names)
+    if outside and beyond == "refuse":
+        raise ConfigurationError(f"{outside[0]}: not joint values of this arm, or in another unit or order")
+    return replace(read, beyond=tuple(outside))
 
 
 def check_touches(paths: Sequence[Path | str]) -> None:
@@ -185,7 +191,7 @@ def _refuse_poses(file: Path, rows: Sequence[_Row]) -> None:
         )
 
 
-def beyond_limits(read: Touches, limits: Array, hinges: np.ndarray, joint_names: Sequence[str]) -> list[str]:
+def _beyond_limits(read: Touches, limits: Array, hinges: np.ndarray, joint_names: Sequence[str]) -> list[str]:
     """Of each point with joint values beyond the arm's limits, the worst.
 
     Args:

@@ -1,19 +1,65 @@
 """Validation of touch series, and the initial estimate of the tool point [Yukhimets 2023, eq. 12-16]."""
 
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from uuv.models.arms.serial_arm import SerialArm
 from uuv.sim.interfaces.errors import ConfigurationError
-from uuv.sim.interfaces.spatial import Array, real_array, shown
+from uuv.sim.interfaces.spatial import Array, checked, real_array, shown
 
 STILL, STILL_SHARE = np.deg2rad(1.0), 5e-3  # [rad], of the reach: least RMS motion of a joint that is identified
 _SAME = 1e-9  # [rad] or [m] below this difference two touches count as one written twice
 _TWO_TURNS = 4.0 * np.pi  # [rad] beyond this a joint angle is taken as degrees
 _LONGEST_SLIDE = 50.0  # [m] beyond this a slide is taken as millimetres
 _FIT_BETTER = 3.0  # ratio of spreads (radians to degrees) from which the angles are taken as degrees
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class UsableTouches:
+    """Touches as checked, and those of them that tell something of the arm."""
+
+    series: list[Array]  # (m_i, n) of every point
+    kept: list[np.ndarray]  # rows of each series that are no repeats; none of a series of one touch
+    live: list[int]  # series of which rows are kept
+    tcp: Array  # (3,) [m] initial tool point in the flange
+    warnings: tuple[str, ...]
+
+    @property
+    def used(self) -> list[Array]:
+        """The touches that are kept, by series in use."""
+        return [self.series[i][self.kept[i]] for i in self.live]
+
+
+def usable(series: Sequence[ArrayLike], arm: SerialArm, tcp: ArrayLike | None = None) -> UsableTouches:
+    """The touches that an arm can be identified from, and the tool point to begin with.
+
+    Args:
+        series: joint values (m_i, n) of each point.
+        arm: nominal.
+        tcp: (3,) [m] initial tool point; by default that of `first_tcp`.
+
+    Raises:
+        ConfigurationError: as of `checked_series`; too few touches; no joint moves over them.
+    """
+    series = checked_series(series, arm)
+    kept, warnings = without_repeats(series)
+    live = [i for i, places in enumerate(kept) if len(places)]
+    used = [series[i][kept[i]] for i in live]
+
+    if sum(len(q) - 1 for q in used) < 2:
+        raise ConfigurationError(
+            "series: no point was touched in enough different poses; at least three different touches are needed, got "
+            + ", ".join(str(len(places)) for places in kept)
+        )
+    if not any(moved(q, arm).any() for q in used):
+        raise ConfigurationError(
+            "series: no joint moves by a degree about any point; touches of one posture tell nothing of an arm"
+        )
+    start = first_tcp(arm, used) if tcp is None else checked(tcp, (3,), "tcp")
+    return UsableTouches(series=series, kept=kept, live=live, tcp=start, warnings=tuple(warnings))
 
 
 def checked_series(series: Sequence[ArrayLike], arm: SerialArm) -> list[Array]:

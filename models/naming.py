@@ -8,12 +8,14 @@ sliding joint `pad` behind the face of the pad.
 
 from collections.abc import Collection
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
-import mujoco
 import numpy as np
 
-from uuv.models.water import thrusters
 from uuv.sim.interfaces.errors import ConfigurationError
+
+if TYPE_CHECKING:
+    import mujoco
 
 HULL_BODY = "hull"  # free; also the name of its joint
 ARM_BASE_BODY = "arm_base"  # fixed to the hull, carries the arm
@@ -23,15 +25,16 @@ HOME_KEY = "home"  # arm folded; the vehicle is trimmed so
 TOOL_FACE_SITE = "pad_face"  # of a tool on a slide; without it the tip
 READY_KEY = "ready"  # arm bent; inverse kinematics starts there
 TOOL_GEOM = PAD_BODY = PAD_JOINT = "pad"  # contacts of this geom are work, all others collisions
-# What a job of the arm asks of a vehicle beside its thrusters, and what each part is. All of them fit into one message.
+# What a job of the arm asks of a vehicle beside its thrusters, and what each part is. All of them
+# fit into one message.
 _PARTS = (
-    (mujoco.mjtObj.mjOBJ_BODY, "body", HULL_BODY, "free"),
-    (mujoco.mjtObj.mjOBJ_BODY, "body", ARM_BASE_BODY, "carries the arm"),
-    (mujoco.mjtObj.mjOBJ_SITE, "site", TIP_SITE, "of the tool, z out"),
-    (mujoco.mjtObj.mjOBJ_SITE, "site", CAMERA_SITE, "sees the object"),
-    (mujoco.mjtObj.mjOBJ_GEOM, "geom", TOOL_GEOM, "may touch"),
-    (mujoco.mjtObj.mjOBJ_KEY, "keyframe", HOME_KEY, "arm folded"),
-    (mujoco.mjtObj.mjOBJ_KEY, "keyframe", READY_KEY, "arm bent, IK starts there"),
+    ("body", HULL_BODY, "free"),
+    ("body", ARM_BASE_BODY, "carries the arm"),
+    ("site", TIP_SITE, "of the tool, z out"),
+    ("site", CAMERA_SITE, "sees the object"),
+    ("geom", TOOL_GEOM, "may touch"),
+    ("keyframe", HOME_KEY, "arm folded"),
+    ("keyframe", READY_KEY, "arm bent, IK starts there"),
 )
 
 
@@ -49,8 +52,10 @@ class PartNames:
 USUAL_NAMES = PartNames()
 
 
-def find(model: mujoco.MjModel, kind: mujoco.mjtObj, name: str) -> int:
+def find(model: "mujoco.MjModel", kind: "mujoco.mjtObj", name: str) -> int:
     """Index of the named object; ConfigurationError that lists what there is otherwise."""
+    import mujoco
+
     index = mujoco.mj_name2id(model, kind, name)
     if index < 0:
         word = kind.name.removeprefix("mjOBJ_").lower()
@@ -66,20 +71,26 @@ def find(model: mujoco.MjModel, kind: mujoco.mjtObj, name: str) -> int:
     return index
 
 
-def of_geom(model: mujoco.MjModel, geom: int) -> str:
+def of_geom(model: "mujoco.MjModel", geom: int) -> str:
     """A geom in a message: by its name, if it has one, and by its body."""
     name, body = model.geom(geom).name, model.body(int(model.geom_bodyid[geom])).name
     return repr(name or body) if name in ("", body) or body == "world" else f"{name!r} of {body!r}"
 
 
-def parts(model: mujoco.MjModel) -> list[tuple[str, str, str, bool]]:
+def parts(model: "mujoco.MjModel") -> list[tuple[str, str, str, bool]]:
     """Kind, name and use of each part that a job of the arm needs, thrusters first, and whether `model` has it."""
+    import mujoco
+
+    from uuv.models.water import thrusters
+
     driven = any(thrusters.carries(row) for row in np.asarray(model.actuator_user))
-    named = [(word, name, use, mujoco.mj_name2id(model, kind, name) >= 0) for kind, word, name, use in _PARTS]
+    kinds = mujoco.mjtObj
+    enums = {"body": kinds.mjOBJ_BODY, "site": kinds.mjOBJ_SITE, "geom": kinds.mjOBJ_GEOM, "keyframe": kinds.mjOBJ_KEY}
+    named = [(word, name, use, mujoco.mj_name2id(model, enums[word], name) >= 0) for word, name, use in _PARTS]
     return [("actuators", "thrusters", "hold the hull", driven), *named]
 
 
-def lacks(model: mujoco.MjModel, but: Collection[str] = ()) -> list[str]:
+def lacks(model: "mujoco.MjModel", but: Collection[str] = ()) -> list[str]:
     """Parts that a job of the arm needs and `model` lacks, each with its use; `but` names some that it does without."""
     return [
         name if name == "thrusters" else f"{word} {name!r} ({use})"
@@ -88,7 +99,7 @@ def lacks(model: mujoco.MjModel, but: Collection[str] = ()) -> list[str]:
     ]
 
 
-def check_parts(model: mujoco.MjModel, but: Collection[str] = ()) -> None:
+def check_parts(model: "mujoco.MjModel", but: Collection[str] = ()) -> None:
     """Raise ConfigurationError that names every part which a job of the arm needs and `model` lacks, with its use.
 
     `but` names parts that this job does without.

@@ -185,9 +185,8 @@ def ended(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]):
     """`ended(command, *words)`: how a command ends in this process, with these words as its command line."""
     monkeypatch.chdir(ROOT)
     monkeypatch.setenv("COLUMNS", "200")
-    monkeypatch.setenv("PYTHONSAFEPATH", "")  # has it restored: a command sets it
     renderer = os.environ.get("MUJOCO_GL")
-    monkeypatch.setenv("MUJOCO_GL", renderer or "")  # likewise: `uuv picture` sets it
+    monkeypatch.setenv("MUJOCO_GL", renderer or "")  # has it restored: `uuv picture` sets it
     if renderer is None:
         monkeypatch.delenv("MUJOCO_GL")
     monkeypatch.setattr(sys, "path", list(sys.path))

@@ -9,17 +9,14 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
 
-import mujoco
 import numpy as np
 
 from uuv.controllers.ik.method import Method as IkMethod
 from uuv.methods import AblatedMethod, PublishedMethod
 from uuv.outcome import CloudRecorder, NoFigures, Pictures, RunResult
-from uuv.own_vehicle import OwnVehicle
 from uuv.perturbations.perturbation import Perturbation
 from uuv.sensors.arm_camera import ArmCameraSetup
 from uuv.sim.evaluation.bounds import Bounds
-from uuv.sim.evaluation.metrics import Assessment
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.files import folder_name
 from uuv.sim.interfaces.messages import WorkState
@@ -30,9 +27,12 @@ from uuv.sim.loop.rollout import Observer
 from uuv.site import Site
 
 if TYPE_CHECKING:  # a task is described, and refused, without the kernels of what carries it out
+    import mujoco
     from rich.table import Table
 
+    from uuv.own_vehicle import OwnVehicle
     from uuv.perception.clouds.scan import SensorModel
+    from uuv.sim.evaluation.metrics import Assessment
     from uuv.sim.loop.recording import Recorder
 
 P = TypeVar("P", bound=Perturbation)
@@ -215,7 +215,7 @@ class Task(ABC):
         return 0.0
 
     @abstractmethod
-    def place(self, scenario: "Scenario", own: OwnVehicle, rng: np.random.Generator) -> "PlacedTask":
+    def place(self, scenario: "Scenario", own: "OwnVehicle", rng: np.random.Generator) -> "PlacedTask":
         """The task at its site.
 
         Args:
@@ -260,10 +260,10 @@ class PlacedTask(ABC):
         return None
 
     @abstractmethod
-    def scene(self, vehicle: mujoco.MjSpec) -> mujoco.MjSpec:
+    def scene(self, vehicle: "mujoco.MjSpec") -> "mujoco.MjSpec":
         """Adds the site to the spec of the true vehicle, in place, and returns it."""
 
-    def sensors(self, model: mujoco.MjModel) -> "tuple[list[Sensor], SensorModel | None]":
+    def sensors(self, model: "mujoco.MjModel") -> "tuple[list[Sensor], SensorModel | None]":
         """Sensors that see the site, and the model that perception has of them; None: its default."""
         return [], None
 
@@ -292,8 +292,10 @@ class PlacedTask(ABC):
         """Controller of a test rig, in place of that of the scenario; None: that of the scenario."""
         return None
 
-    def assess(self, ran: RunResult, seed: int) -> Assessment:
+    def assess(self, ran: RunResult, seed: int) -> "Assessment":
         """Assessment of a run against the truth; here, that it ended well."""
+        from uuv.sim.evaluation.metrics import Assessment
+
         return Assessment.of(ran.recording, NoFigures(), [], seed=seed, wall_s=ran.wall_s)
 
     def pictures(self, ran: RunResult) -> Pictures:

@@ -4,24 +4,24 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, is_dataclass, replace
-from typing import Literal, Self
+from typing import TYPE_CHECKING, Literal, Self
 
 import numpy as np
 
-from uuv.models.objects import targets
 from uuv.models.objects.block import RADIUS as BLOCK_RADIUS
-from uuv.models.objects.manifold import Manifold as ManifoldBlock
-from uuv.models.objects.manifold import manifold
-from uuv.models.objects.target_model import ModelPath
-from uuv.models.objects.targets import TargetModel, helix, pile, ring, vertical
 from uuv.models.registry import Registry
-from uuv.models.site.seabed import Seabed, seabed
 from uuv.models.site.terrain_kinds import KINDS, Kind
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.options import DEGREE, MILLIMETRE, option
 from uuv.sim.interfaces.spatial import Array, checked_pose, exp_so3, finite_number, pose, shown
 from uuv.sim.interfaces.tables import TableReader
 from uuv.sim.water.flow_field import FlowField, checked_flow
+
+if TYPE_CHECKING:
+    from uuv.models.objects.manifold import Manifold as ManifoldBlock
+    from uuv.models.objects.target_model import ModelPath
+    from uuv.models.objects.targets import TargetModel
+    from uuv.models.site.seabed import Seabed
 
 ALTITUDE = 2.5  # [m] height of the hull above the seabed during the scan
 HALF = 3.0  # [m] half the side of the terrain
@@ -74,19 +74,19 @@ class Workpiece(SiteObject, ABC):
         """The object as the vehicle knows it."""
         return replace(self, fouled=0.0, dented=0.0)
 
-    def model(self) -> TargetModel:
+    def model(self) -> "TargetModel":
         """Clean model, where no path is needed. Raises ConfigurationError if there is no such object."""
         return self.target(None)[0]
 
     @abstractmethod
-    def target(self, path: str | None) -> tuple[TargetModel, str]:
+    def target(self, path: str | None) -> "tuple[TargetModel, str]":
         """Clean model and name of the path; None: the object's first.
 
         Raises:
             ConfigurationError: There is no such object or path.
         """
 
-    def as_it_is(self, target: TargetModel, path: str | None, rng: np.random.Generator) -> TargetModel:
+    def as_it_is(self, target: "TargetModel", path: str | None, rng: np.random.Generator) -> "TargetModel":
         """The true object: `target` with growth and dents near `path`; None: all over it.
 
         Raises:
@@ -115,8 +115,10 @@ class Barrel(Workpiece):
         unit=DEGREE,
     )
 
-    def target(self, path: str | None) -> tuple[TargetModel, str]:
+    def target(self, path: str | None) -> "tuple[TargetModel, str]":
         """The barrel, and the path's name; default longitudinal."""
+        from uuv.models.objects import targets
+
         made = targets.barrel(
             line_length=self.length,
             line_azimuth=self.azimuth,
@@ -135,8 +137,10 @@ class Block(Workpiece):
     radius: float = BLOCK_RADIUS  # [m] of its edges
     corner: float = float(0.5 * np.pi)  # [rad] by which the path "corner" turns on the top
 
-    def target(self, path: str | None) -> tuple[TargetModel, str]:
+    def target(self, path: str | None) -> "tuple[TargetModel, str]":
         """The block, and the path's name; default edge."""
+        from uuv.models.objects import targets
+
         made = targets.block(radius=self.radius, corner=self.corner)
         made.path(name := path or "edge")
         return made, name
@@ -159,8 +163,10 @@ class Pile(Workpiece):
         -0.15, "Height of the path's middle above the pile's [m]; the flange is 0.2 to 0.3 m above it.", group="object"
     )
 
-    def target(self, path: str | None) -> tuple[TargetModel, str]:
+    def target(self, path: str | None) -> "tuple[TargetModel, str]":
         """The pile with that path alone, default vertical."""
+        from uuv.models.objects.targets import helix, pile, ring, vertical
+
         name = path or "vertical"
         shapes = {
             "vertical": lambda: vertical(self.length, self.azimuth, self.height),
@@ -201,11 +207,13 @@ class KnownObject(Workpiece):
                 f"site.object.line: must be at least {SHORTEST_LINE:g} m long, got {shown(self.line)}"
             )
 
-    def model(self) -> TargetModel:
+    def model(self) -> "TargetModel":
         """Clean model as the library or the file has it."""
+        from uuv.models.objects import targets
+
         return targets.of(self.object, self.scale)
 
-    def target(self, path: str | None) -> tuple[TargetModel, str]:
+    def target(self, path: str | None) -> "tuple[TargetModel, str]":
         """The object and the path's name; "over", from above, is `line`, or along x on a mesh without paths."""
         if self.line is not None and path not in (None, OVER):
             raise ConfigurationError(f"task.path {shown(path)} and site.object.line: one of the two")
@@ -218,7 +226,7 @@ class KnownObject(Workpiece):
         made.path(name)  # raises for an unknown name, and lists the known ones
         return made, name
 
-    def _lines_over(self, made: TargetModel) -> Iterator[tuple[float, float, float, float]]:
+    def _lines_over(self, made: "TargetModel") -> Iterator[tuple[float, float, float, float]]:
         """Lines along x over the middle, and beside it where the object may have a hole there."""
         x, y = made.center[:2]
         half = 0.5 * self.length
@@ -226,7 +234,7 @@ class KnownObject(Workpiece):
             yield x - half, y + aside, x + half, y + aside
 
 
-def _first_laid(made: TargetModel, lines: Iterable[tuple[float, float, float, float]], above: float) -> ModelPath:
+def _first_laid(made: "TargetModel", lines: Iterable[tuple[float, float, float, float]], above: float) -> "ModelPath":
     """The first of the lines (x, y of both ends) that lies on the object all along, seen from above."""
     from uuv.perception.toolpath.path_shapes import laid_on, line  # casts rays
 
@@ -251,8 +259,10 @@ class HoleManifold(SiteObject):
     def __post_init__(self) -> None:
         finite_number(self.clearance, "site.object.clearance [m]", above=0.0)
 
-    def block(self, tool_radius: float) -> ManifoldBlock:
+    def block(self, tool_radius: float) -> "ManifoldBlock":
         """The manifold for a tool of that radius [m]."""
+        from uuv.models.objects.manifold import manifold
+
         return manifold(tool_radius + self.clearance, self.depth, self.chamfer)
 
     def draw_pose(self, rng: np.random.Generator) -> Array:
@@ -268,8 +278,10 @@ class Ground(SiteObject):
     terrain: Kind | Literal["any"] = option("ripples", "Kind of terrain, drawn from the seed; any: the kinds in turn.")
     soil: str = option("sand", "Kind of soil, of `uuv list soils`.")
 
-    def draw(self, seed: int, rng: np.random.Generator) -> Seabed:
+    def draw(self, seed: int, rng: np.random.Generator) -> "Seabed":
         """The terrain, ALTITUDE below the origin."""
+        from uuv.models.site.seabed import seabed
+
         kind = KINDS[seed % len(KINDS)] if self.terrain == "any" else self.terrain
         middle = rng.uniform(-0.2, 0.2, 3) - np.array([0.0, 0.0, ALTITUDE])
         return seabed(kind, rng, center_W=middle, half=HALF)
@@ -342,8 +354,8 @@ class Site:
 
 
 def with_growth_and_dents(
-    target: TargetModel, fouled: float, dented: float, rng: np.random.Generator, near: Array | None = None
-) -> TargetModel | None:
+    target: "TargetModel", fouled: float, dented: float, rng: np.random.Generator, near: Array | None = None
+) -> "TargetModel | None":
     """`target` with random growth and dents.
 
     Args:

@@ -21,9 +21,15 @@ from uuv.calib.fit import LEAST_FREEDOM
 from uuv.calib.identification import Calibration
 from uuv.calib.simulation import HAND_NOISE
 from uuv.calib.touches import first_tcp, motions, moved, spread
-from uuv.calib.verdicts.column_readings import Rival, rival_readings
 from uuv.calib.verdicts.evidence import BRIEF, REFUSED, Again, Doubt, Told, as_made, log_evidence, motion_of
-from uuv.calib.verdicts.joint_readings import HiddenJoint, frozen_readings, hidden_joints, shifted_readings
+from uuv.calib.verdicts.readings import (
+    HiddenJoint,
+    Rival,
+    frozen_readings,
+    hidden_joints,
+    rival_readings,
+    shifted_readings,
+)
 from uuv.models.arms.kinematics import ROW
 from uuv.models.arms.serial_arm import SerialArm
 from uuv.sim.interfaces.errors import ConfigurationError

@@ -3,11 +3,11 @@
 Sizes are ours, at the small end of those that are cast (0.8 m, about 40 kg of aluminium).
 """
 
-import mujoco
 import numpy as np
 
 from uuv.models.meshes.closed_shells import joined, prism, revolve
-from uuv.models.objects.target_model import PATH_STEP, ModelPath, Solid, Symmetry, TargetModel
+from uuv.models.objects.solid import Solid
+from uuv.models.objects.target_model import PATH_STEP, ModelPath, Symmetry, TargetModel
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import Array, pose, rotation_from_z
 
@@ -54,7 +54,6 @@ def anode() -> TargetModel:
     upright, faces = revolve(np.array([(-LEG, 0.0), (-LEG, r), (0.0, r), (0.0, 0.0)]), _SIDES)
     legs = [(upright[:, [1, 2, 0]] + [s * LEG_X, 0.0, 0.0], faces) for s in (-1.0, 1.0)]
     vertices, triangles = joined([prism(low, high), pipe, *legs])
-    cylinder = mujoco.mjtGeom.mjGEOM_CYLINDER
     R_pipe = rotation_from_z([1.0, 0.0, 0.0], [0.0, 0.0, 1.0])
     return TargetModel(
         name="anode",
@@ -63,11 +62,11 @@ def anode() -> TargetModel:
         symmetry=Symmetry(rotations=np.stack([np.eye(3), np.diag([-1.0, -1.0, 1.0])])),
         paths={"top": top(), "side": side()},
         solids=(
-            Solid(name="target_core", kind=cylinder, size=(r, half), X_TS=pose(R_pipe)),
+            Solid(name="target_core", kind="cylinder", size=(r, half), X_TS=pose(R_pipe)),
             *(
                 Solid(
                     name=f"target_leg_{end}",
-                    kind=cylinder,
+                    kind="cylinder",
                     size=(r, 0.5 * LEG),
                     X_TS=pose(p=[s * LEG_X, 0.0, -0.5 * LEG]),
                 )

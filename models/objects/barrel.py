@@ -1,10 +1,10 @@
 """Barrel lying on a stand, after [Konoplin 2022], with the tool paths on it."""
 
-import mujoco
 import numpy as np
 
 from uuv.models.meshes.closed_shells import joined, revolve
-from uuv.models.objects.target_model import PATH_STEP, SHARPEST_CORNER, ModelPath, Solid, Symmetry, TargetModel
+from uuv.models.objects.solid import Solid
+from uuv.models.objects.target_model import PATH_STEP, SHARPEST_CORNER, ModelPath, Symmetry, TargetModel
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import exp_so3, finite_number, pose, rotation_from_z, transform_points
 
@@ -128,12 +128,12 @@ def barrel(
     vertices, triangles = revolve(np.array(profile), BARREL_SIDES)
 
     R_axis = rotation_from_z([1.0, 0.0, 0.0], [0.0, 0.0, 1.0])  # MuJoCo's cylinders have their axis along z
-    cylinder = mujoco.mjtGeom.mjGEOM_CYLINDER
     x_rim = h - 0.5 * RIM_WIDTH
+    size = (rim, 0.5 * RIM_WIDTH)
     solids = (
-        Solid(name="target", kind=cylinder, size=(r, h), X_TS=pose(R_axis)),
-        Solid(name="target_rim_aft", kind=cylinder, size=(rim, 0.5 * RIM_WIDTH), X_TS=pose(R_axis, [-x_rim, 0, 0])),
-        Solid(name="target_rim_fore", kind=cylinder, size=(rim, 0.5 * RIM_WIDTH), X_TS=pose(R_axis, [x_rim, 0, 0])),
+        Solid(name="target", kind="cylinder", size=(r, h), X_TS=pose(R_axis)),
+        Solid(name="target_rim_aft", kind="cylinder", size=size, X_TS=pose(R_axis, [-x_rim, 0, 0])),
+        Solid(name="target_rim_fore", kind="cylinder", size=size, X_TS=pose(R_axis, [x_rim, 0, 0])),
     )
     if bung_azimuth is not None:
         radius, height, x = BUNG
@@ -142,26 +142,16 @@ def barrel(
         disc, faces = revolve(np.array([(inside, 0.0), (inside, radius), (height, radius), (height, 0.0)]), 64)
         disc = transform_points(X_bung, disc[:, [1, 2, 0]])
         vertices, triangles = joined([(vertices, triangles), (disc, faces)])
-        solids += (
-            Solid(
-                name="target_bung",
-                kind=cylinder,
-                size=(radius, 0.5 * (height - inside)),
-                X_TS=X_bung @ pose(p=[0.0, 0.0, 0.5 * (height + inside)]),
-            ),
-        )
+        half = 0.5 * (height - inside)
+        X_TS = X_bung @ pose(p=[0.0, 0.0, half + inside])
+        solids += (Solid(name="target_bung", kind="cylinder", size=(radius, half), X_TS=X_TS),)
     half_width = 0.18
     top = np.sqrt(r**2 - half_width**2)  # the beam's upper edges just touch the shell
     if not stand_height > r + RIM_HEIGHT:
         raise ConfigurationError(f"barrel: stand_height must exceed {r + RIM_HEIGHT} m, got {stand_height}")
     beam = (0.03, half_width, 0.5 * (stand_height - top))
     stand = tuple(
-        Solid(
-            name=f"target_stand_{end}",
-            kind=mujoco.mjtGeom.mjGEOM_BOX,
-            size=beam,
-            X_TS=pose(p=[x, 0.0, -0.5 * (stand_height + top)]),
-        )
+        Solid(name=f"target_stand_{end}", kind="box", size=beam, X_TS=pose(p=[x, 0.0, -0.5 * (stand_height + top)]))
         for end, x in (("aft", -0.28), ("fore", 0.28))
     )
     return TargetModel(

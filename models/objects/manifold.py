@@ -10,12 +10,12 @@ from dataclasses import dataclass
 from itertools import pairwise
 from types import MappingProxyType
 
-import mujoco
 import numpy as np
 from numpy.typing import ArrayLike
 
 from uuv.models.meshes.closed_shells import joined, revolve, welded
-from uuv.models.objects.target_model import ModelPath, Solid, TargetModel
+from uuv.models.objects.solid import Solid
+from uuv.models.objects.target_model import ModelPath, TargetModel
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import Array, exp_so3, pose, readonly, rotation_from_z
 
@@ -117,8 +117,8 @@ def manifold(radius: float = 0.02, depth: float = 0.08, chamfer: float = 0.002) 
     shells = [welded(*mesh.arrays())]
     for name, pipe_radius, pipe_length, axis, middle in pipes:
         R = rotation_from_z(axis, [0.3, 0.5, 0.7])
-        cylinder, half = mujoco.mjtGeom.mjGEOM_CYLINDER, 0.5 * pipe_length
-        solids.append(Solid(name=f"target_{name}", kind=cylinder, size=(pipe_radius, half), X_TS=pose(R, middle)))
+        half = 0.5 * pipe_length
+        solids.append(Solid(name=f"target_{name}", kind="cylinder", size=(pipe_radius, half), X_TS=pose(R, middle)))
         vertices, triangles = revolve(
             [(-half, 0.0), (-half, pipe_radius), (half, pipe_radius), (half, 0.0)], _PIPE_SIDES
         )
@@ -142,7 +142,7 @@ def manifold(radius: float = 0.02, depth: float = 0.08, chamfer: float = 0.002) 
 
 def _box(name: str, middle: ArrayLike, size: ArrayLike, R: Array | None = None) -> Solid:
     half = 0.5 * np.asarray(size, dtype=np.float64)
-    return Solid(name=name, kind=mujoco.mjtGeom.mjGEOM_BOX, size=tuple(half.tolist()), X_TS=pose(R, middle))
+    return Solid(name=name, kind="box", size=tuple(half.tolist()), X_TS=pose(R, middle))
 
 
 def _ring(name: str, hole: Hole) -> list[Solid]:

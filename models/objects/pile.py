@@ -6,11 +6,11 @@ on a pipe of 600 mm, bolted together (proportions as of EN 1092-1 type 11, sizes
 
 from collections.abc import Mapping
 
-import mujoco
 import numpy as np
 
 from uuv.models.meshes.closed_shells import revolve
-from uuv.models.objects.target_model import PATH_STEP, ModelPath, Solid, Symmetry, TargetModel
+from uuv.models.objects.solid import Solid
+from uuv.models.objects.target_model import PATH_STEP, ModelPath, Symmetry, TargetModel
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import Array, pose
 
@@ -118,12 +118,11 @@ def pile(paths: Mapping[str, ModelPath] | None = None, flange: bool = True) -> T
     r, h, R = 0.5 * PILE_DIAMETER, 0.5 * PILE_LENGTH, 0.5 * FLANGE_DIAMETER
     collar = [(FLANGE[0], r), (FLANGE[0], R), (FLANGE[1], R), (FLANGE[1], r)] if flange else []
     vertices, triangles = revolve(np.array([(-h, 0.0), (-h, r), *collar, (h, r), (h, 0.0)]), SIDES)
-    cylinder = mujoco.mjtGeom.mjGEOM_CYLINDER
-    solids = [Solid(name="target", kind=cylinder, size=(r, h), X_TS=pose())]
+    solids = [Solid(name="target", kind="cylinder", size=(r, h), X_TS=pose())]
     if flange:
         half = 0.5 * (FLANGE[1] - FLANGE[0])
         solids.append(
-            Solid(name="target_flange", kind=cylinder, size=(R, half), X_TS=pose(p=[0.0, 0.0, FLANGE[0] + half]))
+            Solid(name="target_flange", kind="cylinder", size=(R, half), X_TS=pose(p=[0.0, 0.0, FLANGE[0] + half]))
         )
     return TargetModel(
         name="pile",

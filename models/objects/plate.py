@@ -3,11 +3,11 @@
 Sizes are ours: the stiffeners are flat bars of 60 by 12 mm, the nozzle a short pipe that is blanked off.
 """
 
-import mujoco
 import numpy as np
 
 from uuv.models.meshes.closed_shells import box, joined, revolve
-from uuv.models.objects.target_model import PATH_STEP, ModelPath, Solid, TargetModel
+from uuv.models.objects.solid import Solid
+from uuv.models.objects.target_model import PATH_STEP, ModelPath, TargetModel
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import Array, pose
 
@@ -56,7 +56,6 @@ def plate() -> TargetModel:
     nozzle = tube[:, [1, 2, 0]] + [*_NOZZLE_AT, 0.0]
     sheet = (list(SIZE), [0.0, 0.0, -0.5 * SIZE[2]])
     vertices, triangles = joined([*(box(size, at) for size, at in (sheet, _LONG, _SHORT)), (nozzle, faces)])
-    block, cylinder = mujoco.mjtGeom.mjGEOM_BOX, mujoco.mjtGeom.mjGEOM_CYLINDER
     return TargetModel(
         name="plate",
         vertices=vertices,
@@ -64,12 +63,12 @@ def plate() -> TargetModel:
         paths={"middle": middle(), "along_bar": along_bar(), "across": across()},
         solids=(
             *(
-                Solid(name=name, kind=block, size=tuple(0.5 * np.array(size)), X_TS=pose(p=at))
+                Solid(name=name, kind="box", size=tuple(0.5 * np.array(size)), X_TS=pose(p=at))
                 for name, (size, at) in (("target", sheet), ("target_long_bar", _LONG), ("target_short_bar", _SHORT))
             ),
             Solid(
                 name="target_nozzle",
-                kind=cylinder,
+                kind="cylinder",
                 size=(radius, 0.5 * (height + 0.01)),
                 X_TS=pose(p=[*_NOZZLE_AT, 0.5 * (height - 0.01)]),
             ),

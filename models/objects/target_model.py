@@ -9,13 +9,13 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
-import mujoco
 import numpy as np
 from numpy.typing import ArrayLike
 
 from uuv.models.meshes.far_origin import middle_if_far
 from uuv.models.meshes.mesh_files import read_mesh
 from uuv.models.meshes.surfel_files import is_cloud_file, read_surfels
+from uuv.models.objects.solid import Solid
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.files import existing_file
 from uuv.sim.interfaces.spatial import (
@@ -32,6 +32,8 @@ from uuv.sim.interfaces.spatial import (
 )
 
 if TYPE_CHECKING:
+    import mujoco
+
     from uuv.models.meshes.cloud_mesh import CloudMesh
 
 LARGEST = 20.0  # [m] largest extent accepted without a stated scale; larger meshes are probably in millimetres
@@ -195,16 +197,6 @@ def without_turn(first: Array, z: Array) -> Array:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Solid:
-    """Collision primitive of a target with the same shape as that part of its mesh."""
-
-    name: str
-    kind: mujoco.mjtGeom
-    size: tuple[float, ...]  # [m] as MuJoCo's geom size
-    X_TS: Array  # (4, 4) pose in T
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class TargetModel:
     """Prior knowledge of an object to work on: mesh, symmetry, paths and collision shapes."""
 
@@ -284,7 +276,7 @@ class TargetModel:
         """Copy of the target with `path` added or replaced under `name`."""
         return replace(self, paths={**self.paths, name: path})
 
-    def add_to(self, spec: mujoco.MjSpec, X_WT: ArrayLike, stand: bool = True, felt: bool = True) -> mujoco.MjsBody:
+    def add_to(self, spec: "mujoco.MjSpec", X_WT: ArrayLike, stand: bool = True, felt: bool = True) -> "mujoco.MjsBody":
         """Add the target to the world of `spec`, as a body and a main geom both named "target".
 
         Its other geoms are "target_<part>". Solids alone are both visible and collide. With hulls the mesh is visible,
@@ -303,6 +295,8 @@ class TargetModel:
         Raises:
             ConfigurationError: a bad pose.
         """
+        import mujoco
+
         X = checked_pose(X_WT, "X_WT")
         body = spec.worldbody.add_body(name="target", pos=X[:3, 3], quat=quat_wxyz_from_rotation(X[:3, :3]))
         middle = middle_if_far(self.vertices)  # MuJoCo keeps meshes in single precision
@@ -333,15 +327,7 @@ class TargetModel:
             if cut:
                 _soften(part, spec)
         for solid in (*self.solids, *(self.stand if stand else ())):
-            size = np.zeros(3)
-            size[: len(solid.size)] = solid.size
-            geom = body.add_geom(
-                name=solid.name,
-                type=solid.kind,
-                size=size,
-                pos=solid.X_TS[:3, 3],
-                quat=quat_wxyz_from_rotation(solid.X_TS[:3, :3]),
-            )
+            geom = solid.add_to(body)
             if hulls and solid in self.solids:
                 _hide(geom)
         return body
@@ -482,13 +468,13 @@ def _noted(target: TargetModel, notes: Sequence[str]) -> TargetModel:
     return replace(target, cloud=replace(cloud, note="; ".join([cloud.note, *notes])))
 
 
-def _hide(geom: mujoco.MjsGeom) -> None:
+def _hide(geom: "mujoco.MjsGeom") -> None:
     """Hide `geom` from cameras and logs; it still collides."""
     geom.group = 3
     geom.rgba = [0.5, 0.5, 0.5, 0.0]
 
 
-def _soften(part: mujoco.MjsGeom, spec: mujoco.MjSpec) -> None:
+def _soften(part: "mujoco.MjsGeom", spec: "mujoco.MjSpec") -> None:
     """Make the contact of `part` compliant, with a penetration of some tenths of a millimetre.
 
     Where parts meet, a tool touches several at once and penetrates each the less. With stiff contacts the penetration

@@ -12,8 +12,9 @@ from uuv.models.objects.manifold import manifold
 from uuv.models.objects.pile import PILE_DIAMETER, PILE_LENGTH, helix, pile, ring, vertical
 from uuv.models.objects.plate import plate
 from uuv.models.objects.rock import rock
+from uuv.models.objects.solid import Solid
 from uuv.models.objects.starfish import starfish
-from uuv.models.objects.target_model import ModelPath, Solid, Symmetry, TargetModel
+from uuv.models.objects.target_model import ModelPath, Symmetry, TargetModel
 from uuv.models.objects.valve import valve
 from uuv.models.registry import Registry
 from uuv.sim.interfaces.errors import ConfigurationError

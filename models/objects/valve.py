@@ -3,11 +3,11 @@
 Sizes are ours, of the order of a DN100 ball valve. The lever leaves it without symmetry.
 """
 
-import mujoco
 import numpy as np
 
 from uuv.models.meshes.closed_shells import box, joined, revolve
-from uuv.models.objects.target_model import PATH_STEP, ModelPath, Solid, TargetModel
+from uuv.models.objects.solid import Solid
+from uuv.models.objects.target_model import PATH_STEP, ModelPath, TargetModel
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import pose, rotation_from_z
 
@@ -62,7 +62,6 @@ def valve() -> TargetModel:
 
     Its closed shells (body, bonnet with stem, lever) intersect. Paths "handle" and "collar".
     """
-    cylinder = mujoco.mjtGeom.mjGEOM_CYLINDER
     r, half, (wide, thick) = PIPE[0], 0.5 * PIPE[1], FLANGE
     profile = [(-half, 0.0), (-half, wide), (thick - half, wide), (thick - half, r)]
     profile += [(-x, radius) for x, radius in reversed(profile)]
@@ -82,11 +81,11 @@ def valve() -> TargetModel:
         triangles=triangles,
         paths={"handle": handle(), "collar": collar()},
         solids=(
-            Solid(name="target", kind=cylinder, size=(r, half), X_TS=pose(R_pipe)),
+            Solid(name="target", kind="cylinder", size=(r, half), X_TS=pose(R_pipe)),
             *(
                 Solid(
                     name=f"target_flange_{end}",
-                    kind=cylinder,
+                    kind="cylinder",
                     size=(wide, 0.5 * thick),
                     X_TS=pose(R_pipe, [x, 0.0, 0.0]),
                 )
@@ -94,21 +93,16 @@ def valve() -> TargetModel:
             ),
             Solid(
                 name="target_bonnet",
-                kind=cylinder,
+                kind="cylinder",
                 size=(BONNET[0], 0.5 * BONNET[1]),
                 X_TS=pose(p=[0.0, 0.0, 0.5 * BONNET[1]]),
             ),
             Solid(
                 name="target_stem",
-                kind=cylinder,
+                kind="cylinder",
                 size=(STEM[0], 0.5 * (STEM[1] - 0.5 * LEVER[2])),
                 X_TS=pose(p=[0.0, 0.0, 0.5 * (STEM[1] - 0.5 * LEVER[2])]),
             ),
-            Solid(
-                name="target_lever",
-                kind=mujoco.mjtGeom.mjGEOM_BOX,
-                size=tuple((0.5 * lever).tolist()),
-                X_TS=pose(p=middle),
-            ),
+            Solid(name="target_lever", kind="box", size=tuple((0.5 * lever).tolist()), X_TS=pose(p=middle)),
         ),
     )

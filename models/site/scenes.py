@@ -1,17 +1,21 @@
 """Scene builder: a vehicle, an object to work on, and the seabed in one MjSpec."""
 
-import mujoco
+from typing import TYPE_CHECKING
 
 from uuv.models.naming import TOOL_GEOM
-from uuv.models.objects.targets import TargetModel
-from uuv.models.site.seabed import Seabed
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import Array, transform_points
+
+if TYPE_CHECKING:
+    import mujoco
+
+    from uuv.models.objects.targets import TargetModel
+    from uuv.models.site.seabed import Seabed
 
 SEABED_DEPTH = 0.75  # [m] of the flat seabed below the object's origin
 
 
-def work_site(vehicle: mujoco.MjSpec, target: TargetModel, X_WT: Array) -> mujoco.MjSpec:
+def work_site(vehicle: "mujoco.MjSpec", target: "TargetModel", X_WT: Array) -> "mujoco.MjSpec":
     """Add `target` on its stand, and flat seabed under it, to the spec of a vehicle at the origin.
 
     A target that extends deeper than SEABED_DEPTH below its own origin stands on the seabed.
@@ -24,6 +28,8 @@ def work_site(vehicle: mujoco.MjSpec, target: TargetModel, X_WT: Array) -> mujoc
     Returns:
         The same spec.
     """
+    import mujoco
+
     spec = vehicle
     target.add_to(spec, X_WT)
     seabed = spec.worldbody.add_geom()
@@ -35,7 +41,7 @@ def work_site(vehicle: mujoco.MjSpec, target: TargetModel, X_WT: Array) -> mujoc
     return spec
 
 
-def dig_site(vehicle: mujoco.MjSpec, ground: Seabed) -> mujoco.MjSpec:
+def dig_site(vehicle: "mujoco.MjSpec", ground: "Seabed") -> "mujoco.MjSpec":
     """Add `ground` to the spec of a vehicle whose tool, the geom "pad", penetrates it without collision.
 
     The soil acts as a force on the tool (`uuv.models.site.soil`).
@@ -51,6 +57,6 @@ def dig_site(vehicle: mujoco.MjSpec, ground: Seabed) -> mujoco.MjSpec:
     return vehicle
 
 
-def seabed_height(target: TargetModel, X_WT: Array) -> float:
+def seabed_height(target: "TargetModel", X_WT: Array) -> float:
     """Height [m] in W of the seabed under `target` at `X_WT` (4, 4)."""
     return min(float(X_WT[2, 3]) - SEABED_DEPTH, float(transform_points(X_WT, target.vertices)[:, 2].min()))

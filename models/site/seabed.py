@@ -6,15 +6,17 @@ serves camera and sonar, the height field collision.
 """
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
-import mujoco
 import numpy as np
 from numpy.typing import ArrayLike
 
 from uuv.models.site.terrain_kinds import KINDS, Kind
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import Array, checked, readonly
+
+if TYPE_CHECKING:
+    import mujoco
 
 SEABED_GEOM = "seabed"
 _BASE = 0.3  # [m] thickness of solid ground under the lowest point
@@ -74,8 +76,10 @@ class Seabed:
         vertices = np.column_stack([x.ravel(), y.ravel(), (self.heights + self.center_W[2]).ravel()])
         return vertices, np.vstack([np.column_stack([a, b, c]), np.column_stack([a, c, d])])
 
-    def add_to(self, spec: mujoco.MjSpec, shape: Literal["height field", "mesh"] = "height field") -> None:
+    def add_to(self, spec: "mujoco.MjSpec", shape: Literal["height field", "mesh"] = "height field") -> None:
         """Add the terrain to the world of `spec` as geom SEABED_GEOM; as a mesh it does not collide."""
+        import mujoco
+
         geom = spec.worldbody.add_geom(name=SEABED_GEOM, rgba=_RGBA)
         if shape == "mesh":
             vertices, triangles = self.mesh()

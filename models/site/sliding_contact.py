@@ -1,11 +1,14 @@
 """Contact of a tool that slides on the target without lifting, however stiff both are."""
 
 import math
+from typing import TYPE_CHECKING
 
-import mujoco
 import numpy as np
 
 from uuv.models.naming import TOOL_GEOM
+
+if TYPE_CHECKING:
+    import mujoco
 
 TARGET_BODY = "target"
 FRICTION_TIME = 0.045  # [s] time constant of friction under a pressed tool
@@ -14,7 +17,7 @@ PRESSED = 3.0  # times what just keeps a tool in contact at its mean speed and f
 FRICTION_STIFFNESS = 100.0  # MuJoCo's impratio: the pad creeps less than 2 mm/s under 0.8 of the friction limit
 
 
-def let_tool_slide(scene: mujoco.MjSpec, *, speed: float = 0.0, force: float = math.inf) -> None:
+def let_tool_slide(scene: "mujoco.MjSpec", *, speed: float = 0.0, force: float = math.inf) -> None:
     """Give tool and target of a scene a contact of their own.
 
     MuJoCo's friction is convex: sliding at v [m/s] with the coefficient mu causes a separating acceleration
@@ -28,6 +31,8 @@ def let_tool_slide(scene: mujoco.MjSpec, *, speed: float = 0.0, force: float = m
         speed: [m/s] at which the tool slides.
         force: [N] the least that presses it.
     """
+    import mujoco
+
     pad, target = scene.geom(TOOL_GEOM), scene.body(TARGET_BODY)
     light = speed > 0.0 and math.isfinite(force)
     time = friction_time(scene.copy().compile(), speed=speed, force=force) if light else FRICTION_TIME
@@ -43,7 +48,7 @@ def let_tool_slide(scene: mujoco.MjSpec, *, speed: float = 0.0, force: float = m
         pair.solreffriction = [time, 1.0]
 
 
-def friction_time(model: mujoco.MjModel, *, speed: float, force: float) -> float:
+def friction_time(model: "mujoco.MjModel", *, speed: float, force: float) -> float:
     """Time constant [s] of friction with which a tool stays in contact.
 
     Sliding separates by mu b v, with b = 2 / (d_max time). Pressed in at rest, the contact's reference acceleration is

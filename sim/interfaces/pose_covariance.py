@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import cache
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -26,7 +27,7 @@ _RESISTED = 0.02  # [-] share of a free twist in a motion, below which the motio
 _CHI_95 = 2.7955  # [-] radius of the ball that holds 95 % of a standard normal in three dimensions
 _NULL = 1e-10  # [-] of the largest variance, below which a variance is that of a free twist
 _ONE = 0.98  # [-] of a free direction that lies in another find's free ones, if it is the same direction
-_DRAWS = np.random.default_rng(0).standard_normal((4096, 6))  # by which chances are computed, to half a percent
+_DRAWS = 4096  # by which chances are computed, to half a percent
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -64,7 +65,7 @@ class PoseCovariance:
     def chance_within(self, position: float, angle: float) -> float:
         """Probability that the held part of the error is within `position` [m] and `angle` [rad]; Monte Carlo."""
         values, vectors = np.linalg.eigh(self.matrix)
-        drawn = _DRAWS @ (vectors * np.sqrt(np.maximum(values, 0.0))).T
+        drawn = _normal_draws() @ (vectors * np.sqrt(np.maximum(values, 0.0))).T
         near = np.sum(drawn[:, :3] ** 2, axis=1) < position**2
         return float(np.mean(near & (np.sum(drawn[:, 3:] ** 2, axis=1) < (angle * self.radius) ** 2)))
 
@@ -295,3 +296,9 @@ def _moved(X_AT: Array, covariance: PoseCovariance, twist: Array) -> Array:
     R = exp_so3(twist[3:] / covariance.radius)
     off = X_AT[:3, 3] - covariance.center
     return pose(R @ X_AT[:3, :3], covariance.center + twist[:3] + R @ off)
+
+
+@cache
+def _normal_draws() -> Array:
+    """Standard normal draws (_DRAWS, 6), always the same."""
+    return readonly(np.random.default_rng(0).standard_normal((_DRAWS, 6)))

@@ -21,7 +21,7 @@ from typing import Any, ClassVar, NoReturn, TypeVar, cast
 
 from uuv.sim.interfaces.errors import UuvError, did_you_mean, one_line
 from uuv.sim.interfaces.extras import missing
-from uuv.sim.runs.process import BAD_INPUT, keep_children_from_the_working_folder, quiet_pipe, reader_is_gone
+from uuv.sim.runs.process import BAD_INPUT, children_kept_from_the_working_folder, quiet_pipe, reader_is_gone
 from uuv.sim.runs.run_folder import give_back
 
 ROOMS = ("models", "sim", "perception", "controllers", "calib")  # packages of `uuv`, folders of a checkout
@@ -172,8 +172,7 @@ def run_scenario(main: Callable[[], int | None]) -> NoReturn:
     UuvError, or an optional package that is not installed: 2. Any other error: 70, with its place; 2 if it was raised
     in a user's own module. SIGINT 130, SIGTERM 143. A closed pipe ends it quietly, 141.
     """
-    keep_children_from_the_working_folder()
-    with quiet_pipe():
+    with children_kept_from_the_working_folder(), quiet_pipe():
         _exit(main)
 
 

@@ -11,6 +11,7 @@ from contextlib import contextmanager
 
 BAD_INPUT = 2  # exit code
 _PIPE_CLOSED = 128 + 13  # exit code of a program that SIGPIPE ended, by the convention of shells
+_SAFE_PATH = "PYTHONSAFEPATH"  # read by a Python when it starts
 _NOT_POSIX = ("win32", "cygwin")
 
 
@@ -33,9 +34,21 @@ def parts_from_the_working_folder() -> None:
     sys.path[:] = [each for each in sys.path if each and os.path.realpath(each) != os.path.realpath(here)] + [here]
 
 
-def keep_children_from_the_working_folder() -> None:
-    """Lets Pythons that this process starts, by `-m` and `-c`, not look for modules where they work first."""
-    os.environ["PYTHONSAFEPATH"] = "1"
+@contextmanager
+def children_kept_from_the_working_folder() -> Iterator[None]:
+    """Lets Pythons that are started within, by `-m` and `-c`, not look for modules where they work first.
+
+    The environment is then as before: a program that ran a command goes on in its own.
+    """
+    before = os.environ.get(_SAFE_PATH)
+    os.environ[_SAFE_PATH] = "1"
+    try:
+        yield
+    finally:
+        if before is None:
+            os.environ.pop(_SAFE_PATH, None)
+        else:
+            os.environ[_SAFE_PATH] = before
 
 
 @contextmanager

@@ -17,7 +17,8 @@ from experiments.contact.force_steps import steps_up
 from experiments.vehicles.pushed_hover import POSTURES, flow
 from experiments.vehicles.pushing import PushCase as Push
 from experiments.vehicles.pushing import run as push
-from uuv.arm_identification.calibration_input import nominal, simulated
+from uuv.arm_identification.calibration_case import nominal
+from uuv.arm_identification.simulated_touches import simulated
 from uuv.assembly import assemble
 from uuv.calib import identify as calibrate
 from uuv.calib.simulation import HAND_NOISE

@@ -12,23 +12,13 @@ from rich.table import Table
 from rich.text import Text
 
 from uuv.arm_identification import touch_plan
-from uuv.arm_identification.calibration_input import (
-    CalibrationCase,
-    CalibrationOutcome,
-    Loading,
-    RealEffects,
-    by_contact,
-    failed,
-    figures_of_merit,
-    from_files,
-    metrics,
-    nominal,
-    simulated,
-    solve,
-)
+from uuv.arm_identification.calibration_case import CalibrationCase, Loading, from_files, nominal
+from uuv.arm_identification.calibration_figures import figures_of_merit, metrics, most_changed
 from uuv.arm_identification.calibration_options import COMMAND, CalibrationOptions
+from uuv.arm_identification.calibration_outcome import CalibrationOutcome, failed, solve
+from uuv.arm_identification.simulated_touches import RealEffects, by_contact, simulated
 from uuv.arm_identification.touching import touching_scenario
-from uuv.calib import Calibration, report
+from uuv.calib import report
 from uuv.calib.results import write_results
 from uuv.calib.touch_files import write_touches
 from uuv.scenario import VehicleSetup
@@ -203,7 +193,7 @@ def _say(case: CalibrationCase, outcome: CalibrationOutcome, console: Console) -
     for name, value in figures_of_merit(case, outcome):
         table.add_row(Text(name), value)
     console.print(table)
-    console.print(_worst(found))
+    console.print(_most_changed(outcome))
     for group in found.rank.hidden:
         console.print(f"not seen: {group}", highlight=False)
 
@@ -232,14 +222,11 @@ def _write(case: CalibrationCase, outcome: CalibrationOutcome, options: Calibrat
     return list(files)
 
 
-def _worst(found: Calibration, count: int = 5) -> Table:
-    """Table of the `count` parameters whose change is largest relative to its uncertainty."""
+def _most_changed(outcome: CalibrationOutcome) -> Table:
+    """Table of the parameters whose change is largest relative to its uncertainty."""
     table = Table(title="most changed for sure", title_justify="left")
     for column in ("", "change", "95 %", "unit"):
         table.add_column(column, justify="right" if column in ("change", "95 %") else "left")
-    own = [i for i, group in enumerate(found.estimate.parameters.groups) if group != "tcp"]
-    half = found.quantile() * found.sigma
-    for i in sorted(own, key=lambda i: -abs(found.estimate.changes[i]) / half[i])[:count]:
-        factor, unit = report.shown(found.estimate.parameters.units[i])
-        table.add_row(found.names[i], f"{factor * found.estimate.changes[i]:+.4f}", f"± {factor * half[i]:.4f}", unit)
+    for row in most_changed(outcome.calibration):
+        table.add_row(*row)
     return table

@@ -10,7 +10,9 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from uuv.arm_identification.calibration_input import LOOKING_DOWN, TOOLS, CalibrationCase, moves
+from uuv.arm_identification.calibration_case import CalibrationCase
+from uuv.arm_identification.simulated_touches import LOOKING_DOWN, TOOLS
+from uuv.arm_identification.tracked_moves import moves
 from uuv.calib import Arm, Calibration, identify
 from uuv.calib.arm_files import ArmSource
 from uuv.calib.parameters import DEFAULT_FREE

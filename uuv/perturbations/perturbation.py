@@ -20,13 +20,14 @@ from dataclasses import dataclass
 from functools import cache
 from typing import TYPE_CHECKING, ClassVar
 
-import mujoco
 import numpy as np
 
 from uuv.models.registry import Registry
 from uuv.sim.loop.rollout import Observer, Parts, SteppedPlant
 
 if TYPE_CHECKING:  # brings kernels
+    import mujoco
+
     from uuv.sim.water.current import Current
 
 
@@ -46,14 +47,14 @@ class Perturbation:
     stream: ClassVar[int | None] = None  # of the random draws; None: by the class's name
     joins: ClassVar[bool] = False  # it may be added to a saved run: until its onset the run is as without it
 
-    def check_inputs(self, spec: mujoco.MjSpec) -> None:
+    def check_inputs(self, spec: "mujoco.MjSpec") -> None:
         """Refuses names that the vehicle `spec` has not, before anything is compiled; by default it names none."""
 
-    def on_vehicle(self, spec: mujoco.MjSpec, rng: np.random.Generator) -> Mapping[str, float]:
+    def on_vehicle(self, spec: "mujoco.MjSpec", rng: np.random.Generator) -> Mapping[str, float]:
         """Changes the true vehicle's spec in place, and returns means of the drawn factors by name."""
         return {}
 
-    def on_scene(self, scene: mujoco.MjSpec) -> None:
+    def on_scene(self, scene: "mujoco.MjSpec") -> None:
         """Changes the spec of vehicle and site in place."""
 
     def on_water(self, current: "Current") -> "Current":
@@ -70,7 +71,7 @@ class Perturbation:
         return np.random.default_rng(np.random.SeedSequence([seed, 7], spawn_key=(stream,)))
 
 
-def perturb(spec: mujoco.MjSpec, perturbations: Iterable[Perturbation], seed: int = 0) -> dict[str, float]:
+def perturb(spec: "mujoco.MjSpec", perturbations: Iterable[Perturbation], seed: int = 0) -> dict[str, float]:
     """Applies the perturbations of a vehicle's `spec` in place, in their order.
 
     Args:

@@ -5,19 +5,17 @@ A spread draws a factor uniform in 1 +- spread for each number independently.
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
-import mujoco
 import numpy as np
 
-from uuv.models import hydrodynamics
-from uuv.models.arms import gear_friction
-from uuv.models.arms.gear_friction import GearFriction
 from uuv.models.naming import ARM_BASE_BODY, HULL_BODY
-from uuv.models.water import thrusters
 from uuv.perturbations.perturbation import Perturbation
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import Array, finite_number
+
+if TYPE_CHECKING:
+    import mujoco
 
 _TRANSLATION = slice(0, 3)
 
@@ -44,8 +42,10 @@ class Water(_Spread):
     stream: ClassVar[int | None] = 0
     spread: float = 0.0  # of each coefficient
 
-    def on_vehicle(self, spec: mujoco.MjSpec, rng: np.random.Generator) -> Mapping[str, float]:
+    def on_vehicle(self, spec: "mujoco.MjSpec", rng: np.random.Generator) -> Mapping[str, float]:
         """Scales diagonal coefficients by one factor each, couplings by the geometric mean: all stay semidefinite."""
+        from uuv.models import hydrodynamics
+
         if not self.spread:
             return {}
         bodies = hydrodynamics.attached(spec)
@@ -83,8 +83,12 @@ class Payload(_Spread):
     spread: float = 0.0  # of the mass of each part of the arm
     trim_error: float = 0.0  # share of the arm's mass by which the hull is too light (negative: too heavy)
 
-    def on_vehicle(self, spec: mujoco.MjSpec, rng: np.random.Generator) -> Mapping[str, float]:
+    def on_vehicle(self, spec: "mujoco.MjSpec", rng: np.random.Generator) -> Mapping[str, float]:
         """Scales masses and inertias; the hull is ballasted for the nominal arm, less the trim error."""
+        import mujoco
+
+        from uuv.models import hydrodynamics
+
         if not (self.spread or self.trim_error):
             return {}
         arm = spec.body(ARM_BASE_BODY)
@@ -110,8 +114,10 @@ class ThrusterSpread(_Spread):
     lag: float = 0.0  # spread of the time constants
     gain: float = 0.0  # spread of the gains
 
-    def on_vehicle(self, spec: mujoco.MjSpec, rng: np.random.Generator) -> Mapping[str, float]:
+    def on_vehicle(self, spec: "mujoco.MjSpec", rng: np.random.Generator) -> Mapping[str, float]:
         """Scales the thrusters' tables."""
+        from uuv.models.water import thrusters
+
         if not (self.lag or self.gain):
             return {}
         carriers = [actuator for actuator in spec.actuators if thrusters.carries(np.array(actuator.userdata))]
@@ -143,8 +149,11 @@ class Gears(_Spread):
     stream: ClassVar[int | None] = 3
     spread: float = 0.0
 
-    def on_vehicle(self, spec: mujoco.MjSpec, rng: np.random.Generator) -> Mapping[str, float]:
+    def on_vehicle(self, spec: "mujoco.MjSpec", rng: np.random.Generator) -> Mapping[str, float]:
         """Scales the friction of each driven joint."""
+        from uuv.models.arms import gear_friction
+        from uuv.models.arms.gear_friction import GearFriction
+
         if not self.spread:
             return {}
         names = {actuator.target for actuator in spec.actuators}

@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-import mujoco
 import numpy as np
 
 from uuv.models.naming import ARM_BASE_BODY, TIP_SITE
@@ -13,6 +12,8 @@ from uuv.sim.interfaces.spatial import Array
 from uuv.sim.sensors.view_conditions import ViewConditions
 
 if TYPE_CHECKING:
+    import mujoco
+
     from uuv.own_vehicle import OwnVehicle
     from uuv.perception.navigation.surface_track import TrackMount
 
@@ -24,8 +25,10 @@ class ArmCameraSetup(ViewConditions):
     rendered: bool = False  # render and align every picture (slow); False: the error model fitted to such pictures
 
 
-def arm_camera(setup: ArmCameraSetup, model: mujoco.MjModel) -> Sensor:
+def arm_camera(setup: ArmCameraSetup, model: "mujoco.MjModel") -> Sensor:
     """The simulated sensor; it tracks the object of the site, which may move, or else the world."""
+    import mujoco
+
     surface = TARGET_BODY if mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, TARGET_BODY) >= 0 else "world"
     if setup.rendered:
         from uuv.sensors.rendered_arm_camera import RenderedArmCamera  # kernels compile on import

@@ -4,17 +4,14 @@ from collections.abc import Collection, Iterator
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, ClassVar
 
-import mujoco
 import numpy as np
+from numpy.random import Generator
 
-from uuv.models.arms.gear_friction import DryFriction
 from uuv.models.naming import CAMERA_SITE, TOOL_GEOM
-from uuv.models.vehicle import Vehicle
 from uuv.outcome import RunResult
-from uuv.own_vehicle import OwnVehicle
 from uuv.scenario import PlacedTask, Scenario, Task
 from uuv.sim.evaluation.friction_metrics import FrictionMetrics, FrictionParameter, FrictionRunMetrics, JointFriction
-from uuv.sim.evaluation.metrics import Assessment, Requirement
+from uuv.sim.evaluation.metrics import Requirement
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.messages import WorkState
 from uuv.sim.interfaces.options import option
@@ -25,11 +22,16 @@ from uuv.site import OpenWater
 from uuv.tasks.approach import object_of
 
 if TYPE_CHECKING:
+    import mujoco
     from matplotlib.figure import Figure
     from rich.table import Table
 
     from uuv.controllers.estimation.friction_identification import FrictionMotion, IdentifiedFriction
+    from uuv.models.arms.gear_friction import DryFriction
+    from uuv.models.vehicle import Vehicle
+    from uuv.own_vehicle import OwnVehicle
     from uuv.perception.clouds.scan import SensorModel
+    from uuv.sim.evaluation.metrics import Assessment
     from uuv.sim.loop.recording import Recorder
 
 SHORTEST, LONGEST = 10.0, 300.0  # [s] of swings
@@ -99,7 +101,7 @@ class GearIdentificationTask(Task):
         super().check_inputs(scenario)
         object_of(scenario, OpenWater)
 
-    def place(self, scenario: Scenario, own: OwnVehicle, rng: np.random.Generator) -> "FrictionCase":
+    def place(self, scenario: Scenario, own: "OwnVehicle", rng: Generator) -> "FrictionCase":
         """The swings in open water."""
         object_of(scenario, OpenWater)
         return FrictionCase(scenario=scenario, task=self, believed=own.vehicle)
@@ -112,9 +114,9 @@ class FrictionCase(PlacedTask):
     exact_start: ClassVar[bool] = True
     scenario: Scenario
     task: GearIdentificationTask
-    believed: Vehicle
+    believed: "Vehicle"
     samples: FrictionSamples = field(default_factory=FrictionSamples)
-    model: mujoco.MjModel | None = None  # of the plant; `sensors` sets it
+    model: "mujoco.MjModel | None" = None  # of the plant; `sensors` sets it
     found: "IdentifiedFriction | None" = None  # `assess` sets it
 
     @property
@@ -129,8 +131,10 @@ class FrictionCase(PlacedTask):
         return pose(p=[0.0, 0.0, -DEPTH])
 
     @property
-    def true(self) -> Vehicle:
+    def true(self) -> "Vehicle":
         """The vehicle as it is."""
+        from uuv.models.vehicle import Vehicle
+
         assert self.model is not None
         return Vehicle.of(self.model)
 
@@ -140,11 +144,11 @@ class FrictionCase(PlacedTask):
         assert self.model is not None
         return float(self.model.opt.timestep)
 
-    def scene(self, vehicle: mujoco.MjSpec) -> mujoco.MjSpec:
+    def scene(self, vehicle: "mujoco.MjSpec") -> "mujoco.MjSpec":
         """The vehicle alone."""
         return vehicle
 
-    def sensors(self, model: mujoco.MjModel) -> "tuple[list[Sensor], SensorModel | None]":
+    def sensors(self, model: "mujoco.MjModel") -> "tuple[list[Sensor], SensorModel | None]":
         """No sensor sees anything."""
         self.model = model
         return [], None
@@ -157,7 +161,7 @@ class FrictionCase(PlacedTask):
         slow, fast = SLOW_SHARE * seconds, 0.5 * (1.0 - SLOW_SHARE) * seconds
         return FrictionMotion(self.believed, self.X_WB, slow=slow, fast=fast)
 
-    def assess(self, ran: RunResult, seed: int) -> Assessment:
+    def assess(self, ran: RunResult, seed: int) -> "Assessment":
         """Identifies the friction and compares it with the true one."""
         try:
             self.found = identified(self)
@@ -197,7 +201,7 @@ def identified(case: FrictionCase) -> "IdentifiedFriction":
     return identify_friction(speed, acceleration, motor[1:], gear[1:], case.believed.armature)
 
 
-def values_of(viscous: Array, dry: DryFriction) -> dict[str, Array]:
+def values_of(viscous: Array, dry: "DryFriction") -> dict[str, Array]:
     """The arrays (n,) of a friction by the names of QUANTITIES."""
     return {"viscous": viscous, **{name: getattr(dry, name) for name in ("coulomb", "stiction", "stribeck_speed")}}
 
@@ -213,7 +217,7 @@ def errors(case: FrictionCase, found: "IdentifiedFriction") -> dict[str, Array]:
     }
 
 
-def assessed(case: FrictionCase, found: "IdentifiedFriction | None", ran: RunResult) -> Assessment:
+def assessed(case: FrictionCase, found: "IdentifiedFriction | None", ran: RunResult) -> "Assessment":
     """Metrics of the run: friction of each joint and the errors of the worst, by FrictionBounds.
 
     Args:
@@ -221,6 +225,8 @@ def assessed(case: FrictionCase, found: "IdentifiedFriction | None", ran: RunRes
         found: The identified friction; None: the run was interrupted before.
         ran: The run.
     """
+    from uuv.sim.evaluation.metrics import Assessment
+
     bounds = FrictionBounds()
     figures: dict[str, Any] = dict.fromkeys(("coulomb_error", "stiction_error", "viscous_error", "error_sigmas"))
     joints: list[JointFriction] = []

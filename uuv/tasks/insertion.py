@@ -3,21 +3,18 @@
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, ClassVar, Literal
 
-import mujoco
 import numpy as np
+from numpy.random import Generator
 
 from uuv.controllers.tasks.settings import InsertionSettings, settings_of
 from uuv.models.naming import HULL_BODY, TOOL_GEOM, find
 from uuv.models.objects.manifold import Hole
 from uuv.models.objects.targets import TargetModel
 from uuv.models.site import scenes
-from uuv.models.tools.sampler import SAMPLER
 from uuv.outcome import Pictures, RunResult
-from uuv.own_vehicle import OwnVehicle
 from uuv.scenario import PlacedTask, Scenario, Task
 from uuv.sensors.coarse_detection import coarse_detection
 from uuv.sim.evaluation.insertion_metrics import AT_THE_HOLE, TrueHole, assess_insertion
-from uuv.sim.evaluation.metrics import Assessment
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.messages import WorkState
 from uuv.sim.interfaces.options import MILLIMETRE, option
@@ -27,9 +24,13 @@ from uuv.site import HoleManifold
 from uuv.tasks.approach import object_of, scan_pose
 
 if TYPE_CHECKING:
+    import mujoco
+
     from uuv.controllers.tasks.insertion import HoleInsertion
+    from uuv.own_vehicle import OwnVehicle
     from uuv.perception.clouds.scan import SensorModel
     from uuv.perception.finding.target_finder import KnownObjectFinder
+    from uuv.sim.evaluation.metrics import Assessment
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,12 +60,16 @@ class InsertionTask(InsertionSettings, Task):
 
     def check_inputs(self, scenario: Scenario) -> None:
         """Refuses an object that is no manifold, and a hole that it has not."""
+        from uuv.models.tools.sampler import SAMPLER
+
         super().check_inputs(scenario)
         site: HoleManifold = object_of(scenario, HoleManifold)
         site.block(SAMPLER.radius).hole(self.hole)
 
-    def place(self, scenario: Scenario, own: OwnVehicle, rng: np.random.Generator) -> "PlacedInsertion":
+    def place(self, scenario: Scenario, own: "OwnVehicle", rng: Generator) -> "PlacedInsertion":
         """The insertion at the site's manifold; draws its pose and its coarse detection."""
+        import mujoco
+
         tool = find(own.model, mujoco.mjtObj.mjOBJ_GEOM, TOOL_GEOM)
         if own.model.geom_type[tool] != mujoco.mjtGeom.mjGEOM_CAPSULE:
             name = scenario.vehicle.vehicle
@@ -94,7 +99,7 @@ class PlacedInsertion(PlacedTask):
 
     begun: ClassVar[tuple[WorkState, ...]] = AT_THE_HOLE
     scenario: Scenario
-    own: OwnVehicle
+    own: "OwnVehicle"
     task: InsertionTask
     target: TargetModel
     bore: Hole
@@ -113,11 +118,11 @@ class PlacedInsertion(PlacedTask):
         """Scan pose of the hull."""
         return scan_pose(self.own.X_BC, self.approach_W, self.task.range)
 
-    def scene(self, vehicle: mujoco.MjSpec) -> mujoco.MjSpec:
+    def scene(self, vehicle: "mujoco.MjSpec") -> "mujoco.MjSpec":
         """Adds the manifold and flat seabed."""
         return scenes.work_site(vehicle, self.target, self.X_WT)
 
-    def sensors(self, model: mujoco.MjModel) -> "tuple[list[Sensor], SensorModel | None]":
+    def sensors(self, model: "mujoco.MjModel") -> "tuple[list[Sensor], SensorModel | None]":
         """The depth camera."""
         from uuv.sim.sensors.depth_camera import DepthCamera
 
@@ -146,7 +151,7 @@ class PlacedInsertion(PlacedTask):
             X_WB_scan=self.X_WB,
         )
 
-    def assess(self, ran: RunResult, seed: int) -> Assessment:
+    def assess(self, ran: RunResult, seed: int) -> "Assessment":
         """Assessment against the true hole."""
         found = next((target for target in reversed(ran.recording.targets) if target.accepted), None)
         X_WH = None if found is None else found.X_WT @ self.bore.pose(np.eye(4))

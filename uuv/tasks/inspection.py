@@ -5,8 +5,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
-import mujoco
-import numpy as np
+from numpy.random import Generator
 
 from uuv.controllers.tasks.settings import InspectionSettings, settings_of
 from uuv.models.meshes import open3d_loader
@@ -14,11 +13,9 @@ from uuv.models.naming import HULL_BODY, TOOL_GEOM
 from uuv.models.objects.targets import TargetModel
 from uuv.models.site import scenes
 from uuv.outcome import Pictures, RunResult
-from uuv.own_vehicle import OwnVehicle
 from uuv.scenario import LONGEST, PlacedTask, Scenario, Task
 from uuv.sensors.coarse_detection import coarse_detection
 from uuv.sim.evaluation.inspection_metrics import InspectionBounds, TrueInspection, assess_inspection
-from uuv.sim.evaluation.metrics import Assessment
 from uuv.sim.interfaces.messages import WorkState
 from uuv.sim.interfaces.options import option
 from uuv.sim.interfaces.protocols import Sensor
@@ -28,11 +25,14 @@ from uuv.site import Workpiece
 from uuv.tasks.approach import object_of, scan_pose
 
 if TYPE_CHECKING:
+    import mujoco
     from matplotlib.figure import Figure
 
     from uuv.controllers.tasks.inspection import Inspection, InspectionJob
+    from uuv.own_vehicle import OwnVehicle
     from uuv.perception.clouds.scan import SensorModel
     from uuv.perception.finding.target_finder import KnownObjectFinder
+    from uuv.sim.evaluation.metrics import Assessment
     from uuv.sim.loop.recording import Recorder, Recording
     from uuv.tasks.surface_survey import SurfaceSurvey
 
@@ -59,7 +59,7 @@ class InspectionTask(InspectionSettings, Task):
         if self.mesh:
             open3d_loader.load()
 
-    def place(self, scenario: Scenario, own: OwnVehicle, rng: np.random.Generator) -> "PlacedInspection":
+    def place(self, scenario: Scenario, own: "OwnVehicle", rng: Generator) -> "PlacedInspection":
         """The flight around the site's object; draws its pose and its coarse detection."""
         from uuv.controllers.tasks.inspection import InspectionJob
         from uuv.tasks.surface_survey import SurfaceSurvey
@@ -89,7 +89,7 @@ class PlacedInspection(PlacedTask):
     """An inspection at its site."""
 
     scenario: Scenario
-    own: OwnVehicle
+    own: "OwnVehicle"
     config: "InspectionJob"
     target: TargetModel  # as the vehicle knows it
     there: TargetModel  # as it is
@@ -128,11 +128,11 @@ class PlacedInspection(PlacedTask):
             half_view=self.half_view,
         )
 
-    def scene(self, vehicle: mujoco.MjSpec) -> mujoco.MjSpec:
+    def scene(self, vehicle: "mujoco.MjSpec") -> "mujoco.MjSpec":
         """Adds the true object and flat seabed."""
         return scenes.work_site(vehicle, self.there, self.X_WT)
 
-    def sensors(self, model: mujoco.MjModel) -> "tuple[list[Sensor], SensorModel | None]":
+    def sensors(self, model: "mujoco.MjModel") -> "tuple[list[Sensor], SensorModel | None]":
         """The depth camera."""
         from uuv.sim.sensors.depth_camera import DepthCamera
 
@@ -163,7 +163,7 @@ class PlacedInspection(PlacedTask):
             view=View(self.half_view, FAR) if self.cover else None,
         )
 
-    def assess(self, ran: RunResult, seed: int) -> Assessment:
+    def assess(self, ran: RunResult, seed: int) -> "Assessment":
         """Assessment against the true object."""
         from uuv.controllers.planning.hull_path import HullPath
         from uuv.controllers.tasks import inspection

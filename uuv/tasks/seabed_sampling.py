@@ -4,20 +4,16 @@ from collections.abc import Collection
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
-import mujoco
 import numpy as np
 
 from uuv.controllers.tasks.settings import SeabedSettings, settings_of
 from uuv.models.naming import CAMERA_SITE, HULL_BODY, TOOL_GEOM, find
-from uuv.models.site import scenes, soil_bed
+from uuv.models.site import scenes
 from uuv.models.site.seabed import Seabed
 from uuv.models.site.soil import SOILS, Soil, SoilTool, box, core_tube
-from uuv.models.tools import sampler
 from uuv.outcome import Pictures, RunResult
-from uuv.own_vehicle import OwnVehicle
 from uuv.perception.clouds.point_files import read_cloud, read_targets
 from uuv.scenario import PlacedTask, Scenario, Task
-from uuv.sim.evaluation.metrics import Assessment
 from uuv.sim.evaluation.seabed_metrics import TrueGround, assess_seabed_work
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.messages import WorkState
@@ -29,10 +25,14 @@ from uuv.site import ALTITUDE, Ground
 from uuv.tasks.approach import object_of
 
 if TYPE_CHECKING:
+    import mujoco
+
     from uuv.controllers.planning.seabed_height import HeightSearch
     from uuv.controllers.tasks.seabed_work import SeabedJob, SeabedWork
+    from uuv.own_vehicle import OwnVehicle
     from uuv.perception.clouds.scan import SensorModel
     from uuv.perception.seabed.seabed_finder import SeabedFinder
+    from uuv.sim.evaluation.metrics import Assessment
     from uuv.sim.loop.recording import Recorder
     from uuv.sim.sensors.sonar import SonarBeams
 
@@ -81,7 +81,7 @@ class SeabedSamplingTask(SeabedSettings, Task):
         if self.cloud is not None:
             read_cloud(self.cloud)
 
-    def place(self, scenario: Scenario, own: OwnVehicle, rng: np.random.Generator) -> "PlacedSampling":
+    def place(self, scenario: Scenario, own: "OwnVehicle", rng: np.random.Generator) -> "PlacedSampling":
         """The work on the site's seabed; draws the terrain, heading and height of the start."""
         from uuv.controllers.tasks.seabed_work import SeabedJob
 
@@ -122,7 +122,7 @@ class PlacedSampling(PlacedTask):
 
     begun: ClassVar[tuple[WorkState, ...]] = (WorkState.APPROACH,)
     scenario: Scenario
-    own: OwnVehicle
+    own: "OwnVehicle"
     task: SeabedSamplingTask
     job: "SeabedJob"
     ground: Seabed  # true terrain
@@ -150,13 +150,15 @@ class PlacedSampling(PlacedTask):
         push = None if self.job.drag else self.job.push
         return TrueGround(ground=self.ground, hull_box=self.own.hull_box, push=push, depth=self.job.depth)
 
-    def scene(self, vehicle: mujoco.MjSpec) -> mujoco.MjSpec:
+    def scene(self, vehicle: "mujoco.MjSpec") -> "mujoco.MjSpec":
         """Adds the terrain, and its soil that acts on the tool."""
+        from uuv.models.site import soil_bed
+
         scene = scenes.dig_site(vehicle, self.ground)
         soil_bed.attach(scene, self.ground, self.soil, tool_of(self.own.model))
         return scene
 
-    def sensors(self, model: mujoco.MjModel) -> "tuple[list[Sensor], SensorModel | None]":
+    def sensors(self, model: "mujoco.MjModel") -> "tuple[list[Sensor], SensorModel | None]":
         """Sonar under the bow, slant ranges of the Doppler log."""
         from uuv.sim.sensors.dvl_ranges import DvlBeams, DvlRanges
         from uuv.sim.sensors.sonar import Sonar
@@ -195,7 +197,7 @@ class PlacedSampling(PlacedTask):
             coarse=GroundApproach(height=ALTITUDE, hull_box=hull) if self.cloud_W is None else None,
         )
 
-    def assess(self, ran: RunResult, seed: int) -> Assessment:
+    def assess(self, ran: RunResult, seed: int) -> "Assessment":
         """Assessment against the true ground."""
         return assess_seabed_work(ran.recording, self.truth, seed=seed, wall_s=ran.wall_s)
 
@@ -210,12 +212,16 @@ class PlacedSampling(PlacedTask):
         return SeabedRecorder(recorder, log)
 
 
-def tool_of(own: mujoco.MjModel) -> SoilTool:
+def tool_of(own: "mujoco.MjModel") -> SoilTool:
     """Soil model of the vehicle's tool.
 
     Raises:
         ConfigurationError: The tool's geom is neither core tube nor box.
     """
+    import mujoco
+
+    from uuv.models.tools import sampler
+
     geom = find(own, mujoco.mjtObj.mjOBJ_GEOM, TOOL_GEOM)
     kinds, size = mujoco.mjtGeom, own.geom_size[geom]
     kind = kinds(int(own.geom_type[geom]))
@@ -255,8 +261,10 @@ def dvl_on_hull(hull: Array) -> Array:
     return np.array([hull[0, 0] + 0.1, 0.0, hull[0, 2] - 0.02])
 
 
-def own_arm(own: OwnVehicle) -> float:
+def own_arm(own: "OwnVehicle") -> float:
     """Distance [m] from the sonar within which echoes are from the folded arm, at most OWN_ARM."""
+    import mujoco
+
     model, vehicle = own.model, own.vehicle
     data = mujoco.MjData(model)
     data.qpos[vehicle.qpos] = vehicle.q_home

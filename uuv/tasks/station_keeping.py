@@ -4,15 +4,13 @@ from collections.abc import Collection
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
-import mujoco
 import numpy as np
 from numpy.random import Generator
 
 from uuv.models.naming import CAMERA_SITE, TOOL_GEOM
 from uuv.outcome import NoFigures, RunResult
-from uuv.own_vehicle import OwnVehicle
 from uuv.scenario import PlacedTask, Scenario, Task
-from uuv.sim.evaluation.metrics import Assessment, Requirement
+from uuv.sim.evaluation.metrics import Requirement
 from uuv.sim.interfaces.messages import WorkState
 from uuv.sim.interfaces.options import DEGREE, option
 from uuv.sim.interfaces.spatial import Array, finite_number, pose
@@ -20,7 +18,11 @@ from uuv.site import OpenWater
 from uuv.tasks.approach import object_of
 
 if TYPE_CHECKING:
+    import mujoco
+
     from uuv.controllers.tasks.task import TaskPlanner
+    from uuv.own_vehicle import OwnVehicle
+    from uuv.sim.evaluation.metrics import Assessment
 
 LONGEST = 3600.0  # [s] of station keeping
 DEPTH = 2.0  # [m] of the hull
@@ -57,7 +59,7 @@ class StationKeepingTask(Task):
 
         return self.seconds
 
-    def place(self, scenario: Scenario, own: OwnVehicle, rng: Generator) -> "PlacedStationKeeping":
+    def place(self, scenario: Scenario, own: "OwnVehicle", rng: Generator) -> "PlacedStationKeeping":
         """The task; nothing is drawn."""
         del rng
 
@@ -69,7 +71,7 @@ class PlacedStationKeeping(PlacedTask):
     """Station keeping at its place."""
 
     scenario: Scenario
-    own: OwnVehicle
+    own: "OwnVehicle"
     task: StationKeepingTask
 
     @property
@@ -87,7 +89,7 @@ class PlacedStationKeeping(PlacedTask):
         """Pose to hold, DEPTH below the origin."""
         return pose(p=[0.0, 0.0, -DEPTH])
 
-    def scene(self, vehicle: mujoco.MjSpec) -> mujoco.MjSpec:
+    def scene(self, vehicle: "mujoco.MjSpec") -> "mujoco.MjSpec":
         """The vehicle alone."""
         return vehicle
 
@@ -106,8 +108,10 @@ class PlacedStationKeeping(PlacedTask):
         }
         return TaskPlanner(rows.items(), (), X_WB=self.X_WB, q=np.array(self.own.vehicle.q_home))
 
-    def assess(self, ran: RunResult, seed: int) -> Assessment:
+    def assess(self, ran: RunResult, seed: int) -> "Assessment":
         """Largest distance from the place and largest tilt of the true hull while it holds."""
+        from uuv.sim.evaluation.metrics import Assessment
+
         work = ran.recording.within(WorkState.WORK)
         p_WB = ran.recording["p_WB"].value[work]
         x, y = ran.recording["quat_WB_wxyz"].value[work, 1:3].T

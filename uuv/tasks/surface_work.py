@@ -4,21 +4,17 @@ from collections.abc import Collection
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
-import mujoco
 import numpy as np
 
 from uuv.controllers.tasks.follow_limits import FollowLimits
 from uuv.controllers.tasks.settings import SurfaceSettings, settings_of
 from uuv.kinds import SURVEY
-from uuv.models.objects.targets import TargetModel
 from uuv.models.site import scenes
 from uuv.models.site.sliding_contact import let_tool_slide
 from uuv.outcome import Pictures, RunResult
-from uuv.own_vehicle import OwnVehicle
 from uuv.scenario import LONGEST, PlacedTask, Scenario, Task
 from uuv.sensors.coarse_detection import coarse_detection
 from uuv.sim.evaluation.bounds import Bounds
-from uuv.sim.evaluation.metrics import AskedWork, Assessment, TrueObject, assess
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.options import DEGREE, option
 from uuv.sim.interfaces.protocols import Sensor
@@ -28,13 +24,18 @@ from uuv.tasks.approach import object_of, scan_pose
 from uuv.tasks.work_time import WorkTime
 
 if TYPE_CHECKING:
+    import mujoco
+
     from uuv.controllers.planning.hull_placement import PathStanding
     from uuv.controllers.tasks.surface_work import SurfaceTaskConfig, SurfaceWork
     from uuv.controllers.tasks.task import TaskPlanner
+    from uuv.models.objects.targets import TargetModel
+    from uuv.own_vehicle import OwnVehicle
     from uuv.perception.clouds.scan import SensorModel
     from uuv.perception.finding.object_tracker import FoundObjectFollower
     from uuv.perception.finding.surveyed_object import SurveyedObjectFinder
     from uuv.perception.finding.target_finder import KnownObjectFinder
+    from uuv.sim.evaluation.metrics import Assessment, TrueObject
 
 TAP_FORCE, TAPPED = 40.0, (0.0, 0.06, 0.12)  # [N] to tap with, [m] along a path
 _ARRIVAL = 150.0  # [s] simulated from the start to the contact, and off again, with another look
@@ -102,7 +103,7 @@ class SurfaceWorkTask(SurfaceSettings, Task):
         workpiece: Workpiece = object_of(scenario, Workpiece)
         return self.time(*workpiece.target(self.path), self.force_rate).seconds
 
-    def time(self, target: TargetModel, path: str, force_rate: float) -> WorkTime:
+    def time(self, target: "TargetModel", path: str, force_rate: float) -> WorkTime:
         """The timed work on a path of the object, with a rate [N/s] at which the set force changes."""
         p = np.asarray(target.path(path).p)
         return WorkTime(
@@ -124,8 +125,10 @@ class SurfaceWorkTask(SurfaceSettings, Task):
             if excluded:
                 raise ConfigurationError(f"task.promise.stops and {why}; one of the two")
 
-    def place(self, scenario: Scenario, own: OwnVehicle, rng: np.random.Generator) -> "PlacedSurfaceWork":
+    def place(self, scenario: Scenario, own: "OwnVehicle", rng: np.random.Generator) -> "PlacedSurfaceWork":
         """The work on the site's object; draws its pose, its coarse detection, growth and dents."""
+        from uuv.sim.evaluation.metrics import TrueObject
+
         self._check_stops(scenario)
         workpiece: Workpiece = object_of(scenario, Workpiece)
         target, path = workpiece.target(self.path)
@@ -155,12 +158,12 @@ class PlacedSurfaceWork(PlacedTask):
     """Surface work at its site."""
 
     scenario: Scenario
-    own: OwnVehicle
+    own: "OwnVehicle"
     task: SurfaceWorkTask
-    target: TargetModel  # as the vehicle knows it
+    target: "TargetModel"  # as the vehicle knows it
     approach_W: Array  # (3,) [m] coarse position of its centre
     orientation_W: Array  # (3, 3) its coarse orientation
-    truth: TrueObject
+    truth: "TrueObject"
 
     @property
     def title(self) -> str:
@@ -195,13 +198,13 @@ class PlacedSurfaceWork(PlacedTask):
         """Those of work by this vehicle."""
         return work_bounds(self.own)
 
-    def scene(self, vehicle: mujoco.MjSpec) -> mujoco.MjSpec:
+    def scene(self, vehicle: "mujoco.MjSpec") -> "mujoco.MjSpec":
         """Adds the true object, on which the tool slides, and flat seabed."""
         scene = scenes.work_site(vehicle, self.truth.model, self.truth.X_WT)
         let_tool_slide(scene, speed=self.task.speed, force=min(self.task.forces))
         return scene
 
-    def sensors(self, model: mujoco.MjModel) -> "tuple[list[Sensor], SensorModel | None]":
+    def sensors(self, model: "mujoco.MjModel") -> "tuple[list[Sensor], SensorModel | None]":
         """The camera, sonar, survey or registered sensor."""
         from uuv.components.contact_parts import exteroceptive_sensor
 
@@ -276,9 +279,10 @@ class PlacedSurfaceWork(PlacedTask):
             holding=ThrustMargin.of(self.own.model),
         )
 
-    def assess(self, ran: RunResult, seed: int) -> Assessment:
+    def assess(self, ran: RunResult, seed: int) -> "Assessment":
         """Assessment against the true object."""
         from uuv.perception.finding.target_finder import FinderState
+        from uuv.sim.evaluation.metrics import AskedWork, assess
 
         state = ran.last.found
         found = state.last if isinstance(state, FinderState) else None
@@ -301,7 +305,7 @@ class PlacedSurfaceWork(PlacedTask):
         return object_as_found(ran.recording, self.truth)
 
 
-def work_bounds(own: OwnVehicle) -> Bounds:
+def work_bounds(own: "OwnVehicle") -> Bounds:
     """The usual bounds; of the force by the arm's size, and of the tilt by its number of joints."""
     from uuv.controllers.planning.arm_margins import TILT
     from uuv.controllers.planning.arm_size import FULL

@@ -8,16 +8,9 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from uuv.arm_identification.calibration_input import (
-    LOOKING_DOWN,
-    TOOLS,
-    CalibrationCase,
-    RealEffects,
-    TrueArm,
-    nominal,
-    simulated,
-    solve,
-)
+from uuv.arm_identification.calibration_case import CalibrationCase, TrueArm, nominal
+from uuv.arm_identification.calibration_outcome import solve
+from uuv.arm_identification.simulated_touches import LOOKING_DOWN, TOOLS, RealEffects, simulated
 from uuv.calib import Calibration, Loads, identify
 from uuv.calib.simulation import HAND_NOISE, Sag, read_by_encoders, true_joints
 from uuv.calib.touch_files import read_touches

@@ -23,7 +23,8 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from uuv.arm_identification.calibration_input import nominal, simulated
+from uuv.arm_identification.calibration_case import nominal
+from uuv.arm_identification.simulated_touches import simulated
 from uuv.calib import MapFit, identify
 from uuv.calib.fit import Data, Problem, solve
 from uuv.calib.parameters import prior_deviations, select

@@ -9,7 +9,9 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from experiments.calibration.wrong_inputs import WRONG, Distance, Input
-from uuv.arm_identification.calibration_input import CalibrationOutcome, failed, from_files, nominal, simulated, solve
+from uuv.arm_identification.calibration_case import from_files, nominal
+from uuv.arm_identification.calibration_outcome import CalibrationOutcome, failed, solve
+from uuv.arm_identification.simulated_touches import simulated
 from uuv.calib.simulation import HAND_NOISE
 from uuv.calib.touch_files import read_touches, write_touches
 from uuv.calib.verification import kabsch

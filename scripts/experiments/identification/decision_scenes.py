@@ -7,7 +7,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cache
 
-import mujoco
 import numpy as np
 
 from uuv.clouds.object_scenes import ObjectScene, object_scene, target_of
@@ -198,10 +197,7 @@ def occluders(
         covered = now
         solids.append(
             Solid(
-                name=f"occluder_{k}",
-                kind=mujoco.mjtGeom.mjGEOM_SPHERE,
-                size=(size, 0.0, 0.0),
-                X_TS=pose(p=transform_points(X_TC, center)),
+                name=f"occluder_{k}", kind="sphere", size=(size, 0.0, 0.0), X_TS=pose(p=transform_points(X_TC, center))
             )
         )
     return tuple(solids), float(covered.mean())

@@ -4,8 +4,16 @@ from pathlib import Path
 from typing import Any
 
 import mujoco
+import numpy as np
 
 from reading_walk import walk
+from uuv.arm_identification.calibration_case import CalibrationCase, nominal
+from uuv.arm_identification.calibration_command import calibrate
+from uuv.arm_identification.calibration_options import CalibrationOptions
+from uuv.arm_identification.calibration_outcome import CalibrationOutcome
+from uuv.arm_identification.simulated_touches import simulated
+from uuv.calib import Calibration
+from uuv.calib.touch_files import Touches, write_touches
 from uuv.components.contact_parts import believed_and_built
 from uuv.jobs import clean_barrel
 from uuv.models.files.urdf import UrdfRobot
@@ -13,6 +21,7 @@ from uuv.models.files.vehicle_file import VehicleFile
 from uuv.own_vehicle import OwnVehicle
 from uuv.scenario import VehicleSetup
 from uuv.sim import hydrodynamics
+from uuv.sim.runs.terminal import PlainConsole
 
 # What the steps of a vehicle's way use as they use MuJoCo itself.
 OPERATIONS = (
@@ -23,6 +32,8 @@ OPERATIONS = (
     "models/files/keyframes.py",
     "models/files/notes.py",
 )
+# The arm's kinematics, and what is printed of a calibration beside the arm.
+BESIDE_A_CALIBRATION = ("sim/", "models/arms/", "uuv/arm_identification/calibration_figures.py")
 LINK = """<link name="{name}"><inertial><origin xyz="0 0 0.1"/><mass value="0.4"/>
   <inertia ixx="1e-3" iyy="1e-3" izz="1e-3" ixy="0" ixz="0" iyz="0"/></inertial>
   <collision><origin xyz="0 0 0.1"/><geometry><box size="0.04 0.04 0.16"/></geometry></collision></link>
@@ -75,6 +86,52 @@ def test_the_way_of_a_urdf_into_a_job_is_straight(tmp_path: Path) -> None:
     assert path.files[-1] == "sim/hydrodynamics.py"
     assert len(path.files) <= 11, str(path)
     assert path.returns <= 10, str(path)
+
+
+def test_the_way_of_touches_to_an_arm_is_straight(tmp_path: Path) -> None:
+    drawn = simulated(
+        nominal("ur10e", tmp_path, None, None),
+        points=3,
+        touches=9,
+        noise=1e-4,
+        pin="off-axis",
+        known=True,
+        errors=3,
+        rng=np.random.default_rng(2),
+    )
+    files = write_touches(tmp_path / "touches", drawn.touches.names, drawn.touches.series, drawn.source.arm.joint_names)
+    length = drawn.distances[0][2]
+    known = tuple((drawn.touches.names[i], drawn.touches.names[j], length) for i, j, *_ in drawn.distances)
+    options = CalibrationOptions(touches=(files,), distance=known, record=False)
+    arm = tmp_path / "arm"
+    arm.mkdir()
+
+    def way() -> None:
+        assert calibrate(options, arm, PlainConsole(), np.random.default_rng(0)) == 0
+
+    def is_touches(thing: Any) -> bool:
+        if isinstance(thing, str | Path):
+            return str(thing).startswith(str(files))
+        if isinstance(thing, list | tuple):
+            return any(map(is_touches, thing))
+        if isinstance(thing, np.ndarray):
+            return any(np.shape(thing) == np.shape(q) and np.allclose(thing, q) for q in drawn.touches.series)
+        kinds = (CalibrationOptions, Touches, CalibrationCase, Calibration, CalibrationOutcome)
+        return isinstance(thing, kinds)
+
+    path = walk(way, is_touches, BESIDE_A_CALIBRATION)
+    assert (arm / "arm.yaml").is_file()
+    assert path.files[:3] == [
+        "uuv/arm_identification/calibration_command.py",
+        "uuv/arm_identification/calibration_case.py",
+        "calib/touch_files.py",
+    ]
+    assert path.files[-1] == "calib/results.py"
+    visits = [file for file, _ in path.visits]
+    for file in ("calib/touch_files.py", "calib/touches.py", "calib/results.py"):
+        assert visits.count(file) == 1, str(path)
+    assert len(path.files) <= 10, str(path)
+    assert path.returns <= 31, str(path)
 
 
 def test_a_walk_enters_a_function_once_and_counts_the_way_back() -> None:

@@ -15,7 +15,7 @@ from experiments.calibration.verdict_study import (
     verdict_of,
 )
 from experiments.calibration.wrong_inputs import WRONG, Input
-from uuv.arm_identification.calibration_input import nominal
+from uuv.arm_identification.calibration_case import nominal
 from uuv.calib.touch_files import write_touches
 from uuv.sim.interfaces.errors import ConfigurationError
 

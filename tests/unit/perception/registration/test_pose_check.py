@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 
-import mujoco
 import numpy as np
 import pytest
 
@@ -30,7 +29,7 @@ def evidence_of(surface: ModelSurface, balls: tuple[tuple[Array, float], ...] = 
     solids = tuple(
         Solid(
             name=f"ball_{i}",
-            kind=mujoco.mjtGeom.mjGEOM_SPHERE,
+            kind="sphere",
             size=(radius, 0.0, 0.0),
             X_TS=pose(p=transform_points(inverse(VIEW), center)),
         )

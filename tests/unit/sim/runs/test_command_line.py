@@ -1,5 +1,6 @@
 """Scripts start on our rooms, and end in one line and the right code."""
 
+import os
 import signal
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -83,6 +84,24 @@ def test_scenario_ends_in_its_code(
         run_scenario(main)
     assert stop.value.code == code
     assert capsys.readouterr().err == line
+
+
+@pytest.mark.parametrize("before", [None, "", "1"])
+def test_a_command_leaves_the_environment_as_it_was(before: str | None, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.delenv("PYTHONSAFEPATH", raising=False)
+    if before is not None:
+        monkeypatch.setenv("PYTHONSAFEPATH", before)
+    environment = dict(os.environ)
+    seen: list[str] = []
+
+    def main() -> int:
+        seen.append(os.environ["PYTHONSAFEPATH"])  # of a Python that it starts
+        raise ConfigurationError("no")
+
+    with pytest.raises(SystemExit):
+        run_scenario(main)
+    assert seen == ["1"]
+    assert dict(os.environ) == environment
 
 
 def ended(main: Callable[[], None], capsys: pytest.CaptureFixture[str]) -> tuple[object, str]:

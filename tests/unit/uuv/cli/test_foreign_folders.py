@@ -57,7 +57,6 @@ def uuv(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureF
     """The command in a folder of its own, with the runs `good` and `bad`; gives code and all that it printed."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "path", list(sys.path))
-    monkeypatch.setenv("PYTHONSAFEPATH", "")  # has it restored
     monkeypatch.setenv("MUJOCO_GL", "osmesa")
     run_in(tmp_path / "good")
     run_in(tmp_path / "bad")
@@ -252,6 +251,7 @@ def test_the_working_folder_is_last_on_the_path(tmp_path: Path):
     program = """
 import subprocess, sys
 from uuv.cli.main import main
+from uuv.sim.runs.command_line import run_scenario
 def call(*args):
     sys.argv = ["uuv", *args]
     try:
@@ -259,9 +259,11 @@ def call(*args):
     except SystemExit as ended:
         return ended.code or 0
 print(call("list", "job"), call("completion", "bash"), call("run", "s.toml"), call("compare", "x", "y"))
-import csv, mine
-print(csv.__file__, subprocess.run([sys.executable, "-m", "csv"]).returncode)
-print(subprocess.run([sys.executable, "-c", "import csv"]).returncode)
+def work():
+    import csv, mine
+    print(csv.__file__, subprocess.run([sys.executable, "-m", "csv"]).returncode)
+    print(subprocess.run([sys.executable, "-c", "import csv"]).returncode)
+run_scenario(work)
 """
     uuv = Path(sys.executable).with_name("uuv")
     for command in ([sys.executable, "-P", "-c", program], [str(uuv), "list", "job"], [str(uuv), "run", "s.toml"]):

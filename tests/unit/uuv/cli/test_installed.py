@@ -1,6 +1,5 @@
 """The scenario layer as others import it: under one name, from any folder, from the installed wheel."""
 
-import os
 import shutil
 import subprocess
 import sys
@@ -44,8 +43,7 @@ print(abs(data.qvel[2]) < 0.1)
 
 
 def python(program: str | Path, code: str, folder: Path) -> subprocess.CompletedProcess[str]:
-    env = {name: value for name, value in os.environ.items() if name != "PYTHONSAFEPATH"}  # which a command has set
-    return subprocess.run([program, "-c", code], cwd=folder, env=env, capture_output=True, text=True, check=False)
+    return subprocess.run([program, "-c", code], cwd=folder, capture_output=True, text=True, check=False)
 
 
 ROOMS = ("models", "sim", "controllers", "perception", "calib", "scenarios")

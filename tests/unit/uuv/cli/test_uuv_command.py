@@ -127,7 +127,7 @@ for words in (*(name.split() for name in VERBS), *(["run", job] for job in JOBS.
     sys.argv, begun, said = ["uuv", *words, "--help"], time.process_time(), io.StringIO()
     with contextlib.redirect_stdout(said), contextlib.suppress(SystemExit):
         main()
-    heavy = sorted({"numba", "scipy"} & sys.modules.keys())
+    heavy = sorted({"mujoco", "numba", "scipy"} & sys.modules.keys())
     told[" ".join(words)] = (time.process_time() - begun, heavy, said.getvalue())
 print(json.dumps(told))
 """

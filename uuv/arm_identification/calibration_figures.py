@@ -1,0 +1,191 @@
+"""Figures of a calibration: those printed and reported, and the contents of metrics.json."""
+
+from typing import Any
+
+import numpy as np
+
+from uuv.arm_identification.calibration_case import CalibrationCase
+from uuv.arm_identification.calibration_outcome import CalibrationOutcome
+from uuv.calib import report, verification
+from uuv.calib.identification import Calibration
+from uuv.sim.interfaces.spatial import Array
+
+
+def figures_of_merit(case: CalibrationCase, outcome: CalibrationOutcome) -> list[tuple[str, str]]:
+    """Names and formatted values for the terminal and the report."""
+    found, rank = outcome.calibration, outcome.calibration.rank
+    touches = sum(len(each) for each in found.residuals)
+    out = [
+        ("touches, points, left out", f"{touches}, {len(found.residuals)}, {len(found.outliers)}"),
+        ("touches of reduced weight", str(sum(int(((w > 0.0) & (w < 1.0)).sum()) for w in found.weights))),
+        ("J before, after [mm²]", f"{1e6 * found.cost_nominal:.4g}, {1e6 * found.cost:.4g}"),
+        ("touch noise, each axis [mm]", f"{1e3 * found.noise:.4f}"),
+        ("identified directions", f"{rank.rank} of {rank.total}"),
+        ("scale", _scale(case, outcome)),
+    ]
+    if case.loads is not None:
+        out.append(("compliances [µrad/(N m)]", _compliances(found)))
+    for label, clouds in (
+        ("tracker RMS", outcome.clouds),
+        ("tracker RMS, hull's motion left aside", outcome.uncorrected),
+    ):
+        if clouds:
+            before, after = clouds["nominal"].rms, clouds["identified"].rms
+            out.append((f"{label}: nominal, identified [mm]", f"{1e3 * before:.4f}, {1e3 * after:.4f}"))
+            if "controller" in clouds:
+                out.append((f"{label}: a maker's own table [mm]", f"{1e3 * clouds['controller'].rms:.4f}"))
+            out.append((f"{label}: ratio", f"{before / max(after, 1e-12):.2f}"))
+    if outcome.tips is not None:
+        before, after = (1e3 * np.sqrt((each**2).mean()) for each in outcome.tips)
+        out.append(("tip in the base, RMS: nominal, identified [mm]", f"{before:.3f}, {after:.3f}"))
+    if outcome.held_out:
+        values = 1e3 * np.array(list(outcome.held_out.values()))
+        out += [
+            (f"held out, {name}: nominal, identified [mm]", f"{before:.3f}, {after:.3f}")
+            for name, (before, after) in zip(outcome.held_out, values, strict=True)
+        ]
+        out.append(("held out, median: nominal, identified [mm]", "{:.3f}, {:.3f}".format(*np.median(values, axis=0))))
+    if outcome.covered is not None and outcome.half_width is not None:
+        interval = f"{100.0 * outcome.covered:.1f} %, ± {1e3 * outcome.half_width:.3f}"
+        out.append(("held out, within the 95 % interval; its median [mm]", interval))
+    if case.session is not None:
+        session = case.session
+        out += [
+            ("touched for [s], nests missed", f"{session.simulated_s:.0f}, {session.missed}"),
+            ("seat of the pin, true spread [mm]", f"{1e3 * session.tip_spread:.4f}"),
+            ("hull, largest true motion between touches [mm]", f"{1e3 * session.hull_motion:.3f}"),
+        ]
+    return out
+
+
+def most_changed(fit: Calibration, count: int = 5) -> list[tuple[str, str, str, str]]:
+    """Name, change, half of the 95 % interval and unit of those whose change is largest relative to it."""
+    names, changes = fit.names, fit.estimate.changes
+    half = fit.quantile() * fit.sigma
+    arm = [i for i, group in enumerate(fit.estimate.parameters.groups) if group != "tcp"]
+    rows = []
+    for i in sorted(arm, key=lambda i: -abs(changes[i]) / half[i])[:count]:
+        factor, unit = report.shown(fit.estimate.parameters.units[i])
+        rows.append((names[i], f"{factor * changes[i]:+.4f}", f"± {factor * half[i]:.4f}", unit))
+    return rows
+
+
+def _compliances(found: Calibration) -> str:
+    """Compliance of each joint and half of its 95 % interval; a dash where the loads do not show it."""
+    half = dict(zip(found.names, found.quantile() * found.sigma, strict=True))
+    hidden = {name for group in found.rank_free.hidden for name in group.names}
+    told = []
+    for k, value in enumerate(found.compliance, start=1):
+        known = f"c{k}" in half and f"c{k}" not in hidden
+        told.append(f"{1e6 * value:.1f} ± {1e6 * half[f'c{k}']:.1f}" if known else "-")
+    return ", ".join(told)
+
+
+def _scale(case: CalibrationCase, outcome: CalibrationOutcome) -> str:
+    """Accuracy of the arm's scale, which only a known distance determines."""
+    if not case.distances:
+        return "not told: no distance is known"
+    longest = max(case.distances, key=lambda one: one[2])
+    found = outcome.calibration
+    i, j, length, deviation = longest
+    ends = found.noise / np.sqrt(min(len(found.residuals[i]), len(found.residuals[j])))
+    ppm = 1e6 * float(np.hypot(deviation, np.sqrt(2.0) * ends)) / length
+    return f"by {len(case.distances)} known, the longest {length:.3f} m: ± {ppm:.0f} ppm"
+
+
+def metrics(case: CalibrationCase, outcome: CalibrationOutcome, ok: bool, seed: int) -> dict[str, Any]:
+    """Contents of metrics.json: SI units, null where a figure does not exist.
+
+    Args:
+        case: Input.
+        outcome: Result.
+        ok: The result is accepted.
+        seed: Seed of the run.
+    """
+    found, rank, clouds, session = outcome.calibration, outcome.calibration.rank, outcome.clouds, case.session
+    return {
+        "title": case.title,
+        "seed": seed,
+        "accepted": ok,
+        "untold": list(outcome.examined.untold),
+        "touches": {
+            "count": sum(len(each) for each in found.residuals),
+            "points": len(found.residuals),
+            "reduced": sum(int(((weights > 0.0) & (weights < 1.0)).sum()) for weights in found.weights),
+            "left_out": len(found.outliers),
+            "sha256": case.touches.sha256,
+            "noise_m": float(found.noise),
+        },
+        "fit": {
+            "cost_nominal_m2": float(found.cost_nominal),
+            "cost_m2": float(found.cost),
+            "steps": len(found.history) - 1,
+            "converged": bool(found.converged),
+            "compliance_rad_nm": found.compliance.tolist() if case.loads is not None else None,
+            "warnings": list(found.warnings),
+        },
+        "rank": {
+            "identified": rank.rank,
+            "of": rank.total,
+            "hidden": [{"count": g.count, "names": list(g.names), "reason": g.reason} for g in rank.hidden],
+        },
+        "tracker": {name: clouds[name].rms for name in ("nominal", "identified")} if clouds else None,
+        "pairs": _pairs(outcome),
+        "tracker_stages": _stages(clouds) if clouds else None,
+        "tracker_uncorrected_m": outcome.uncorrected["identified"].rms if outcome.uncorrected else None,
+        "held_out_m": {name: {"nominal": a, "identified": b} for name, (a, b) in outcome.held_out.items()} or None,
+        "contact": None
+        if session is None
+        else {
+            "simulated_s": session.simulated_s,
+            "missed": session.missed,
+            "seat_spread_m": session.tip_spread,
+            "hull_motion_m": session.hull_motion,
+        },
+        "parameters": {
+            name: {"value": value, "change": change, "sigma": sigma, "unit": unit}
+            for name, value, change, sigma, unit in zip(
+                found.names,
+                found.estimate.values.tolist(),
+                found.estimate.changes.tolist(),
+                found.sigma.tolist(),
+                found.estimate.parameters.units,
+                strict=True,
+            )
+        },
+    }
+
+
+def _pairs(outcome: CalibrationOutcome) -> dict[str, float]:
+    """Distances of the touches of a point in all pairs [Yukhimets 2023, fig. 4]."""
+    found, series = outcome.calibration, list(outcome.series)
+    before = verification.pair_distances([found.nominal.tips(q, found.nominal_tcp) for q in series])
+    after = verification.pair_distances(found.touched_tips(series))
+    return {
+        "count": len(before),
+        "nominal_mean_m": float(before.mean()),
+        "identified_mean_m": float(after.mean()),
+        "ten_times_closer": float(np.mean(before > 10.0 * after)),
+    }
+
+
+def _stages(clouds: dict[str, verification.Cloud]) -> dict[str, Any]:
+    """Clouds of flange points against the tracker's through the stages of [Yukhimets 2023, fig. 5 to 8]."""
+    tracker = clouds["tracker"]
+
+    def stage(name: str) -> dict[str, float]:
+        cloud = clouds[name]
+        return {
+            "raw_m": _rms(cloud.raw - tracker.raw),
+            "centred_m": _rms(cloud.centred - tracker.centred),
+            "aligned_m": cloud.rms,
+            "most_m": float(cloud.deviations.max()),
+        }
+
+    closer = clouds["identified"].deviations < clouds["nominal"].deviations
+    stages = {name: stage(name) for name in clouds if name != "tracker"}
+    return {"points": len(tracker.raw), "closer": int(closer.sum()), **stages}
+
+
+def _rms(offsets: Array) -> float:
+    return float(np.sqrt((offsets**2).sum(axis=1).mean()))

@@ -1,0 +1,220 @@
+"""Calibration of an arm from a case: the fit, its evaluation, and the verdict on it."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
+from typing import Any, Literal
+
+import numpy as np
+from scipy.stats import f
+
+from uuv.arm_identification.calibration_case import CalibrationCase, TrueArm
+from uuv.arm_identification.tracked_moves import tracked
+from uuv.calib import verification
+from uuv.calib.identification import Calibration, identify
+from uuv.calib.moving_base import BASE_JOINTS, in_own_names, on_moving_base, own_arm, own_parameters, with_base
+from uuv.calib.touches import first_tcp
+from uuv.calib.verdicts.doubts import Examination, examine
+from uuv.calib.verdicts.evidence import Told
+from uuv.models.arms.serial_arm import SerialArm
+from uuv.sim.interfaces.spatial import Array
+
+_FOLDS, _LEAST_FOLD = 4, 12  # groups of points left out in turn; touches, less one a point, that the rest needs
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class CalibrationOutcome:
+    """A calibration with the figures of its evaluation."""
+
+    calibration: Calibration
+    arm: SerialArm  # identified, without the joints of a moving hull
+    tcp: Array  # (3,) [m]
+    series: tuple[Array, ...]  # joint values that were identified from
+    clouds: dict[str, verification.Cloud] = field(default_factory=dict)
+    held_out: dict[str, tuple[float, float]] = field(default_factory=dict)  # by point: RMS [m] nominal, identified
+    covered: float | None = None  # share of the errors held out, along each axis, within their 95 % intervals
+    half_width: float | None = None  # [m] median half-width of those intervals
+    tips: tuple[Array, Array] | None = None  # (N,) [m] error of the tip in the base: nominal, identified
+    uncorrected: dict[str, verification.Cloud] = field(default_factory=dict)  # hovering: hull motion ignored
+    rigid: Calibration | None = None  # where compliances are identified: the same touches without them
+    examined: Examination = field(
+        default_factory=Examination
+    )  # wrong inputs that explain the touches better, or as well
+    worse: tuple[str, ...] = ()  # data on which the nominal arm is better beyond chance
+
+
+def solve(
+    case: CalibrationCase, *, free: Sequence[str], prior: dict[str, float], method: Literal["map", "paper"]
+) -> CalibrationOutcome:
+    """Identifies the arm of a case and evaluates the result.
+
+    The hull poses of navigation enter the fit where the hull moved.
+
+    Args:
+        case: Input.
+        free: Free parameters; empty: all.
+        prior: Prior standard deviations [rad], [m] by name; empty: from the data.
+        method: Fit: maximum a posteriori, or as published [Yukhimets 2023].
+    """
+    options = {"prior": prior or None, "method": method, "distances": case.distances, "loads": case.loads}
+    if case.session is not None and case.X_BA is not None:
+        return _solved_on_moving_base(case, case.session.hulls, case.X_BA, free, options)
+    series, arm = list(case.touches.series), case.source.arm
+    fit = identify(series, arm, free=list(free) or None, **options)
+    outcome = _judged(case, fit, fit.arm, series)
+    if method == "map":
+        again = partial(identify, nominal=arm, free=list(free) or None, **{**options, "distances": ()})
+        outcome = _examined(outcome, case, again)
+    if case.loads is None:
+        return outcome
+
+    # The same touches by a rigid arm, for comparison.
+    elastic = {"compliance", *(f"c{k + 1}" for k in range(arm.n))}
+    words = [word for word in free if word not in elastic]
+    return replace(outcome, rigid=identify(series, arm, free=words or None, **{**options, "loads": None}))
+
+
+def _solved_on_moving_base(
+    case: CalibrationCase, hulls: Sequence[Array], X_BA: Array, free: Sequence[str], options: dict[str, Any]
+) -> CalibrationOutcome:
+    """As of `solve`, with the poses (m_i, 4, 4) of the hull during the touches as joints of a longer arm."""
+    series, arm = list(case.touches.series), case.source.arm
+    longer = on_moving_base(arm, X_BA)
+    moved = [with_base(q, X) for q, X in zip(series, hulls, strict=True)]
+    words = list(free) or own_parameters(longer)
+    plain = identify(series, arm, free=list(free) or None, **options)
+    full = identify(moved, longer, free=words, **options)
+
+    outcome = _judged(case, in_own_names(full, plain), own_arm(full.arm, X_BA), moved)
+    if options["method"] == "map":
+        again = partial(identify, nominal=longer, free=words, **{**options, "distances": ()})
+        outcome = _examined(outcome, case, again)
+    return replace(outcome, uncorrected=tracked(case, plain.arm, plain, np.random.default_rng(0)))
+
+
+def _examined(
+    outcome: CalibrationOutcome, case: CalibrationCase, again: Callable[..., Calibration]
+) -> CalibrationOutcome:
+    """The outcome with what its touches say against it, which are those of a longer arm where the hull moved."""
+    fit, series = outcome.calibration, list(outcome.series)
+    base = 0 if case.X_BA is None else BASE_JOINTS
+    told = Told(names=case.touches.names, distances=case.distances, base_joints=base)
+    examined = examine(fit, series, again, told)
+
+    worse = _worse_points(case, fit, series)
+    if not examined.doubts:
+        worse += _worse_predicted(fit, series, again)
+    return replace(outcome, examined=examined, worse=tuple(worse))
+
+
+def _judged(case: CalibrationCase, fit: Calibration, arm: SerialArm, series: Sequence[Array]) -> CalibrationOutcome:
+    """The fit against the truth, where it is known, and against the touches held out."""
+    outcome = CalibrationOutcome(calibration=fit, arm=arm, tcp=fit.tcp, series=tuple(series))
+    if case.truth is not None:
+        clouds = tracked(case, arm, fit, np.random.default_rng(0))
+        tips = _tip_errors(case, case.truth, fit, arm) if case.truth.hangs else None
+        outcome = replace(outcome, clouds=clouds, tips=tips)
+    if case.held_out is None:
+        return outcome
+
+    # Scatter of the touches of each point held out, by the nominal arm and by the identified one.
+    tcp = first_tcp(case.source.arm, list(case.touches.series))
+    held = {
+        name: (_scatter(case.source.arm.tips(q, tcp)), _scatter(fit.tips(q)))
+        for name, q in zip(case.held_out.names, case.held_out.series, strict=True)
+    }
+    outcome = replace(outcome, held_out=held)
+    several = [q for q in case.held_out.series if len(q) > 1]
+    if not several:
+        return outcome
+
+    # Share of those touches within the predicted intervals.
+    tips_held = [fit.tips(q) for q in several]
+    errors = np.abs(np.vstack([p - p.mean(axis=0) for p in tips_held]))
+    half = np.vstack([fit.half_widths(q) for q in several])
+    covered = float(np.mean(errors < half))
+    return replace(outcome, covered=covered, half_width=float(np.median(half)))
+
+
+def _tip_errors(case: CalibrationCase, truth: TrueArm, fit: Calibration, arm: SerialArm) -> tuple[Array, Array]:
+    """Errors (N,) [m] of the tip in the base at all touches, of the nominal and of the identified arm."""
+    q = np.vstack(case.touches.series)
+    bent = q if fit.loads is None else fit.deflected(q)
+    true = truth.arm.tips(truth.stands_at(q), truth.tcp)
+    nominal = np.linalg.norm(case.source.arm.tips(q, truth.tcp) - true, axis=1)
+    return nominal, np.linalg.norm(arm.tips(bent, fit.tcp) - true, axis=1)
+
+
+def _worse_points(case: CalibrationCase, found: Calibration, series: Sequence[Array]) -> list[str]:
+    """Points, used or held out, about which the nominal arm brings the touches closer, beyond chance."""
+    used = [weights > 0.0 for weights in found.weights]
+    sets = [(case.touches.names, series, used, found.touched_tips(series))]
+    if case.held_out is not None:
+        held = case.held_out
+        every = [np.ones(len(q), dtype=bool) for q in held.series]
+        sets.append((held.names, held.series, every, [found.tips(q) for q in held.series]))
+    out = []
+    for names, touched_series, used, tips in sets:
+        for name, q, mine, p in zip(names, touched_series, used, tips, strict=True):
+            if mine.sum() < 2:
+                continue
+            before, after = _scatter(found.nominal.tips(q[mine], found.nominal_tcp)), _scatter(p[mine])
+            if after > before * _chance(3 * (int(mine.sum()) - 1)):
+                out.append(f"{name}: {1e3 * after:.3g} mm against {1e3 * before:.3g} by the nominal arm")
+    return out
+
+
+def _worse_predicted(found: Calibration, series: Sequence[Array], again: Callable[..., Calibration]) -> list[str]:
+    """Whether points left out of the fit, all in turn, lie closer by the nominal arm, beyond chance."""
+    if found.loads is not None:
+        return []  # its payloads are those of all points
+    folds = [range(k, len(series), _FOLDS) for k in range(min(_FOLDS, len(series)))]
+    square, degrees = np.zeros(2), 0
+    for fold in folds:
+        rest = [q for i, q in enumerate(series) if i not in fold]
+        if sum(len(q) - 1 for q in rest) < _LEAST_FOLD:
+            return []
+        other = again(rest)
+        for i in fold:
+            used = found.weights[i] > 0.0
+            if used.sum() < 2:
+                continue
+            q = series[i][used]
+            both = found.nominal.tips(q, found.nominal_tcp), other.tips(q)
+            square += [used.sum() * _scatter(p) ** 2 for p in both]
+            degrees += 3 * (int(used.sum()) - 1)
+    before, after = np.sqrt(square / max(degrees, 1))
+    if degrees and after > before * _chance(degrees):
+        return [f"points left out of the fit: {1e3 * after:.3g} mm along an axis against {1e3 * before:.3g}"]
+    return []
+
+
+def _chance(degrees: int) -> float:
+    """Ratio of two RMS values of so many degrees of freedom each that chance exceeds once in a thousand times."""
+    return float(np.sqrt(f.isf(1e-3, degrees, degrees)))
+
+
+def _scatter(tips: Array) -> float:
+    """RMS distance [m] of tips (m, 3) from their mean."""
+    return float(np.sqrt(((tips - tips.mean(axis=0)) ** 2).sum(axis=1).mean()))
+
+
+def failed(outcome: CalibrationOutcome, method: Literal["map", "paper"]) -> list[str]:
+    """Reasons to reject the identified arm; empty: accepted.
+
+    Convergence counts for `method` "map" only: the published three iterations do not converge.
+    """
+    found, out = outcome.calibration, [str(doubt) for doubt in outcome.examined.doubts]
+    if not found.cost < found.cost_nominal:
+        out.append("the touches of a point lie no closer than by the nominal arm")
+    if outcome.clouds and not outcome.clouds["identified"].rms <= outcome.clouds["nominal"].rms:
+        out.append("the tracker finds the nominal arm better")
+    if outcome.held_out:
+        before, after = np.median(list(outcome.held_out.values()), axis=0)
+        if not after <= before:
+            out.append("the touches held out lie no closer than by the nominal arm")
+    if outcome.worse:
+        out.append(f"the nominal arm is better ({'; '.join(outcome.worse)})")
+    if method == "map" and not found.converged:
+        out.append(f"the fit did not settle in {len(found.history) - 1} steps")
+    return out

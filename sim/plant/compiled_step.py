@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from uuv.sim.interfaces.kernels import kernel
+from uuv.sim.interfaces.kernels.slots import FINE, Slot, call
 from uuv.sim.interfaces.spatial import Array
 from uuv.sim.plant.readout import DATA, MODEL, STEP1, STEP2, TIME, Readout, gears_and_contacts
 from uuv.sim.plant.soil_contact import SoilContact, feel_soil
@@ -39,11 +40,16 @@ class Watch(NamedTuple):
     seen: Array  # (1,) kinds of warning of the hydrodynamics
     told: Array  # (1,) those that were passed on
     mark: Array  # (1,) WET_MARK: the last forward pass included the water
+    tick: np.ndarray  # (1,) steps of the plant since its start
+    failed: np.ndarray  # (1,) bool: a hook has raised an error, which `Plant.check` raises
     least_gain: float  # [s] a smaller advance of the time means that MuJoCo reset a diverged simulation
 
 
 class PlantRecord(NamedTuple):
-    """One plant for `observe` and `advance`; the arrays are those of the plant and of its `truth`."""
+    """One plant for `observe` and `advance`; the arrays are those of the plant and of its `truth`.
+
+    The slots are hooks in Python, empty where there is none.
+    """
 
     drive: Drive
     readout: Readout
@@ -52,6 +58,9 @@ class PlantRecord(NamedTuple):
     soil: SoilContact
     joints: np.ndarray  # (n,) indices of the joint motors into `drive.ctrl`
     substeps: int
+    placed: Slot  # puts bodies in place before the kinematics
+    commanded: Slot  # changes what is commanded to the thrusters
+    flowed: Slot  # writes the water of the next step, in place of the rows of `flow`
 
 
 @kernel
@@ -65,11 +74,12 @@ def verdict(time, before, least_gain, warned, mark):
 def observe(plant):
     """Update the kinematics to the current time, as `Plant.observe`; True if `Plant.check` must be called now."""
     places, watch = plant.readout.places, plant.watch
+    _call_hook(plant.placed, watch)
     call_physics(places[STEP1], places[MODEL], places[DATA])
     time = f64(places[DATA] + places[TIME], 0)
     doubtful = verdict(time, watch.time[0], watch.least_gain, watch.seen[0] != watch.told[0], watch.mark[0])
     watch.time[0], watch.observed[0] = time, True
-    return doubtful
+    return doubtful or watch.failed[0]
 
 
 @kernel
@@ -87,7 +97,9 @@ def advance(plant, joint_torque, thrusters):
     if not (np.isfinite(joint_torque).all() and np.isfinite(thrusters).all()):
         return False
     places, ctrl, last = plant.readout.places, plant.drive.ctrl, plant.substeps - 1
-    command_thrusters(plant.drive, thrusters)
+    plant.drive.commanded[:] = thrusters
+    _call_hook(plant.commanded, plant.watch)
+    command_thrusters(plant.drive)
     for i in range(plant.joints.shape[0]):
         ctrl[plant.joints[i]] = joint_torque[i]
     for substep in range(last):
@@ -98,18 +110,29 @@ def advance(plant, joint_torque, thrusters):
     feel_soil(plant.soil)
     call_physics(places[STEP2], places[MODEL], places[DATA])
     plant.watch.observed[0] = False
-    end_step(plant.drive, plant.readout, plant.flow, last + 1)
+    plant.watch.tick[0] += 1
+    read_thrusters(plant.drive)
+    gears_and_contacts(plant.readout, last, last + 1)
+    if plant.flowed.address:
+        _call_hook(plant.flowed, plant.watch)
+    else:
+        next_flow(plant.flow)
     return True
 
 
 @kernel
-def end_step(drive, readout, flow, substeps):
-    """Read the last of `substeps`, and write the flow of the next step before `observe` computes its forces."""
-    read_thrusters(drive)
-    gears_and_contacts(readout, substeps - 1, substeps)
+def next_flow(flow):
+    """Write the water of the next step from its row, before `observe` computes its forces; a `Flow` or its fields."""
     velocity, acceleration, row, wind, current_acceleration, current_W = flow
     at = row[0]
     for k in range(3):
         wind[k] = current_W[k] = velocity[at, k]
         current_acceleration[k] = acceleration[at, k]
     row[0] += row[1]
+
+
+@kernel
+def _call_hook(slot, watch):
+    """Call a hook in Python, if there is one."""
+    if slot.address != 0 and call(slot) != FINE:
+        watch.failed[0] = True

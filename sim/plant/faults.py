@@ -22,8 +22,9 @@ from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.messages import Command, ImuMeasurement, Measurement, Target
 from uuv.sim.interfaces.protocols import Sensor, TargetFinder
 from uuv.sim.interfaces.spatial import Array, checked, exp_so3, readonly
+from uuv.sim.plant.compiled_step import PlantRecord
 from uuv.sim.plant.onset import Onset
-from uuv.sim.plant.plant import Plant, PlantState, Truth
+from uuv.sim.plant.plant import NO_HOOKS, Plant, PlantHooks, PlantState, Truth
 
 # -- sensors -----------------------------------------------------------------------------------------------------------
 
@@ -239,7 +240,7 @@ class FaultyPlant:
             ConfigurationError: A thruster does not exist, or a share or command is out of its range.
         """
         self.plant, self.faults = plant, tuple(faults)
-        self.timestep = plant.timestep
+        self.timestep, self._sound = plant.timestep, plant
         names = plant.vehicle.thruster_names
         for fault in self.faults:
             if not 0 <= fault.thruster < len(names):
@@ -258,12 +259,23 @@ class FaultyPlant:
         return self.plant.observe()
 
     def spans(self) -> str:
-        """As `Plant.spans`: thruster faults are in Python."""
-        return "the plant has thruster faults"
+        """As `Plant.spans`."""
+        return self.plant.spans()
+
+    def record(self, hooks: PlantHooks = NO_HOOKS) -> PlantRecord:
+        """As `Plant.record`, with the active faults."""
+        return self.plant.record(replace(hooks, commanded=(*hooks.commanded, self._in_compiled_step)))
 
     def step(self, command: Command) -> None:
         """As `Plant.step`, with the thruster commands changed by the active faults."""
-        thrusters, time = np.array(command.thrusters), self.plant.truth.time
+        self.plant.step(replace(command, thrusters=self._changed(command.thrusters)))
+
+    def _in_compiled_step(self) -> None:
+        self._sound.commanded[:] = self._changed(self._sound.commanded)
+
+    def _changed(self, command: Array) -> Array:
+        """Commands (m,) that the thrusters follow."""
+        thrusters, time = np.array(command), self._sound.time
         for fault in self.faults:
             i = fault.thruster
             if not fault.onset.active(time):
@@ -274,7 +286,7 @@ class FaultyPlant:
                 wanted = float(np.clip(thrusters[i], -1.0, 1.0))
                 thrusters[i] = command_for(self._curves[i], fault.share * thrust_at(self._curves[i], wanted))
         self._last = thrusters
-        self.plant.step(replace(command, thrusters=thrusters))
+        return thrusters
 
     def save(self) -> "FaultyPlantState":
         """All that changes, as `Plant.save`."""

@@ -1,6 +1,7 @@
 """Plant in which an object of the scene moves as prescribed: pushed once, or swinging."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import mujoco
@@ -18,8 +19,9 @@ from uuv.sim.interfaces.spatial import (
     quat_wxyz_from_rotation,
     rotation_from_quat_wxyz,
 )
+from uuv.sim.plant.compiled_step import PlantRecord
 from uuv.sim.plant.onset import Onset
-from uuv.sim.plant.plant import Plant, Truth
+from uuv.sim.plant.plant import NO_HOOKS, Plant, PlantHooks, Truth
 
 # Displacement (3,) [m] and rotation vector (3,) [rad] in W, by time [s].
 Motion = Callable[[float], tuple[Array, Array]]
@@ -98,6 +100,23 @@ class MovedObjectPlant:
 
     def observe(self) -> Truth:
         """As `Plant.observe`, with the body where it is now."""
+        self._place()
+        return self.plant.observe()
+
+    def spans(self) -> str:
+        """As `Plant.spans`."""
+        return self.plant.spans()
+
+    def record(self, hooks: PlantHooks = NO_HOOKS) -> PlantRecord:
+        """As `Plant.record`, with the motion."""
+        return self.plant.record(replace(hooks, placed=(*hooks.placed, self._place)))
+
+    def step(self, command: Command) -> None:
+        """As `Plant.step`."""
+        self.plant.step(command)
+
+    def _place(self) -> None:
+        """Write place and velocity of the body at this time."""
         data, dt = self._sound.data, self.timestep
         (p, phi), (p_next, phi_next) = (self._motion(t) for t in (float(data.time), float(data.time) + dt))
         R, R_next = exp_so3(phi) @ self._R, exp_so3(phi_next) @ self._R
@@ -105,12 +124,3 @@ class MovedObjectPlant:
         data.qpos[self._qpos + 3 : self._qpos + 7] = quat_wxyz_from_rotation(R)
         data.qvel[self._dof : self._dof + 3] = (p_next - p) / dt
         data.qvel[self._dof + 3 : self._dof + 6] = log_so3(R.T @ R_next) / dt
-        return self.plant.observe()
-
-    def spans(self) -> str:
-        """As `Plant.spans`: the motion is in Python."""
-        return "the object moves"
-
-    def step(self, command: Command) -> None:
-        """As `Plant.step`."""
-        self.plant.step(command)

@@ -2,6 +2,7 @@
 
 import copy
 import warnings
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Self
 
@@ -10,13 +11,13 @@ import numpy as np
 
 from uuv.models.hydrodynamics import LAYOUT, world_row
 from uuv.models.naming import HOME_KEY, USUAL_NAMES, PartNames
-from uuv.models.site.sliding_contact import TARGET_BODY
 from uuv.models.vehicle import Vehicle
 from uuv.sim import hydrodynamics
 from uuv.sim.interfaces.errors import ConfigurationError, PhysicsWarning
+from uuv.sim.interfaces.kernels.slots import RAISED, PythonSlots, Slot, empty_slot
 from uuv.sim.interfaces.messages import Command
 from uuv.sim.interfaces.spatial import Array, checked_pose, fitting, quat_wxyz_from_rotation
-from uuv.sim.plant.compiled_step import PlantRecord, Watch, end_step, verdict
+from uuv.sim.plant.compiled_step import PlantRecord, Watch, next_flow, verdict
 from uuv.sim.plant.driven_water import DrivenWater, check_current
 from uuv.sim.plant.reaction_wrench import ReactionWrench
 from uuv.sim.plant.readout import CONTACTS, FORCE, Readout, gears_and_contacts, places_of
@@ -142,6 +143,17 @@ class Truth:
         return truth
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PlantHooks:
+    """What wrappers of a plant do at every step, when the step is compiled."""
+
+    placed: tuple[Callable[[], None], ...] = ()  # put bodies in place, before `observe`
+    commanded: tuple[Callable[[], None], ...] = ()  # change `Plant.commanded`, before the thrusters take it
+
+
+NO_HOOKS = PlantHooks()
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PlantState:
     """All that changes in a plant."""
@@ -210,6 +222,8 @@ class Plant:
             seen=water[LAYOUT.seen :][:1],
             told=water[LAYOUT.told :][:1],
             mark=self.data.crb[0, :1] if wet else np.array([WET_MARK]),
+            tick=np.zeros(1, dtype=np.int64),
+            failed=np.zeros(1, dtype=np.bool_),
             least_gain=least_gain,
         )
         thrusters = vehicle.thruster_actuators, vehicle.thruster_table
@@ -222,7 +236,7 @@ class Plant:
         self._joint_ctrl = _block(vehicle.actuators)
         measured = reaction_ticks > 0 and vehicle.joints.size > 0
         self._reaction = ReactionWrench(model, vehicle.arm_base, frame=vehicle.hull) if measured else None
-        self._reaction_ticks, self._tick = reaction_ticks, 0
+        self._reaction_ticks, self._slots = reaction_ticks, PythonSlots()
         self._soil = SoilContact.of(model, self.data)
         self.truth = truth = Truth.of(self.data, vehicle, self._drive, self._contacts, pad_site)
         dry = vehicle.dry_friction
@@ -287,7 +301,8 @@ class Plant:
             current: Current of the water.
         """
         data, truth = self.data, self.truth
-        self._flow, self._tick = self._water.start(current), 0
+        self._flow = self._water.start(current)
+        self._watch.tick[0], self._watch.failed[0] = 0, False
         # From Python, records go to kernels as plain tuples: numba finds the type of a NamedTuple more slowly.
         self._as_tuples = tuple(self._drive), tuple(self._readout), tuple(self._flow), tuple(self._soil)
         self._drive.stop()
@@ -299,12 +314,12 @@ class Plant:
         gears_and_contacts(self._as_tuples[1], 0, 1)
         truth.tau_friction[:] = self._contacts[:] = 0.0  # none yet, whatever constraints `data` still has
         truth.collided[:] = -1.0
-        self.publish(0)
+        self.publish()
 
     def save(self) -> PlantState:
         """All that changes, as it is: to be copied before the next step, but for `data`, a copy."""
         return PlantState(
-            data=copy.copy(self.data), arrays=self._changing, tick=self._tick, current=self._water.current.save()
+            data=copy.copy(self.data), arrays=self._changing, tick=self.tick, current=self._water.current.save()
         )
 
     def resume(self, saved: PlantState, _command: Command | None = None) -> None:
@@ -312,9 +327,9 @@ class Plant:
         mujoco.mj_copyData(self.data, self.model, saved.data)
         for array, value in zip(self._changing, saved.arrays, strict=True):
             array[...] = value
-        self._tick = saved.tick
+        self._watch.tick[0] = saved.tick
         self._water.current.resume(saved.current, steps=saved.tick + 1)
-        self.publish(0)
+        self.publish()
 
     def observe(self) -> Truth:
         """Update the kinematics to the current time and return the truth.
@@ -335,6 +350,9 @@ class Plant:
 
     def check(self) -> None:
         """Warn or raise an error as `observe` does, after `uuv.sim.plant.compiled_step.observe` asked for it."""
+        if self._watch.failed[0]:
+            self._watch.failed[0] = False
+            self._slots.check(RAISED)
         hydrodynamics.check_motion(self.model, self.data)
         self._water.check_reset()
         if self._watch.mark[0] != WET_MARK:
@@ -357,7 +375,7 @@ class Plant:
             gears_and_contacts(readout, substep, last + 1)
             mujoco.mj_step1(model, data)
         feel_soil(soil)
-        if self._reaction is not None and self._tick % self._reaction_ticks == 0:
+        if self._reaction is not None and self.tick % self._reaction_ticks == 0:
             before = data.qvel.copy()
             mujoco.mj_step2(model, data)
             truth.arm_wrench_B[:] = self._reaction.wrench(data, before)
@@ -374,7 +392,8 @@ class Plant:
         truth = self.truth
         joint_torque = fitting(command.joint_torque, self.vehicle.actuators.shape, "joint torque command [N m]")
         thrusters = fitting(command.thrusters, truth.propeller_speed.shape, "thruster command")
-        truth.saturated = command_thrusters(self._as_tuples[0], thrusters)
+        self._drive.commanded[:] = thrusters
+        truth.saturated = command_thrusters(self._as_tuples[0])
         self.data.ctrl[self._joint_ctrl] = joint_torque
 
     def finish(self) -> None:
@@ -382,36 +401,36 @@ class Plant:
         drive, readout, flow, _ = self._as_tuples
         last = self.substeps - 1
         self._watch.observed[0] = False
-        self._tick += 1
+        self._watch.tick[0] += 1
         self._water.check()
+        read_thrusters(drive)
+        gears_and_contacts(readout, last, last + 1)
         if self._water.current.beyond_rows():
-            read_thrusters(drive)
-            gears_and_contacts(readout, last, last + 1)
             self._blow()
         else:
             self._water.current.ready()
-            end_step(drive, readout, flow, last + 1)
+            next_flow(flow)
         self._contact()
 
     def spans(self) -> str:
         """Why the compiled stages of `uuv.sim.plant.compiled_step` cannot advance this plant; empty if they can."""
-        if reason := self._water.current.beyond_rows():
-            return reason
         if _spacing(self.vehicle.dof) > 1:
             return "the arm's joints have others between them"
-        target = mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_BODY, TARGET_BODY)
-        if target >= 0 and self.model.body_jntnum[target]:
-            return "the object can move"
         return ""
 
     def ready(self) -> int:
         """Number of steps that the compiled stages may take before the next call; generates gusts ahead."""
         self._water.check()
         steps = self._water.current.ready()
-        return steps if self._reaction is None else min(steps, -self._tick % self._reaction_ticks)
+        return steps if self._reaction is None else min(steps, -self.tick % self._reaction_ticks)
 
-    def record(self) -> PlantRecord:
-        """Arrays of the compiled stages (`uuv.sim.plant.compiled_step`), valid until the next `reset`."""
+    def record(self, hooks: PlantHooks = NO_HOOKS) -> PlantRecord:
+        """Arrays of the compiled stages (`uuv.sim.plant.compiled_step`), valid until the next `reset`.
+
+        Args:
+            hooks: of the wrappers of this plant, called at every step.
+        """
+        beyond = (self._blow,) if self._water.current.beyond_rows() else ()
         return PlantRecord(
             drive=self._drive,
             readout=self._readout,
@@ -420,11 +439,39 @@ class Plant:
             soil=self._soil,
             joints=self.vehicle.actuators,
             substeps=self.substeps,
+            placed=self._hooked(hooks.placed),
+            commanded=self._hooked(hooks.commanded),
+            flowed=self._hooked(beyond),
         )
 
-    def publish(self, steps: int) -> None:
-        """Bring the numbers of `truth` up to date after so many compiled steps; its arrays are live."""
-        self._tick += steps
+    def _hooked(self, functions: tuple[Callable[[], None], ...]) -> Slot:
+        """Slot that calls functions one after another; empty without any."""
+        if not functions:
+            return empty_slot()
+
+        def all_of_them() -> None:
+            for function in functions:
+                function()
+
+        return empty_slot()._replace(address=self._slots.add(all_of_them))
+
+    @property
+    def tick(self) -> int:
+        """Steps taken since the start."""
+        return int(self._watch.tick[0])
+
+    @property
+    def commanded(self) -> Array:
+        """Thruster commands (m,) of the present step, live: a hook may change them before they act."""
+        return self._drive.commanded
+
+    @property
+    def time(self) -> float:
+        """Time [s] of the last `observe`, also amid compiled steps."""
+        return float(self._watch.time[0])
+
+    def publish(self) -> None:
+        """Bring the numbers of `truth` up to date after compiled steps; its arrays are live."""
         self.truth.time, self.truth.saturated = float(self._watch.time[0]), bool(self._drive.saturated[0])
         self._contact()
 
@@ -438,7 +485,7 @@ class Plant:
         """Write the water of the next step, before `observe` computes its forces."""
         at = self.vehicle.hull_qpos
         # The joint is where the next step begins already, the body still where the last one did.
-        self._water.write(self.data.qpos[at : at + 3], self._tick * self.timestep)
+        self._water.write(self.data.qpos[at : at + 3], self.tick * self.timestep)
 
 
 def _check(model: mujoco.MjModel, substeps: int) -> None:

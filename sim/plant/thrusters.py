@@ -18,6 +18,7 @@ class Drive(NamedTuple):
     """Thrusters of one plant; the arrays of MuJoCo are views, the others are written by the kernels."""
 
     curves: Array  # (m, ...) static curves
+    commanded: Array  # (m,) commands of the step, input
     ctrl: Array  # (nu,) MuJoCo's controls
     act: Array  # (na,) its activations
     force: Array  # (nu,) [N] its actuator forces
@@ -34,6 +35,7 @@ class Drive(NamedTuple):
         m = len(actuators)
         return cls(
             curves=curves(table),
+            commanded=np.zeros(m),
             ctrl=data.ctrl,
             act=data.act,
             force=data.actuator_force,
@@ -53,16 +55,16 @@ class Drive(NamedTuple):
 
 
 @kernel
-def command_thrusters(drive, command):
-    """Set the controls of the thrusters of a `Drive`, or of its fields as a tuple, to commands (m,).
+def command_thrusters(drive):
+    """Set the controls of the thrusters of a `Drive`, or of its fields as a tuple, to what is commanded.
 
     Returns:
         True if a command was at its limit.
     """
-    curve, ctrl, _, _, actuators, _, _, _, saturated = drive
+    curve, commanded, ctrl, _, _, actuators, _, _, _, saturated = drive
     saturated[0] = False
     for i in range(actuators.shape[0]):
-        wanted = min(max(command[i], -1.0), 1.0)
+        wanted = min(max(commanded[i], -1.0), 1.0)
         ctrl[actuators[i]] = wanted
         if abs(wanted) > _CURVED:
             end = 1.0 if wanted > 0.0 else -1.0
@@ -73,7 +75,7 @@ def command_thrusters(drive, command):
 @kernel
 def read_thrusters(drive):
     """Read speeds and thrusts of a `Drive`, or of its fields as a tuple, after a step."""
-    _, _, act, force, actuators, activations, speed, thrust, _ = drive
+    _, _, _, act, force, actuators, activations, speed, thrust, _ = drive
     for i in range(actuators.shape[0]):
         speed[i] = act[activations[i] + SPEED]
         thrust[i] = force[actuators[i]]

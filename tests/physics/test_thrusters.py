@@ -101,7 +101,8 @@ def test_dead_band_and_both_directions(within):
 def test_saturation_is_told_and_kept(command, flag):
     unit = Unit(Thruster(forward=300.0, reverse=220.0))
     drive = Drive.of(unit.model, unit.data, thrusters.read(unit.model))
-    assert command_thrusters(tuple(drive), np.array([command])) is flag
+    drive.commanded[0] = command
+    assert command_thrusters(tuple(drive)) is flag
     assert settled(unit, command) == settled(unit, np.clip(command, -1.0, 1.0))
     assert abs(unit.speed) == min(abs(command), 1.0)
 

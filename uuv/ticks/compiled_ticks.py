@@ -317,7 +317,7 @@ class CompiledTicks:
             _, stage, _ = run_ticks(self._box, 0, _NEW, _PLANNED)
             if stage == _NEW:
                 return False
-            self._plant.publish(0)
+            self._plant.publish()
             run.estimate = state_estimate(self._world.estimate)
         before, reference = run.reference, run.plan()
         run.stage = Stage.PLANNED
@@ -337,7 +337,7 @@ class CompiledTicks:
         world.referred[0] = self._recorder.refer(run.reference)
         while True:
             done, stage, outcome = run_ticks(self._box, ticks - total, begun, onward)
-            self._plant.publish(done)
+            self._plant.publish()
             total += done
             if stage != _COMMANDED:
                 break

@@ -169,7 +169,7 @@ class TicksAround:
                 run.stage, run.estimate = Stage.ESTIMATED, state_estimate(self._estimate)
             if run.told:
                 break
-        self._plant.publish(done)
+        self._plant.publish()
         return done
 
     def _command(self, run: Rollout, tick: int) -> bool:

@@ -7,12 +7,14 @@ import numba
 import numpy as np
 import pytest
 
+from untyped import untyped
 from uuv import models
 from uuv.sim import hydrodynamics
 from uuv.sim.interfaces.errors import ConfigurationError, HydrodynamicsError
 from uuv.sim.interfaces.messages import Command
 from uuv.sim.interfaces.spatial import Array
-from uuv.sim.plant import compiled_step
+from uuv.sim.plant import compiled_step, faults
+from uuv.sim.plant.moved_object import MovedObjectPlant, swing
 from uuv.sim.plant.plant import Plant, Truth
 from uuv.sim.plant.readout import DATA, MODEL, STEP1, STEP2
 from uuv.sim.water.current import _BLOCK, Current
@@ -93,12 +95,77 @@ def test_both_ways_give_the_same_bits(pressed, substeps, gust):
         if tick > 2:  # the first two times are checked in Python
             end = min(STEPS, tick + 9, tick + other.ready())
             assert several(record, torques, thrusters, tick, end) == end
-            other.publish(1)
+            other.publish()
             tick = end
     for plant in (one, other):
         plant.observe()
     last = state_of(one.truth)
     assert all(np.array_equal(value, last[name], equal_nan=True) for name, value in state_of(other.truth).items())
+
+
+def swaying(model: mujoco.MjModel) -> Plant:
+    return Plant(model, current=Current((0.1, 0.0, 0.0), profile=lambda t: (1.0 + 0.2 * t, 0.2)))
+
+
+def in_a_field(model: mujoco.MjModel) -> Plant:
+    class Sheared:
+        def velocity(self, p_W, time):
+            return np.array([0.02 * p_W[1] + 0.1 * time, 0.0, 0.01 * p_W[0]])
+
+    return Plant(model, current=Current((0.1, 0.0, 0.0)).with_flow(Sheared()))
+
+
+def with_faults(model: mujoco.MjModel) -> faults.FaultyPlant:
+    weak = faults.ThrusterFault(0, faults.Onset(at=0.1), share=0.4)
+    stuck = faults.ThrusterFault(3, faults.Onset(at=0.15), stuck=True)
+    return faults.FaultyPlant(Plant(model, current=Current(np.zeros(3))), [weak, stuck])
+
+
+def with_a_swinging_object(model: mujoco.MjModel) -> MovedObjectPlant:
+    return MovedObjectPlant(plant_of(model, 1, 0.02), "plate", swing([0.0, 0.0, 0.004], 5.0))
+
+
+@pytest.fixture(scope="module")
+def loose() -> mujoco.MjModel:
+    """The pad just above a plate on a free joint."""
+    spec = models.load("uuv_puma")
+    plate = spec.worldbody.add_body(name="plate", pos=[1.2, 0.0, -0.6])
+    plate.add_freejoint()
+    plate.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=[0.1, 0.1, 0.1])
+    return hydrodynamics.compile(spec)
+
+
+@pytest.mark.parametrize("make", [swaying, in_a_field, with_faults, with_a_swinging_object])
+def test_what_is_in_python_is_called_at_every_compiled_step(loose, make):
+    torques, thrusters = commands()
+    one, other = make(loose), make(loose.__copy__())
+    inner = [plant if isinstance(plant, Plant) else plant.plant for plant in (one, other)]
+    for i in range(STEPS):
+        one.observe()
+        one.step(replace(REST, joint_torque=torques[i], thrusters=thrusters[i]))
+
+    assert other.spans() == ""
+    for i in range(3):  # the first times are checked in Python
+        other.observe()
+        other.step(replace(REST, joint_torque=torques[i], thrusters=thrusters[i]))
+    assert inner[1].ready() >= STEPS
+    assert several(other.record(), torques, thrusters, 3, STEPS) == STEPS
+    inner[1].publish()
+    for plant in (one, other):
+        plant.observe()
+    first, second = (state_of(plant.truth) for plant in inner)
+    assert all(np.array_equal(first[name], value, equal_nan=True) for name, value in second.items())
+
+
+def test_what_a_hook_raises_is_raised_at_the_next_check(pressed):
+    plant = swaying(pressed)
+    record = plant.record()
+    plant._water.write = untyped(lambda *_: 1 / 0)
+    plant.observe()
+    compiled_step.advance(record, np.zeros(6), np.zeros(6))
+    assert compiled_step.observe(record)
+    with pytest.raises(ZeroDivisionError):
+        plant.check()
 
 
 def test_mujoco_called_by_address_is_mujoco(pressed):
@@ -173,4 +240,3 @@ def test_plants_with_parts_in_python_say_so(pressed):
     measured.observe()
     measured.step(Command(time=0.0, joint_torque=np.zeros(6), thrusters=np.zeros(6), scan=False))
     assert measured.ready() == 4
-    assert "profile" in Plant(pressed, current=Current(np.zeros(3), profile=lambda t: (1.0, 0.0 * t))).spans()

@@ -1,12 +1,14 @@
-"""Soil under a tool as part of a model: its numbers and its state are stored in an MjSpec, MuJoCo's step applies it.
+"""Soil under a tool as part of a model: MuJoCo's step applies it.
 
-As in pile driving [Smith 1960], the soil yields elastically up to a quake and then flows. The force-free position of
-the tool, the anchor, is then dragged along. Along the tool the resistances are those of pushing and pulling, across it
-that of sideways motion (`uuv.models.site.soil`). The three depend on the depth only, not on each other or on speed. A
-tool that leaves the soil leaves a hole: there is no force until it enters the soil elsewhere.
+As in pile driving [Smith 1960], the soil yields elastically up to a quake and then flows. The
+force-free position of the tool, the anchor, is then dragged along. Along the tool the resistances
+are those of pushing and pulling, across it that of sideways motion (`uuv.models.site.soil`). The
+three depend on the depth only, not on each other or on speed. A tool that leaves the soil leaves a
+hole: there is no force until it enters the soil elsewhere.
 
-The numbers are a custom numeric element. The state is that of an actuator without force at the face of the tool, whose
-dynamics are of MuJoCo's type "user": anchor (3,) [m] in W, and 1 in the soil (`uuv.sim.water.soil_force`).
+The numbers are a custom numeric element. The state is that of an actuator without force at the face
+of the tool, whose dynamics are of MuJoCo's type "user": anchor (3,) [m] in W, and 1 in the soil
+(`uuv.sim.water.soil_force`).
 """
 
 from types import SimpleNamespace
@@ -40,7 +42,7 @@ LAYOUT: Final = SimpleNamespace(
     quake=6,  # [m]
     columns=7,  # N of the resistances
     step=8,  # [m] of depth between them
-    data=9,  # (k, k) heights [m] over `corner`, then (3, N) [N] of pushing, pulling and sideways motion
+    data=9,  # (k, k) heights [m] over `corner`, then (3, N) [N] pushing, pulling, sideways
 )
 
 
@@ -48,7 +50,8 @@ def pack(ground: Seabed, soil: Soil, tool: SoilTool) -> Array:
     """Numbers of the soil under `ground` on one tool, as in `LAYOUT`."""
     depth = np.linspace(0.0, _DEEPEST, _TABLE)
     bounds = np.stack([resist(soil, tool, depth) for resist in _RESISTANCES])
-    bounds[0, 0] = soil.tip_factor * tool.edge * soil.cone  # the edge meets resistance at depth zero
+    # The edge meets resistance at depth zero.
+    bounds[0, 0] = soil.tip_factor * tool.edge * soil.cone
 
     corner = ground.center_W - [ground.half, ground.half, 0.0]
     header = STAMP_VALUE, len(ground.heights), *corner, ground.step, soil.quake, _TABLE, depth[1]
@@ -70,14 +73,16 @@ def attach(spec: mujoco.MjSpec, ground: Seabed, soil: Soil, tool: SoilTool) -> N
     sites = {site.name for site in spec.sites}
     face = TOOL_FACE_SITE if TOOL_FACE_SITE in sites else TIP_SITE
     if face not in sites:
-        raise ConfigurationError(f"soil acts on a tool: the vehicle has no site {TOOL_FACE_SITE!r} or {TIP_SITE!r}")
+        lacking = f"the vehicle has no site {TOOL_FACE_SITE!r} or {TIP_SITE!r}"
+        raise ConfigurationError(f"soil acts on a tool: {lacking}")
     if any(numeric.name == NAME for numeric in spec.numerics):
         raise ConfigurationError(f"the scene has a custom element {NAME!r} already")
     numbers = pack(ground, soil, tool)
     spec.add_numeric(name=NAME, data=numbers, size=len(numbers))
 
     state = spec.add_actuator(name=NAME, target=face, trntype=mujoco.mjtTrn.mjTRN_SITE)
-    state.dyntype, state.actdim = mujoco.mjtDyn.mjDYN_USER, STATE
+    state.dyntype = mujoco.mjtDyn.mjDYN_USER
+    state.actdim = STATE
     state.gainprm[0] = 0.0
     row = np.zeros(HEADER)
     row[STAMP] = STAMP_VALUE
@@ -90,12 +95,12 @@ def actuator_of(model: mujoco.MjModel) -> int:
     rows = np.asarray(model.actuator_user)
     if rows.shape[1] < HEADER:
         return -1
-    own = np.flatnonzero(rows[:, STAMP] == STAMP_VALUE)
-    return int(own[0]) if len(own) else -1
+    marked = np.flatnonzero(rows[:, STAMP] == STAMP_VALUE)
+    return int(marked[0]) if len(marked) else -1
 
 
 def numbers_of(model: mujoco.MjModel) -> Array:
     """Numbers of the soil in a compiled model, as `pack` makes them; a live view."""
     numeric = model.numeric(NAME)
-    first, size = int(model.numeric_adr[numeric.id]), int(model.numeric_size[numeric.id])
-    return model.numeric_data[first : first + size]
+    first = int(model.numeric_adr[numeric.id])
+    return model.numeric_data[first : first + int(model.numeric_size[numeric.id])]

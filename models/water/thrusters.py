@@ -1,15 +1,17 @@
 """Thruster model, command to thrust, stored on the actuators of an MjSpec, where MuJoCo evaluates it at each step.
 
-A command u in [-1, 1] is the normalised propeller speed (or pulse width) that is demanded. The propeller follows within
-its slew rate and with a first-order lag. Its thrust is a static curve of that speed, reduced by inflow: the bilinear
-model T = T_nn |n| n - T_nu |n| u_a [Fossen 2011]. The curve is quadratic, a polynomial, or a table, beyond a dead band.
+A command u in [-1, 1] is the normalised propeller speed (or pulse width) that is demanded. The
+propeller follows within its slew rate and with a first-order lag. Its thrust is a static curve of
+that speed, reduced by inflow: the bilinear model T = T_nn |n| n - T_nu |n| u_a [Fossen 2011]. The
+curve is quadratic, a polynomial, or a table, beyond a dead band.
 
-`attach` makes an actuator a thruster: its control is the command, its two activations are the command after the slew
-limit and the propeller speed, its force is the thrust in N. Its dynamics and bias are of MuJoCo's type "user" and read
-their numbers from `actuator_user` (`uuv.sim.water.thruster_callbacks`).
+`attach` makes an actuator a thruster: its control is the command, its two activations are the
+command after the slew limit and the propeller speed, its force is the thrust in N. Its dynamics and
+bias are of MuJoCo's type "user" and read their numbers from `actuator_user`
+(`uuv.sim.water.thruster_callbacks`).
 
-The propeller's reaction torque on the hull about the thrust axis is proportional to the thrust. It is stored in the
-actuator's gear, so that plant, allocation and MuJoCo use the same column.
+The propeller's reaction torque on the hull about the thrust axis is proportional to the thrust. It
+is stored in the actuator's gear, so that plant, allocation and MuJoCo use the same column.
 """
 
 import math
@@ -46,10 +48,12 @@ _DRIVEN: dict[str, Any] = {"biastype": mujoco.mjtBias.mjBIAS_USER, "dyntype": mu
 class Thruster:
     """Parameters of one thruster: static curve, dynamics, inflow, reaction torque.
 
-    With neither `polynomial` nor `table` (see `of_polynomial`, `of_table`) thrust is quadratic beyond the dead band.
+    With neither `polynomial` nor `table` (see `of_polynomial`, `of_table`) thrust is quadratic
+    beyond the dead band.
 
     Raises:
-        ConfigurationError: a figure that is not finite or of the wrong sign, or a curve that does not rise.
+        ConfigurationError: a figure that is not finite or of the wrong sign, or a curve that does
+            not rise.
     """
 
     forward: float  # [N] thrust at command +1 in still water
@@ -136,9 +140,9 @@ class Thruster:
     ) -> Self:
         """Thruster with thrusts [N] at tabled commands, pulse widths or speeds.
 
-        Between the points the curve is a monotone cubic [Fritsch 1984]. A command u in [-1, 1] corresponds to `neutral
-        + u full` of the table; beyond an end the thrust stays constant. Several successive commands with zero thrust
-        form the dead band.
+        Between the points the curve is a monotone cubic [Fritsch 1984]. A command u in [-1, 1]
+        corresponds to `neutral + u full` of the table; beyond an end the thrust stays constant.
+        Several successive commands with zero thrust form the dead band.
 
         Args:
             command: (k,) in the unit of the table, rising.
@@ -188,14 +192,16 @@ def t200(
 ) -> Thruster:
     """Blue Robotics T200 at 16 V; command u is the pulse 1500 + 400 u us, with its dead band from 1472 to 1528 us.
 
-    Measured are the thrusts, and that a turning propeller gives 0.36 N or more (317 rpm). The other defaults are
-    assumptions, since no measurement was found.
+    Measured are the thrusts, and that a turning propeller gives 0.36 N or more (317 rpm). The other
+    defaults are assumptions, since no measurement was found.
 
     Args:
         handedness: +1 or -1, see `Thruster`.
         time_constant: [s], assumed.
-        inflow_loss: [N]/[m/s], assumed: a fit T ~ 0.0113 - 0.0091 J by slim71, with zero thrust at 5 m/s.
-        torque_per_thrust: [m], assumed: 70 % of 24 A at 16 V reach the shaft at 3533 rpm and 51.44 N.
+        inflow_loss: [N]/[m/s], assumed: a fit T ~ 0.0113 - 0.0091 J by slim71, with zero thrust at
+            5 m/s.
+        torque_per_thrust: [m], assumed: 70 % of 24 A at 16 V reach the shaft at 3533 rpm and 51.44
+            N.
         slew_rate: [1/s] largest rate of the command.
         least_thrust: [N] of a turning propeller, measured.
 
@@ -221,8 +227,9 @@ def attach(spec: mujoco.MjSpec, table: Mapping[str, Thruster]) -> None:
     The control is then the command in [-1, 1], and the reaction torque is in the gear.
 
     Raises:
-        ConfigurationError: a name is not an actuator of `spec`, its user data is foreign, or it is neither a thruster
-            nor a plain motor on a site, without limits and with a gear of unit length.
+        ConfigurationError: a name is not an actuator of `spec`, its user data is foreign, or it is
+            neither a thruster nor a plain motor on a site, without limits and with a gear of unit
+            length.
     """
     actuators = {actuator.name: actuator for actuator in spec.actuators}
     for name, thruster in table.items():
@@ -243,7 +250,8 @@ def attach(spec: mujoco.MjSpec, table: Mapping[str, Thruster]) -> None:
         actuator.userdata = row
         _set_kind(actuator, _DRIVEN)
         actuator.actdim = ACTIVATIONS
-        actuator.ctrllimited, actuator.ctrlrange = mujoco.mjtLimited.mjLIMITED_TRUE, [-1.0, 1.0]
+        actuator.ctrllimited = mujoco.mjtLimited.mjLIMITED_TRUE
+        actuator.ctrlrange = [-1.0, 1.0]
     # All rows must have one length; absent values compile to zero, which decodes as "no thruster".
     spec.nuser_actuator = max(spec.nuser_actuator, *(len(a.userdata) for a in spec.actuators), HEADER)
 
@@ -257,12 +265,15 @@ def detach(actuator: mujoco.MjsActuator) -> None:
     if not carries(actuator.userdata):
         return
     _set_kind(actuator, _MOTOR)
-    actuator.userdata, actuator.actdim = [], -1
-    actuator.ctrllimited, actuator.ctrlrange = mujoco.mjtLimited.mjLIMITED_AUTO, [0.0, 0.0]
+    actuator.userdata = []
+    actuator.actdim = -1
+    actuator.ctrllimited = mujoco.mjtLimited.mjLIMITED_AUTO
+    actuator.ctrlrange = [0.0, 0.0]
 
 
 def _set_kind(actuator: mujoco.MjsActuator, kind: Mapping[str, Any]) -> None:
-    actuator.dyntype, actuator.biastype = kind["dyntype"], kind["biastype"]
+    actuator.dyntype = kind["dyntype"]
+    actuator.biastype = kind["biastype"]
     actuator.gainprm[0] = kind["gainprm"]
 
 
@@ -319,7 +330,8 @@ def pack(thruster: Thruster) -> Array:
         sides = thruster.polynomial or ((0.0, thruster.forward), (0.0, thruster.reverse))
         curve = rows.pack_polynomial(kind, *sides, thruster.dead_band, thruster.least_thrust)
     slew = thruster.slew_rate if np.isfinite(thruster.slew_rate) else 0.0
-    # A right-handed propeller is driven about the thrust axis; the reaction turns the hull the other way.
+    # A right-handed propeller is driven about the thrust axis; the reaction turns the hull the
+    # other way.
     torque = -thruster.handedness * thruster.torque_per_thrust
     header = (
         thruster.forward,
@@ -373,7 +385,8 @@ def read(model: mujoco.MjModel) -> tuple[np.ndarray, Array]:
     """Thrusters of a compiled model: actuator indices (m,) and their rows (m, width), as `pack` encodes them.
 
     Raises:
-        ConfigurationError: an invalid row, or an actuator that is not as `attach` leaves it; the message has its name.
+        ConfigurationError: an invalid row, or an actuator that is not as `attach` leaves it; the
+            message has its name.
     """
     rows = np.asarray(model.actuator_user)
     index = np.array([i for i in range(model.nu) if carries(rows[i])], dtype=np.int64)

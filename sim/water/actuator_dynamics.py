@@ -1,11 +1,12 @@
-"""Native actuator dynamics: slew rate and lag of thrusters, and the state of the soil, inside MuJoCo's step.
+"""Native actuator dynamics: slew rate and lag of thrusters, and the state of the soil.
 
-MuJoCo adds `act_dot` times the time step to the activations. The callback returns the rate that takes them to the exact
-response of the lag to a command that holds for the step, so lag and step do not depend on each other. Under RK4, which
-evaluates rates amid the step, a lag longer than the step gives its own rate.
+MuJoCo adds `act_dot` times the time step to the activations. The callback returns the rate that
+takes them to the exact response of the lag to a command that holds for the step, so lag and step do
+not depend on each other. Under RK4, which evaluates rates amid the step, a lag longer than the step
+gives its own rate.
 
-Numba compiles it to a bare C function, which MuJoCo calls without the GIL. It has no state: the two activations of a
-thruster are in `data.act` (`uuv.models.water.thrusters`).
+Numba compiles it to a bare C function, which MuJoCo calls without the GIL. It has no state: the two
+activations of a thruster are in `data.act` (`uuv.models.water.thrusters`).
 """
 
 import math
@@ -18,7 +19,7 @@ from uuv.models.site import soil_bed
 from uuv.models.water.thrusters import HEADER, PASSED, SLEW_RATE, SPEED, STAMP, STAMP_VALUE, TIME_CONSTANT
 from uuv.sim.interfaces.kernels import c_function
 from uuv.sim.water import soil_force
-from uuv.sim.water.mujoco_layout import offset
+from uuv.sim.water.mujoco_layout import offsets
 from uuv.sim.water.native_memory import f64, i32, pointer, put
 
 # Fields that the callback reads or writes; their layout must be verified on live objects.
@@ -30,36 +31,40 @@ SYMBOLS = ()
 
 
 def build() -> Any:
-    """Compile `mjcb_act_dyn`: rates of a thruster's activations. Zero for any other actuator of type user."""
-    nuser_at, user_at, address_at = (offset("mjModel", name) for name in _MODEL)
-    ctrl_at, act_at, rate_at = (offset("mjData", name) for name in _DATA)
-    timestep_at, integrator_at = offset("mjModel", "opt.timestep"), offset("mjModel", "opt.integrator")
+    """Compile `mjcb_act_dyn`: rates of activations of thrusters and soil, zero of others."""
+    of_model = offsets("mjModel", *_MODEL, "opt.timestep", "opt.integrator")
+    of_data = offsets("mjData", *_DATA)
     amid_steps = int(mujoco.mjtIntegrator.mjINT_RK4)
 
-    advance_soil, of_soil = soil_force.build_rates(), soil_bed.STAMP_VALUE
+    advance_soil = soil_force.build_rates()
+    of_soil = soil_bed.STAMP_VALUE
 
     @c_function(types.float64(types.intp, types.intp, types.int32), error_model="numpy")
     def dynamics(m: int, d: int, i: int) -> float:
-        nuser = pointer(m, nuser_at)
-        row = pointer(m, user_at) + 8 * nuser * i
+        nuser = pointer(m, of_model.nuser_actuator)
+        row = pointer(m, of_model.actuator_user) + 8 * nuser * i
         if nuser >= HEADER and f64(row, STAMP) == of_soil:
             advance_soil(m, d, i)
             return 0.0
         if nuser < HEADER or f64(row, STAMP) != STAMP_VALUE:
             return 0.0
-        dt, lag, slew = f64(m + timestep_at, 0), f64(row, TIME_CONSTANT), f64(row, SLEW_RATE)
-        first = i32(pointer(m, address_at), i)
-        act, act_dot = pointer(d, act_at), pointer(d, rate_at)
+        dt = f64(m + of_model.timestep, 0)
+        lag = f64(row, TIME_CONSTANT)
+        slew = f64(row, SLEW_RATE)
+        first = i32(pointer(m, of_model.actuator_actadr), i)
+        act = pointer(d, of_data.act)
+        act_dot = pointer(d, of_data.act_dot)
 
         # The drive follows the command within its slew rate.
-        command = min(max(f64(pointer(d, ctrl_at), i), -1.0), 1.0)
-        passed, speed = f64(act, first + PASSED), f64(act, first + SPEED)
+        command = min(max(f64(pointer(d, of_data.ctrl), i), -1.0), 1.0)
+        passed = f64(act, first + PASSED)
+        speed = f64(act, first + SPEED)
         if slew > 0.0:
             command = min(max(command, passed - slew * dt), passed + slew * dt)
         put(act_dot, first + PASSED, (command - passed) / dt)
 
         # The propeller follows the drive with its lag.
-        if lag > dt and i32(m + integrator_at, 0) == amid_steps:
+        if lag > dt and i32(m + of_model.integrator, 0) == amid_steps:
             put(act_dot, first + SPEED, (command - speed) / lag)
             return 0.0
         decay = math.exp(-dt / lag) if lag > 0.0 else 0.0

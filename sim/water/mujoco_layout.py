@@ -6,6 +6,7 @@ array that MuJoCo's own Python binding shows for that field.
 """
 
 import ctypes
+from collections import namedtuple
 from collections.abc import Collection
 from functools import cache
 from typing import Any
@@ -70,6 +71,12 @@ def offset(struct: str, path: str) -> int:
         total += getattr(here, name).offset
         here = next(field[1] for field in here._fields_ if field[0] == name)
     return total
+
+
+def offsets(struct: str, *paths: str) -> Any:
+    """Offsets [bytes] of fields of `struct`: a named tuple by the last part of each path."""
+    names = [path.rpartition(".")[2] for path in paths]
+    return namedtuple(f"{struct}_offsets", names)(*(offset(struct, path) for path in paths))
 
 
 def verify(model_fields: Collection[str], data_fields: Collection[str]) -> None:

@@ -1,11 +1,12 @@
-"""Native look-up of the water's motion: that of a simulation in its data, else the default of its model."""
+"""Native look-up of the water's motion: that of a simulation, else the default of its model."""
 
+from collections import namedtuple
 from typing import Any
 
 from numba import njit
 
 from uuv.models.hydrodynamics import LAYOUT
-from uuv.sim.water.mujoco_layout import offset
+from uuv.sim.water.mujoco_layout import offsets
 from uuv.sim.water.native_memory import f64, pointer
 from uuv.sim.water.vectors import load3
 from uuv.sim.water.water_motion import FLOW
@@ -16,32 +17,40 @@ DATA_FIELDS = ("userdata",)
 
 
 def build_motion() -> Any:
-    """Compiled f(m, d) -> velocity [m/s] at z = 0, acceleration [m/s^2], shear [1/s], True; each a tuple of three in W.
+    """Compiled f(m, d) -> velocity at z = 0, acceleration, shear, three numbers each, and True.
 
-    The last is False where the simulation's numbers are of an unknown kind: then the model's default holds.
+    The last is False where the simulation's numbers are of an unknown kind: the model's default
+    holds then.
     """
-    nuser_at, user_at, nuserdata_at = (offset("mjModel", name) for name in MODEL_FIELDS)
-    userdata_at, wind_at = offset("mjData", "userdata"), offset("mjModel", "opt.wind")
-    stamp, size, surge_at, shear_at = LAYOUT.stamp_value, LAYOUT.size, LAYOUT.current_acceleration, LAYOUT.current_shear
-    flow_at, flow_size, uniform, kind_at = LAYOUT.flow, FLOW.size, FLOW.uniform, FLOW.kind
-    own_velocity_at, own_surge_at, own_shear_at = FLOW.velocity, FLOW.acceleration, FLOW.shear
+    of_model = offsets("mjModel", *MODEL_FIELDS, "opt.wind")
+    of_data = offsets("mjData", *DATA_FIELDS)
+    row_of_world = namedtuple("Row", vars(LAYOUT))(**vars(LAYOUT))
+    in_data = namedtuple("InData", vars(FLOW))(**vars(FLOW))
 
     @njit(forceinline=True, error_model="numpy", fastmath={"contract"})
     def motion(m: int, d: int) -> Any:
-        wind, surge, shear, known = load3(m + wind_at, 0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), True
-        user = pointer(m, user_at)
-        if pointer(m, nuser_at) < size or f64(user, 0) != stamp:  # as of a model from MJCF
+        wind = load3(m + of_model.wind, 0)
+        surge = shear = (0.0, 0.0, 0.0)
+        known = True
+        user = pointer(m, of_model.body_user)
+        is_row = pointer(m, of_model.nuser_body) >= row_of_world.size
+        if not is_row or f64(user, 0) != row_of_world.stamp_value:  # as of a model from MJCF
             return wind, surge, shear, known
-        surge, shear = load3(user, surge_at), load3(user, shear_at)
+        surge = load3(user, row_of_world.current_acceleration)
+        shear = load3(user, row_of_world.current_shear)
 
         # The current of this simulation, in place of the model's.
-        place, reserved = int(f64(user, flow_at)) - 1, int(f64(user, flow_at + 1))
-        if place >= 0 and reserved >= flow_size and place + reserved == pointer(m, nuserdata_at):
-            row = pointer(d, userdata_at) + 8 * place
-            kind = f64(row, kind_at)
-            if kind == uniform:
-                wind, surge, shear = load3(row, own_velocity_at), load3(row, own_surge_at), load3(row, own_shear_at)
-            known = kind == uniform or kind == 0.0
+        place = int(f64(user, row_of_world.flow)) - 1
+        reserved = int(f64(user, row_of_world.flow + 1))
+        ends = place + reserved == pointer(m, of_model.nuserdata)
+        if place >= 0 and reserved >= in_data.size and ends:
+            row = pointer(d, of_data.userdata) + 8 * place
+            kind = f64(row, in_data.kind)
+            if kind == in_data.uniform:
+                wind = load3(row, in_data.velocity)
+                surge = load3(row, in_data.acceleration)
+                shear = load3(row, in_data.shear)
+            known = kind == in_data.uniform or kind == 0.0
         return wind, surge, shear, known
 
     return motion

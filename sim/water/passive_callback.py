@@ -368,7 +368,8 @@ def build() -> Any:
     # linear 3), and 1 if it or a descendant carries coefficients. Behind all bodies: indices of those that carry.
     wrench, summed, acceleration, loaded, stride = 21, 28, 28, 34, 36
 
-    soil, motion = soil_force.build_push(), native_motion.build_motion()
+    soil = soil_force.build_push()
+    motion = native_motion.build_motion()
 
     @c_function(types.void(types.intp, types.intp), error_model="numpy", fastmath={"contract"})
     def passive(m: int, d: int) -> None:
@@ -385,9 +386,12 @@ def build() -> Any:
         M, crb, qfrc = _pointer(d, M_at), _pointer(d, crb_at), _pointer(d, passive_at)
 
         wind, surge, shear, known = motion(m, d)
-        density, fastest, ceiling, ours = 0.0, NEVER, NEVER, _f64(user, 0) == stamp
+        density = 0.0
+        fastest = ceiling = NEVER
+        ours = _f64(user, 0) == stamp
         if ours:  # a model from MJCF lacks the world's row
-            density, ceiling = _f64(user, density_at), _f64(user, ceiling_at)
+            density = _f64(user, density_at)
+            ceiling = _f64(user, ceiling_at)
             if _f64(user, rate_at + 1) > 0.0:  # speed at which the drag rate equals 1 / timestep
                 limit = max((1.0 / _f64(m + timestep_at, 0) - _f64(user, rate_at)) / _f64(user, rate_at + 1), 0.0)
                 fastest = limit * limit

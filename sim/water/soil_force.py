@@ -1,7 +1,8 @@
-"""Native force of the soil on a tool: inside MuJoCo's step, from the numbers and the state in the model.
+"""Native force of the soil on a tool, from the numbers and the state in the model.
 
-The force depends on the place of the tool and on the state, which is that at the start of the step. So the passive
-callback, which applies it, and the actuator dynamics, which advance the state, evaluate one kernel at one place.
+The force depends on the place of the tool and on the state, which is that at the start of the step.
+So the passive callback, which applies it, and the actuator dynamics, which advance the state,
+evaluate one kernel at one place.
 """
 
 from typing import Any
@@ -13,21 +14,27 @@ from uuv.models.site import soil_bed
 from uuv.models.site.soil_bed import INSIDE, STATE
 from uuv.models.water.thrusters import HEADER, STAMP
 from uuv.sim.interfaces.kernels import kernel
-from uuv.sim.water.mujoco_layout import offset
+from uuv.sim.water.mujoco_layout import offsets
 from uuv.sim.water.native_memory import f64, i32, numbers_at, pointer, put
 from uuv.sim.water.vectors import cross, dot, load3, minus, plus
 
 # Fields that the callbacks reach for the soil; their layout must be verified on live objects.
 # fmt: off
 MODEL_FIELDS = (
-    "nu", "nuser_actuator", "actuator_user", "actuator_actadr", "actuator_trnid", "site_bodyid", "body_rootid",
-    "body_parentid", "body_dofnum", "body_dofadr", "nnumeric", "numeric_adr", "numeric_size", "numeric_data",
+    "nu", "nuser_actuator", "actuator_user", "actuator_actadr", "actuator_trnid",
+    "site_bodyid", "body_rootid", "body_parentid", "body_dofnum", "body_dofadr",
+    "nnumeric", "numeric_adr", "numeric_size", "numeric_data",
 )
 DATA_FIELDS = ("act", "act_dot", "site_xpos", "site_xmat", "subtree_com", "cdof", "qfrc_passive")
 # fmt: on
 
-_NODES, _CORNER, _CELL, _QUAKE = (getattr(soil_bed.LAYOUT, name) for name in ("nodes", "corner", "cell", "quake"))
-_COLUMNS, _STEP, _FIRST = (getattr(soil_bed.LAYOUT, name) for name in ("columns", "step", "data"))
+_NODES = soil_bed.LAYOUT.nodes
+_CORNER = soil_bed.LAYOUT.corner
+_CELL = soil_bed.LAYOUT.cell
+_QUAKE = soil_bed.LAYOUT.quake
+_COLUMNS = soil_bed.LAYOUT.columns
+_STEP = soil_bed.LAYOUT.step
+_FIRST = soil_bed.LAYOUT.data
 _STAMP_VALUE = soil_bed.STAMP_VALUE
 
 
@@ -44,15 +51,18 @@ def press(numbers, p, axis, state):
     Returns:
         Force (3,) [N] in W, and the state (4,) after it.
     """
-    force, after = np.zeros(3), np.zeros(STATE)
+    force = np.zeros(3)
+    after = np.zeros(STATE)
     depth = _height(numbers, p[0], p[1]) - p[2]
     if not depth > 0.0:  # also NaN, outside the grid
         return force, after
     after[INSIDE] = 1.0
     anchor = p if state[INSIDE] < 0.5 else state
-    quake, step, columns = numbers[_QUAKE], numbers[_STEP], int(numbers[_COLUMNS])
+    quake = numbers[_QUAKE]
 
     # Resistances at this depth.
+    step = numbers[_STEP]
+    columns = int(numbers[_COLUMNS])
     nodes = int(numbers[_NODES])
     bounds = numbers[_FIRST + nodes * nodes :]
     i = min(int(depth / step), columns - 2)
@@ -61,7 +71,8 @@ def press(numbers, p, axis, state):
     pull = bounds[columns + i] + share * (bounds[columns + i + 1] - bounds[columns + i])
     side = bounds[2 * columns + i] + share * (bounds[2 * columns + i + 1] - bounds[2 * columns + i])
 
-    # Along the tool, with the same stiffness in both directions; what exceeds the quake drags the anchor.
+    # Along the tool, with the same stiffness in both directions; what exceeds the quake drags the
+    # anchor.
     along = 0.0
     for k in range(3):
         along += (p[k] - anchor[k]) * axis[k]
@@ -83,7 +94,7 @@ def press(numbers, p, axis, state):
 
 @kernel
 def _height(numbers, x, y):
-    """Height at one point, as `uuv.models.site.seabed.Seabed.height` computes it; NaN outside the grid."""
+    """Height at one point, as `Seabed.height` computes it; NaN outside the grid."""
     nodes = int(numbers[_NODES])
     last = nodes - 1
     u, v = (x - numbers[_CORNER]) / numbers[_CELL], (y - numbers[_CORNER + 1]) / numbers[_CELL]
@@ -99,27 +110,26 @@ def _height(numbers, x, y):
 
 
 def build_state() -> Any:
-    """Compiled f(m, d, i) -> force (3,), state (4,) after: the soil of actuator `i` of raw MuJoCo objects."""
-    address_at, target_at = offset("mjModel", "actuator_actadr"), offset("mjModel", "actuator_trnid")
-    count_at, first_at = offset("mjModel", "nnumeric"), offset("mjModel", "numeric_adr")
-    size_at, data_at = offset("mjModel", "numeric_size"), offset("mjModel", "numeric_data")
-    act_at, place_at, turn_at = offset("mjData", "act"), offset("mjData", "site_xpos"), offset("mjData", "site_xmat")
+    """Compiled f(m, d, i) -> force (3,), state (4,) after, of the soil of actuator `i`."""
+    of_model = offsets("mjModel", *MODEL_FIELDS)
+    of_data = offsets("mjData", *DATA_FIELDS)
 
     @njit(error_model="numpy")
     def state_of(m: int, d: int, i: int) -> Any:
-        site = i32(pointer(m, target_at), 2 * i)
-        p = carray(numbers_at(pointer(d, place_at) + 24 * site), (3,))
-        turn = pointer(d, turn_at)
-        axis = np.array([f64(turn, 9 * site + 2), f64(turn, 9 * site + 5), f64(turn, 9 * site + 8)])
-        state = carray(numbers_at(pointer(d, act_at) + 8 * i32(pointer(m, address_at), i)), (STATE,))
+        site = i32(pointer(m, of_model.actuator_trnid), 2 * i)
+        p = carray(numbers_at(pointer(d, of_data.site_xpos) + 24 * site), (3,))
+        turn = pointer(d, of_data.site_xmat) + 72 * site
+        axis = np.array([f64(turn, 2), f64(turn, 5), f64(turn, 8)])
+        first = i32(pointer(m, of_model.actuator_actadr), i)
+        state = carray(numbers_at(pointer(d, of_data.act) + 8 * first), (STATE,))
 
         # The soil's numbers are those of the custom element with its stamp.
-        numeric = pointer(m, data_at)
-        for n in range(pointer(m, count_at)):
-            first = i32(pointer(m, first_at), n)
-            if f64(numeric, first) == _STAMP_VALUE:
-                size = i32(pointer(m, size_at), n)
-                return press(carray(numbers_at(numeric + 8 * first), (size,)), p, axis, state)
+        numeric = pointer(m, of_model.numeric_data)
+        for n in range(pointer(m, of_model.nnumeric)):
+            at = i32(pointer(m, of_model.numeric_adr), n)
+            if f64(numeric, at) == _STAMP_VALUE:
+                size = i32(pointer(m, of_model.numeric_size), n)
+                return press(carray(numbers_at(numeric + 8 * at), (size,)), p, axis, state)
         return np.zeros(3), np.zeros(STATE)
 
     return state_of
@@ -128,16 +138,18 @@ def build_state() -> Any:
 def build_rates() -> Any:
     """Compiled f(m, d, i): write the rates of the state of actuator `i`."""
     state_of = build_state()
-    address_at, timestep_at = offset("mjModel", "actuator_actadr"), offset("mjModel", "opt.timestep")
-    act_at, rate_at = offset("mjData", "act"), offset("mjData", "act_dot")
+    of_model = offsets("mjModel", "actuator_actadr", "opt.timestep")
+    of_data = offsets("mjData", "act", "act_dot")
 
     @njit(error_model="numpy")
     def rates(m: int, d: int, i: int) -> None:
         _, after = state_of(m, d, i)
-        first, dt = i32(pointer(m, address_at), i), f64(m + timestep_at, 0)
-        act, act_dot = pointer(d, act_at), pointer(d, rate_at)
+        first = i32(pointer(m, of_model.actuator_actadr), i)
+        act = pointer(d, of_data.act)
+        act_dot = pointer(d, of_data.act_dot)
         for k in range(STATE):
-            put(act_dot, first + k, (after[k] - f64(act, first + k)) / dt)
+            change = after[k] - f64(act, first + k)
+            put(act_dot, first + k, change / f64(m + of_model.timestep, 0))
 
     return rates
 
@@ -145,33 +157,36 @@ def build_rates() -> Any:
 def build_push() -> Any:
     """Compiled f(m, d): add the force of the soil, if a model has any, to `qfrc_passive`."""
     state_of = build_state()
-    of_actuators = "nu", "nuser_actuator", "actuator_user", "actuator_trnid"
-    nu_at, nuser_at, user_at, target_at = (offset("mjModel", name) for name in of_actuators)
-    of_bodies = "site_bodyid", "body_rootid", "body_parentid", "body_dofnum", "body_dofadr"
-    body_at, root_at, parent_at, dofnum_at, dofadr_at = (offset("mjModel", name) for name in of_bodies)
-    of_data = "site_xpos", "subtree_com", "cdof", "qfrc_passive"
-    place_at, com_at, cdof_at, passive_at = (offset("mjData", name) for name in of_data)
+    of_model = offsets("mjModel", *MODEL_FIELDS)
+    of_data = offsets("mjData", *DATA_FIELDS)
 
     @njit(error_model="numpy")
     def push(m: int, d: int) -> None:
-        nuser, user = pointer(m, nuser_at), pointer(m, user_at)
+        nuser = pointer(m, of_model.nuser_actuator)
         if nuser < HEADER:
             return
-        for i in range(pointer(m, nu_at)):
+        user = pointer(m, of_model.actuator_user)
+        for i in range(pointer(m, of_model.nu)):
             if f64(user, nuser * i + STAMP) != _STAMP_VALUE:
                 continue
             force, _ = state_of(m, d, i)
             f_W = force[0], force[1], force[2]
-            site = i32(pointer(m, target_at), 2 * i)
-            body = i32(pointer(m, body_at), site)
-            com = load3(pointer(d, com_at), 3 * i32(pointer(m, root_at), body))
-            lever = minus(load3(pointer(d, place_at), 3 * site), com)
-            cdof, qfrc = pointer(d, cdof_at), pointer(d, passive_at)
+
+            # Place of the force from the centre of mass to which `cdof` refers.
+            site = i32(pointer(m, of_model.actuator_trnid), 2 * i)
+            body = i32(pointer(m, of_model.site_bodyid), site)
+            root = i32(pointer(m, of_model.body_rootid), body)
+            center_W = load3(pointer(d, of_data.subtree_com), 3 * root)
+            lever = minus(load3(pointer(d, of_data.site_xpos), 3 * site), center_W)
+
+            # Virtual work of each joint that carries the tool.
+            cdof = pointer(d, of_data.cdof)
+            qfrc = pointer(d, of_data.qfrc_passive)
             while body > 0:
-                first = i32(pointer(m, dofadr_at), body)
-                for j in range(first, first + i32(pointer(m, dofnum_at), body)):
-                    s_w, s_v = load3(cdof, 6 * j), load3(cdof, 6 * j + 3)
-                    put(qfrc, j, f64(qfrc, j) + dot(plus(s_v, cross(s_w, lever)), f_W))
-                body = i32(pointer(m, parent_at), body)
+                first = i32(pointer(m, of_model.body_dofadr), body)
+                for j in range(first, first + i32(pointer(m, of_model.body_dofnum), body)):
+                    moved = plus(load3(cdof, 6 * j + 3), cross(load3(cdof, 6 * j), lever))
+                    put(qfrc, j, f64(qfrc, j) + dot(moved, f_W))
+                body = i32(pointer(m, of_model.body_parentid), body)
 
     return push

@@ -1,0 +1,180 @@
+"""Slots: parts of a compiled tick that it calls by address, kernels and plain Python alike.
+
+A slot is a C function `int64 slot(double* memory, double* values)`. `memory` is what the part keeps from tick to tick,
+`values` what it is given and what it answers. A part without a kernel gets a trampoline of ctypes, which takes the GIL
+by itself and works on the same arrays; compiled code knows no difference. What it raises is kept: the kernel returns
+RAISED, and its caller in Python raises the exception itself (`PythonSlots.check`).
+"""
+
+import ctypes
+from collections.abc import Callable
+from types import FunctionType
+from typing import Any, NamedTuple, Protocol, TypeGuard, cast
+
+import numba
+import numpy as np
+from llvmlite import ir
+from numba import types
+from numba.core import cgutils
+from numba.core.errors import NumbaError
+from numba.extending import intrinsic
+
+from uuv.sim.interfaces.errors import ConfigurationError, UuvError, plain
+from uuv.sim.interfaces.kernels.stored import c_function, kernel
+from uuv.sim.interfaces.spatial import Array
+
+# What a slot answers. A kernel that fails inside prints why, and numba then returns 0.
+FAILED, FINE, RAISED = 0, 1, 2
+
+SLOT = types.int64(types.CPointer(types.float64), types.CPointer(types.float64))  # of `c_function`
+_Trampoline = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_int64, ctypes.c_int64)
+
+
+class Slot(NamedTuple):
+    """One part of a tick."""
+
+    address: int  # of its C function; 0: the part that the tick contains
+    memory: Array  # what it keeps
+    values: Array  # what it is given, and what it answers
+
+
+def empty_slot(memory: Array | None = None, values: int = 0) -> Slot:
+    """Slot of a part that the tick contains, with its `memory` and so many values."""
+    return Slot(0, np.zeros(0) if memory is None else memory, np.zeros(values))
+
+
+def _call(_typing: Any, _address: Any, _memory: Any, _values: Any) -> Any:
+    """Intrinsic that calls a C function of two addresses."""
+
+    def codegen(_context: Any, builder: ir.IRBuilder, _signature: Any, args: Any) -> ir.Value:
+        number = ir.IntType(64)
+        kind = ir.FunctionType(number, [number, number]).as_pointer()
+        return builder.call(builder.inttoptr(args[0], kind), args[1:])
+
+    return types.int64(types.intp, types.intp, types.intp), codegen
+
+
+call_at = cast(Any, intrinsic(_call))  # compiled code only: call_at(address, memory, values), three addresses
+
+
+@kernel
+def call(slot):
+    """Call a `Slot` that is not empty; returns its answer."""
+    return call_at(slot.address, slot.memory.ctypes.data, slot.values.ctypes.data)
+
+
+def _address(_typing: Any, box: Any) -> Any:
+    """Intrinsic that tells where a record box is."""
+
+    def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: Any) -> ir.Value:
+        proxy = cgutils.create_struct_proxy(signature.args[0])(context, builder, value=args[0])
+        return builder.ptrtoint(proxy.meminfo, ir.IntType(64))
+
+    return types.intp(box), codegen
+
+
+_address_in = cast(Any, intrinsic(_address))
+
+
+@kernel
+def address_of_box(box):
+    """Address by which a kernel takes `box`, a `RecordBox`, as an argument when it is called at its own address."""
+    return _address_in(box)
+
+
+def address_of_kernel(compiled: Any, *boxes: Any) -> int:
+    """Address of a kernel, compiled for these arguments; it stays alive with the kernel.
+
+    Args:
+        compiled: of `kernel`, not without its C wrapper; it returns an int64.
+        *boxes: arguments that it is to take, each a `RecordBox`.
+    """
+    result = compiled.get_compile_result(types.int64(*map(numba.typeof, boxes)))
+    return int(result.library.get_pointer_to_function(result.fndesc.llvm_cfunc_wrapper_name))
+
+
+def slot_function(function: Callable[[Any, Any], int], part: str = "") -> Any:
+    """C function of a slot, which numba compiles; it must live as long as its address.
+
+    Args:
+        function: function(memory, values), both pointers; returns FINE.
+        part: of a user's own, to begin the error message.
+
+    Raises:
+        ConfigurationError: numba cannot compile it.
+    """
+    try:
+        return c_function(SLOT)(function)
+    except NumbaError as error:
+        lines = [line.strip() for line in plain(str(error)).splitlines()]
+        reasons = [line for line in lines if line and not line.startswith("Failed in")]
+        raise ConfigurationError(f"{part}: numba cannot compile it: {reasons[0]}") from None
+
+
+class PythonSlots:
+    """Slots in plain Python of one record, and what they have raised; it must live as long as their addresses."""
+
+    def __init__(self) -> None:
+        self._callbacks: list[Any] = []
+        self._raised: list[BaseException] = []
+
+    def add(self, function: Callable[[], int | None]) -> int:
+        """Address of a slot that calls `function()`; what it returns is the answer, None for FINE."""
+
+        def guarded(_memory: int, _values: int) -> int:
+            try:
+                answer = function()
+            except BaseException as error:  # whatever it is, the caller of the kernel raises it
+                self._raised.append(error)
+                return RAISED
+            return FINE if answer is None else answer
+
+        callback = _Trampoline(guarded)
+        self._callbacks.append(callback)
+        return int(ctypes.cast(callback, ctypes.c_void_p).value or 0)
+
+    def check(self, answer: int) -> int:
+        """The answer of a kernel, unless a part has failed.
+
+        Raises:
+            BaseException: what a slot in Python raised.
+            UuvError: a kernel failed inside.
+        """
+        if answer == RAISED and self._raised:
+            error = self._raised.pop()
+            self._raised.clear()
+            raise error
+        if answer in (RAISED, FAILED):
+            raise UuvError("a kernel of the controller failed; its message is above")
+        return answer
+
+
+class HasSlot(Protocol):
+    """Part with a kernel."""
+
+    def slot(self, state: Any) -> Slot:
+        """The kernel, on the arrays of its state."""
+        ...
+
+
+def has_slot(part: object) -> TypeGuard[HasSlot]:
+    """True if `part` gives a kernel (`gives_kernel`)."""
+    return gives_kernel(part, "slot")
+
+
+def gives_kernel(part: object, name: str) -> bool:
+    """True if a part has the method `name`, and no other method was overridden since that one was written.
+
+    A class that inherits a kernel and overrides what it stands for runs in Python, until it gives one of its own.
+    """
+    classes = type(part).__mro__
+    giver = next((row for row, each in enumerate(classes) if name in vars(each)), None)
+    if giver is None:
+        return False
+    methods = {word for each in classes[giver:] for word, value in vars(each).items() if _is_method(word, value)}
+    later = {word for each in classes[:giver] for word in vars(each)} | set(getattr(part, "__dict__", ()))
+    return methods.isdisjoint(later)
+
+
+def _is_method(name: str, value: Any) -> bool:
+    return not name.startswith("__") and isinstance(value, (FunctionType, property, classmethod, staticmethod))

@@ -51,6 +51,7 @@ from uuv.sim.interfaces.kernels.control import (
     ControlTick,
     Inputs,
     PythonControl,
+    Unsaved,
     commanded,
     has_tick,
 )
@@ -82,17 +83,7 @@ class SafetyWrapperState:
     lost: tuple[int, ...] = ()  # thrusters not to be used, by index
     departure: tuple[DepartureStage, ...] = ()  # from the stop on
     numbers: Array = field(default_factory=lambda: np.zeros(NUMBERS))  # of `uuv.controllers.safety.guard_tick`
-    alone: "StepTick" = field(default_factory=lambda: StepTick())  # of `SafetyWrapper.step`
-
-
-class StepTick:
-    """Tick of one state that `SafetyWrapper.step` makes; a copy of the state makes its own."""
-
-    def __init__(self) -> None:
-        self.bound: GuardTick | None = None
-
-    def __reduce__(self) -> tuple[type, tuple[()]]:
-        return StepTick, ()
+    alone: Unsaved["GuardTick"] = field(default_factory=Unsaved)  # tick of `SafetyWrapper.step`
 
 
 class SafetyWrapper:
@@ -178,9 +169,7 @@ class SafetyWrapper:
         state.numbers[FAULTY] = bool(state.health.faults)
 
         # The tick; a controller in Python sees the messages themselves.
-        tick = state.alone.bound
-        if tick is None:
-            tick = state.alone.bound = GuardTick(self, state, Inputs(estimate_record(len(e.q))))
+        tick = state.alone.get(lambda: GuardTick(self, state, Inputs(estimate_record(len(e.q)))))
         tick.refer(reference)
         tick.inputs.take(estimate)
         state.numbers[FRESH] = fresh

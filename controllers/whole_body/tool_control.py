@@ -35,7 +35,7 @@ from uuv.controllers.whole_body.tool_tick import (
 )
 from uuv.models.naming import ARM_BASE_BODY, TIP_SITE
 from uuv.models.vehicle import Vehicle
-from uuv.sim.interfaces.kernels.control import NO_POSE, Inputs
+from uuv.sim.interfaces.kernels.control import NO_POSE, Inputs, Unsaved
 from uuv.sim.interfaces.kernels.record_box import as_annotated
 from uuv.sim.interfaces.kernels.slots import FINE, PythonSlots, Slot, empty_slot, has_slot, slot_function
 from uuv.sim.interfaces.messages import Reference, StateEstimate
@@ -151,19 +151,6 @@ def _held_pose() -> Any:
     return slot_function(choose)
 
 
-class BoundTool:
-    """Tick of tool control by itself; a copy of a state makes its own."""
-
-    def __init__(self) -> None:
-        self.inputs: Inputs | None = None
-        self.slots = PythonSlots()
-        self.work: ToolWork | None = None
-        self.box: Any = None
-
-    def __reduce__(self) -> tuple[type, tuple[()]]:
-        return BoundTool, ()
-
-
 @dataclass(slots=True, eq=False)
 class ToolControlState:
     """State of tool control; arrays change in place."""
@@ -174,7 +161,7 @@ class ToolControlState:
     X_AG: Array = field(default_factory=lambda: np.eye(4))  # (4, 4) tool pose last asked for, in the arm's base
     numbers: Array = field(default_factory=lambda: np.zeros(NUMBERS))  # of `uuv.controllers.whole_body.tool_tick`
     ticks: np.ndarray = field(default_factory=lambda: np.zeros(1, dtype=np.int64))
-    alone: BoundTool | None = None  # of `ToolControl.step`
+    alone: Unsaved["ToolTick"] = field(default_factory=Unsaved)  # tick of `ToolControl.step`
 
     @property
     def k(self) -> float:
@@ -272,16 +259,10 @@ class ToolControl:
             reference: tool pose or joint angles, set force and mode.
             contact: estimated force, and motion of arm and hull.
         """
-        tick = state.alone = state.alone or BoundTool()
-        if tick.inputs is None or tick.work is None:
-            n = len(estimate.q)
-            tick.inputs = Inputs(estimate_record(n))
-            tool = self.record(state, tick.inputs, tick.slots, contact.sensed)
-            tick.work = ToolWork(tool, contact.record, reference_record(n))
-            tick.box = tool_box(as_annotated(tick.work))
+        tick = state.alone.get(lambda: ToolTick(self, state, contact))
         tick.inputs.take(estimate)
         tick.inputs.reference = reference
-        take_reference(tick.work.reference, reference)
+        take_reference(tick.reference, reference)
         self.checked(state, tick.slots.check(tool_tick(tick.box, tick.inputs.box)))
 
     def checked(self, state: ToolControlState, answer: int) -> int:
@@ -344,3 +325,13 @@ class ToolControl:
         state.numbers[SERVO_COMPLIANCE] = float(along @ np.linalg.solve(inertia, along)) / (
             self._tuning.joint_frequency**2 * (1.0 - self._tuning.normal_softness)
         )
+
+
+class ToolTick:
+    """Tick of tool control by itself, bound to the arrays of a state."""
+
+    def __init__(self, control: ToolControl, state: ToolControlState, contact: ContactState) -> None:
+        n = len(state.motion.q)
+        self.inputs, self.slots, self.reference = Inputs(estimate_record(n)), PythonSlots(), reference_record(n)
+        tool = control.record(state, self.inputs, self.slots, contact.sensed)
+        self.box: Any = tool_box(as_annotated(ToolWork(tool, contact.record, self.reference)))

@@ -32,7 +32,7 @@ from uuv.controllers.whole_body.tool_control import (
     ToolControlState,
 )
 from uuv.models.vehicle import Vehicle
-from uuv.sim.interfaces.kernels.control import Commanded, Inputs, commanded
+from uuv.sim.interfaces.kernels.control import Commanded, Inputs, Unsaved, commanded
 from uuv.sim.interfaces.kernels.record_box import as_annotated
 from uuv.sim.interfaces.kernels.slots import PythonSlots, address_of_box, address_of_kernel, empty_slot, has_slot
 from uuv.sim.interfaces.messages import Command, HullLoad, Reference, StateEstimate
@@ -55,17 +55,7 @@ class WorkControllerState:
     ticks: np.ndarray  # (1,) so far
     hull_load: HullLoad | None = None
     log: Mapping[str, Array] = field(default_factory=dict)  # of the last step of the hull: what nobody decides on
-    alone: "StepTick" = field(default_factory=lambda: StepTick())  # of `WorkController.step`
-
-
-class StepTick:
-    """Tick of one state that `WorkController.step` makes; a copy of the state makes its own."""
-
-    def __init__(self) -> None:
-        self.bound: WorkTick | None = None
-
-    def __reduce__(self) -> tuple[type, tuple[()]]:
-        return StepTick, ()
+    alone: Unsaved["WorkTick"] = field(default_factory=Unsaved)  # tick of `WorkController.step`
 
 
 class WorkController:
@@ -156,9 +146,7 @@ class WorkController:
         Returns:
             The state, and the command with what the controller estimated.
         """
-        tick = state.alone.bound
-        if tick is None:
-            tick = state.alone.bound = self.tick_on(state, Inputs(estimate_record(len(estimate.q))))
+        tick = state.alone.get(lambda: self.tick_on(state, Inputs(estimate_record(len(estimate.q)))))
         tick.refer(reference)
         tick.inputs.take(estimate)
         answer = tick.slots.check(drive_tick(tick.box, tick.inputs.box))

@@ -5,7 +5,7 @@ A controller with a kernel has `tick_on(state, inputs)`, which gives its `Contro
 """
 
 from collections.abc import Callable
-from typing import Any, NamedTuple, Protocol, TypeGuard
+from typing import Any, Generic, NamedTuple, Protocol, TypeGuard, TypeVar
 
 import numpy as np
 
@@ -22,6 +22,9 @@ BROKEN = 4  # done, but the command is not finite
 STOPPED = 5  # done; Python goes on with this tick, for a frame is wanted, or a fault was found
 REFUSED = 7  # done, but the command has another shape than the vehicle: the plant says so
 NO_POSE = 6  # nothing was commanded: the tool's target is no pose
+
+
+Made = TypeVar("Made")
 
 
 class Commanded(NamedTuple):
@@ -83,6 +86,22 @@ class Inputs:
         if self.message is None or self.message.time != self.record.time[0]:
             self.message = state_estimate(self.record)
         return self.message
+
+
+class Unsaved(Generic[Made]):
+    """What a state keeps beside its arrays, made on first use: a copy of the state makes its own."""
+
+    def __init__(self) -> None:
+        self.made: Made | None = None
+
+    def get(self, make: Callable[[], Made]) -> Made:
+        """What was made, or what `make` makes now."""
+        if self.made is None:
+            self.made = make()
+        return self.made
+
+    def __reduce__(self) -> tuple[Any, tuple[()]]:
+        return Unsaved, ()
 
 
 class ControlTick(Protocol):

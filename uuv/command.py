@@ -111,6 +111,9 @@ def command(
                 result = run_through(assembly, recorder, observers, longest, stop=stop)
             if result.part_by_part:
                 console.print(f"no compiled ticks, which are faster: {result.part_by_part}", highlight=False)
+            elif result.slow_parts:
+                named = ", ".join(result.slow_parts)
+                console.print(f"in Python at every tick, where a kernel is faster: {named}", highlight=False)
             assessment = assessed(assembly, result).made_by(made_by).started(start)
             assessment.write(folder / "metrics.json")  # before the log, which is slow to close
             if log is not None:

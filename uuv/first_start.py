@@ -31,9 +31,9 @@ from uuv.sim.evaluation.run_metrics import StartMetrics
 from uuv.sim.interfaces.documents import json_of
 from uuv.sim.interfaces.errors import UuvError
 from uuv.sim.interfaces.kernels import is_stored, store
+from uuv.sim.interfaces.kernels.record_box import RecordBoxType
 from uuv.sim.interfaces.kernels.stored import counts
 from uuv.sim.interfaces.tables import TableReader
-from uuv.sim.loop.record_box import RecordBoxType
 
 LIST = Path(__file__).with_suffix(".json")
 CALLS = (  # functions that compile something: their argument, roughly their seconds, and the kernels that come first

@@ -18,8 +18,7 @@ from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.loop.recording import Recorder, Recording
 from uuv.sim.loop.rollout import Moment, Observer, Rollout, Stage, Ticks, rollout, run_on
 from uuv.sim.runs.command_line import Interrupted
-from uuv.ticks.compiled_ticks import reason
-from uuv.ticks.ticks_around import ticks_for
+from uuv.ticks.compiled_ticks import CompiledTicks, reason
 
 REHEARSAL = 0.1  # [s] simulated; loads all compiled code
 
@@ -159,9 +158,9 @@ def rehearse(assembly: Assembly) -> None:
 
     # Part by part, and compiled where that can be.
     rollout(loop.plant, loop.parts, duration=REHEARSAL, rng=rng)
-    if not reason(loop.plant, loop.parts, ()):
+    if not reason(loop.plant, loop.parts):
         recorder = Recorder(plant.model, timestep=plant.timestep, full=False)
-        compiled = ticks_for(plant, loop.parts, recorder).bind
+        compiled = CompiledTicks(plant, recorder).bind
         plant.reset(current=assembly.current(), X_WB=assembly.X_WB)
         rollout(plant, loop.parts, duration=REHEARSAL, rng=rng, compiled=compiled)
 
@@ -212,6 +211,7 @@ def run_through(
         last=last,
         wall_s=time.perf_counter() - began,
         part_by_part=begun.part_by_part,
+        slow_parts=() if begun.ticks is None else begun.ticks.slow_parts,
     )
 
 
@@ -221,8 +221,13 @@ class _Begun:
 
     rollout: Rollout
     recorder: Recorder
-    compiled: Callable[[Rollout], Ticks] | None  # makes its compiled ticks
+    ticks: CompiledTicks | None  # its compiled ticks
     part_by_part: str  # why it has none
+
+    @property
+    def compiled(self) -> Callable[[Rollout], Ticks] | None:
+        """What binds the compiled ticks to the run."""
+        return None if self.ticks is None else self.ticks.bind
 
 
 def _begin(
@@ -237,15 +242,15 @@ def _begin(
     plant, loop = assembly.plant, assembly.loop
     recorder = recorder or Recorder(plant.model, timestep=plant.timestep, full=assembly.full)
     seen = [*loop.observers, *observers]
-    why = "asked for" if part_by_part else reason(loop.plant, loop.parts, seen)
+    why = "asked for" if part_by_part else reason(loop.plant, loop.parts)
 
     assembly.check_start()
     rollout = Rollout(loop.plant, loop.parts, assembly.noise, [recorder, *seen])
     if start is not None:
         start.resume(rollout, recorder, loop.observers)
 
-    compiled = None if why else ticks_for(plant, loop.parts, recorder).bind
-    return _Begun(rollout=rollout, recorder=recorder, compiled=compiled, part_by_part=why)
+    ticks = None if why else CompiledTicks(plant, recorder)
+    return _Begun(rollout=rollout, recorder=recorder, ticks=ticks, part_by_part=why)
 
 
 class SignalStop:

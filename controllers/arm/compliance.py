@@ -19,25 +19,66 @@ and disturbs the normal force meanwhile. On 6e5 to 1e6 N/m the peaks were 8 to 1
 """
 
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
 from uuv.controllers.tuning import ComplianceTuning
+from uuv.sim.interfaces.kernels import kernel
+from uuv.sim.interfaces.kernels.slots import Slot, empty_slot
 from uuv.sim.interfaces.messages import Reference
 from uuv.sim.interfaces.spatial import Array
+
+# Entries of `ComplianceState.numbers` behind the offset [m], W, which is the first three
+GENTLE = 3  # not 0: the offset is that of a tool which stands on a surface
+NUMBERS = 4  # number of entries
+
+# Entries of the values of a slot for a displacement across the tool axis
+FORCE, AXIS, DT, CONTROLLED, COMPLIANT, STANDING = 0, 3, 6, 7, 8, 9  # (3,) [N], W; (3,), W; [s]; flags of `Reference`
+OFFSET = 10  # (3,) [m], W: its answer
+VALUES = 13
 
 
 @dataclass(slots=True, eq=False)
 class ComplianceState:
     """Present lateral offset of the tool."""
 
-    offset_W: Array = field(default_factory=lambda: np.zeros(3))  # (3,) [m]
-    gentle: bool = False  # it is that of a tool which stands on a surface
+    numbers: Array = field(default_factory=lambda: np.zeros(NUMBERS))  # changed in place
+
+    @property
+    def offset_W(self) -> Array:
+        """Offset (3,) [m], W; a view."""
+        return self.numbers[:3]
+
+    @offset_W.setter
+    def offset_W(self, offset_W: Array) -> None:
+        """Set the offset (3,) [m], W."""
+        self.numbers[:3] = offset_W
+
+
+class ComplianceGains(NamedTuple):
+    """Fields of `ComplianceTuning`, as the kernels take them."""
+
+    admittance: float
+    dead_band: float
+    limit: float
+    speed: float
+    release_speed: float
+    gentle_speed: float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LateralCompliance(ComplianceTuning):
     """Admittance from the lateral contact force to the tool's position."""
+
+    @property
+    def gains(self) -> ComplianceGains:
+        """The gains, as the kernels take them."""
+        return ComplianceGains(*(getattr(self, name) for name in ComplianceGains._fields))
+
+    def slot(self, state: ComplianceState) -> Slot:
+        """It is contained in the tick, which works on the numbers of `state`."""
+        return empty_slot(state.numbers, VALUES)
 
     def init(self) -> ComplianceState:
         """Initial state: no offset."""
@@ -60,22 +101,44 @@ class LateralCompliance(ComplianceTuning):
         Returns:
             The offset (3,) [m], W.
         """
-        state.gentle = gently
-        side = f_tip_W - (f_tip_W @ z_WG) * z_WG
-        size = float(np.linalg.norm(side))
-        if size > self.dead_band:
-            rate = min(
-                self.admittance * (size - self.dead_band), min(self.gentle_speed, self.speed) if gently else self.speed
-            )
-            offset = state.offset_W + side * (rate * dt / size)
-            length = float(np.linalg.norm(offset))
-            state.offset_W = offset * min(1.0, self.limit / max(length, self.limit))
-        return state.offset_W
+        give_way(self.gains, state.numbers, np.array(f_tip_W), np.array(z_WG), dt, gently)
+        return state.offset_W.copy()
 
     def release(self, state: ComplianceState, dt: float) -> Array:
         """Return the offset (3,) [m] to zero, with the loop open; `dt` [s] since the last step."""
-        length = float(np.linalg.norm(state.offset_W))
-        if length > 0.0:
-            speed = min(self.gentle_speed, self.release_speed) if state.gentle else self.release_speed
-            state.offset_W = state.offset_W * max(0.0, 1.0 - speed * dt / length)
-        return state.offset_W
+        come_back(self.gains, state.numbers, dt)
+        return state.offset_W.copy()
+
+
+@kernel
+def give_way(gains, numbers, f_W, z_WG, dt, gently):
+    """Step of `LateralCompliance`.
+
+    Args:
+        gains: `ComplianceGains`.
+        numbers: (NUMBERS,) state; updated.
+        f_W: (3,) [N] force of the world on the tip, W.
+        z_WG: (3,) unit tool axis, W.
+        dt: [s] since the last step.
+        gently: as in `LateralCompliance.step`.
+    """
+    numbers[GENTLE] = gently
+    side = f_W - np.dot(f_W, z_WG) * z_WG
+    size = np.sqrt(np.dot(side, side))
+    if size > gains.dead_band:
+        most = min(gains.gentle_speed, gains.speed) if gently else gains.speed
+        rate = min(gains.admittance * (size - gains.dead_band), most)
+        offset = numbers[:3] + side * (rate * dt / size)
+        length = np.sqrt(np.dot(offset, offset))
+        numbers[:3] = offset * min(1.0, gains.limit / max(length, gains.limit))
+
+
+@kernel
+def come_back(gains, numbers, dt):
+    """Step of `LateralCompliance.release`; the arguments are those of `give_way`."""
+    offset = numbers[:3]
+    length = np.sqrt(np.dot(offset, offset))
+    if length > 0.0:
+        gentle = numbers[GENTLE] != 0.0
+        speed = min(gains.gentle_speed, gains.release_speed) if gentle else gains.release_speed
+        numbers[:3] = offset * max(0.0, 1.0 - speed * dt / length)

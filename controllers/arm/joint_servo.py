@@ -91,11 +91,10 @@ class JointServoState:
 
     integral: Array  # (n,) [rad s] of the angle errors; changes in place
     tau: Array  # (n,) [N m] last asked of the motors
-    softness: float = 0.0  # [-] share of the stiffness that is given up now along the tool axis
 
 
 class JointServo:
-    """Computed-torque servo of the arm's joints, softer along the tool axis while a force loop is closed."""
+    """Computed-torque servo of the arm's joints."""
 
     def __init__(self, vehicle: Vehicle, tuning: ArmTuning, period: float) -> None:
         self._tuning, self._period, self._n = tuning, period, vehicle.joints.size
@@ -117,37 +116,22 @@ class JointServo:
         """Initial state: no torque asked."""
         return JointServoState(integral=np.zeros(self._n), tau=np.zeros(self._n))
 
-    def soften(self, state: JointServoState, presses: bool) -> None:
-        """Give up stiffness along the tool axis while a force loop is closed, and restore it slowly afterwards."""
-        tuning = self._tuning
-        if presses:
-            state.softness = tuning.normal_softness
-        elif state.softness > 0.0:
-            state.softness = max(0.0, state.softness - self.hardening)
-
     def step(
-        self,
-        state: JointServoState,
-        arm: ArmParameters,
-        seen: SeenArm,
-        wanted: JointTarget,
-        yielding: Array,
-        borne: BorneLoad,
+        self, state: JointServoState, arm: ArmParameters, seen: SeenArm, wanted: JointTarget, borne: BorneLoad
     ) -> Array:
-        """Torques (n,) [N m] of the drives for one period.
+        """Torques (n,) [N m] of the drives for one period, as stiff along the tool axis as across it.
 
         Args:
             state: of `init`, or as the last step left it; changed in place.
             arm: believed arm.
             seen: measured motion.
             wanted: joint motion wanted.
-            yielding: (2, n) of the tool axis, see `SoftAxis`.
             borne: loads borne by feedforward.
 
         Returns:
             The torques, within the drives' limits.
         """
-        soft = (yielding, state.softness)
+        soft = (np.zeros((2, self._n)), 0.0)
         state.tau = servo_joints(
             tuple(arm), self._drive_fields, tuple(seen), tuple(wanted), soft, tuple(borne), state.integral
         )

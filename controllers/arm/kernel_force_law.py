@@ -1,22 +1,32 @@
-"""Force law of one's own that runs within the compiled ticks of the loop (`uuv.ticks.compiled_ticks`)."""
+"""Force law of one's own as a kernel: the tick of the drives calls it by its address, without Python."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
-from llvmlite import ir
-from numba import types
-from numba.core.errors import NumbaError
-from numba.extending import intrinsic
 from numba.np.numpy_support import carray
 
-from uuv.controllers.arm.position_force import NUMBERS, SET_FORCE, ForceDisplacement, ForceDisplacementState, K
-from uuv.sim.interfaces.errors import ConfigurationError, plain
-from uuv.sim.interfaces.kernels import c_function, kernel
-
-# double law(double* memory, double set_force, double felt, double servo_compliance, double dt)
-_LAW = types.float64(types.CPointer(types.float64), *(types.float64,) * 4)
+from uuv.controllers.arm.position_force import (
+    ANSWER,
+    ASKED,
+    CLOSED,
+    INWARDS,
+    LASTING,
+    LOOP,
+    MEASURED,
+    NUMBERS,
+    SET_FORCE,
+    SOFT,
+    VALUES,
+    ForceDisplacement,
+    ForceDisplacementState,
+    K,
+    let_go,
+)
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.kernels import kernel
+from uuv.sim.interfaces.kernels.slots import FINE, Slot, call, slot_function
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -29,7 +39,7 @@ class KernelForceLaw(ForceDisplacement):
 
     law: Callable[..., float]  # law(memory, set_force, felt, servo_compliance, dt), see `step`: the displacement [m]
     numbers: int = 1  # length of its memory, which is zero whenever the loop closes
-    _compiled: Any = field(init=False, repr=False, compare=False)  # kept alive: `address` points into it
+    _compiled: Any = field(init=False, repr=False, compare=False)  # kept alive: `slot` points into it
 
     def __post_init__(self) -> None:
         """Compile the law.
@@ -40,28 +50,19 @@ class KernelForceLaw(ForceDisplacement):
         super(KernelForceLaw, self).__post_init__()
         if self.numbers < 1:
             raise ConfigurationError(f"numbers of the force law: must be at least 1, got {self.numbers}")
-        size, law = self.numbers, kernel(self.law)
-
-        def of_pointer(memory: Any, set_force: float, felt: float, servo_compliance: float, dt: float) -> float:
-            return law(carray(memory, size), set_force, felt, servo_compliance, dt)
-
-        try:
-            object.__setattr__(self, "_compiled", c_function(_LAW)(of_pointer))
-        except NumbaError as error:
-            lines = [line.strip() for line in plain(str(error)).splitlines()]
-            said = [line for line in lines if line and not line.startswith("Failed in")]
-            name = getattr(self.law, "__name__", repr(self.law))
-            raise ConfigurationError(f"force law {name}: numba cannot compile it: {said[0]}") from None
-
-    @property
-    def address(self) -> int:
-        """Address of the compiled law."""
-        return self._compiled.address
+        name = getattr(self.law, "__name__", repr(self.law))
+        limited = _of_pointers(kernel(self.law), self.numbers, self.speed, self.limit)
+        compiled = slot_function(limited, f"force law {name}")
+        object.__setattr__(self, "_compiled", compiled)
 
     def init(self) -> ForceDisplacementState:
         """Initial state: no displacement, and the memory behind the usual numbers."""
         usual = ForceDisplacementState().numbers
         return ForceDisplacementState(np.concatenate([usual, np.zeros(self.numbers)]))
+
+    def slot(self, state: ForceDisplacementState) -> Slot:
+        """The compiled law, on the numbers of `state`."""
+        return Slot(self._compiled.address, state.numbers, np.zeros(VALUES))
 
     def step(
         self, state: ForceDisplacementState, set_force: float, felt: float, servo_compliance: float, dt: float
@@ -78,48 +79,32 @@ class KernelForceLaw(ForceDisplacement):
         Returns:
             The displacement k [m] along the tool axis, positive into the surface.
         """
-        return displace_by(self.address, (self.speed, self.limit), state.numbers, set_force, felt, servo_compliance, dt)
+        slot = self.slot(state)
+        slot.values[[ASKED, MEASURED, SOFT, LASTING, LOOP]] = set_force, felt, servo_compliance, dt, CLOSED
+        call(slot)
+        return float(slot.values[ANSWER])
 
 
-def _call(
-    _typing: Any, _address: Any, _memory: Any, _set_force: Any, _felt: Any, _servo_compliance: Any, _dt: Any
-) -> Any:
-    """Intrinsic that calls the law at an address; `memory` is an address too."""
+def _of_pointers(law: Any, size: int, speed: float, limit: float) -> Callable[[Any, Any], int]:
+    """Function of a slot: the law, its limits, and its release."""
 
-    def codegen(_context: Any, builder: ir.IRBuilder, _signature: Any, args: Any) -> ir.Value:
-        number = ir.DoubleType()
-        kind = ir.FunctionType(number, [number.as_pointer(), *(number,) * 4]).as_pointer()
-        memory = builder.inttoptr(args[1], number.as_pointer())
-        return builder.call(builder.inttoptr(args[0], kind), [memory, *args[2:]])
+    def limited(memory: Any, values: Any) -> int:
+        numbers, given = carray(memory, NUMBERS + size), carray(values, VALUES)
+        most = speed * given[LASTING]
+        if given[LOOP] != CLOSED:
+            given[ANSWER] = let_go(numbers, most, given[LOOP] == INWARDS)
+            return FINE
 
-    return types.float64(types.intp, types.intp, *(types.float64,) * 4), codegen
+        # The law, from a memory of zeros whenever the loop closes.
+        kept = numbers[NUMBERS:]
+        if np.isnan(numbers[SET_FORCE]):
+            kept[:] = 0.0
+        numbers[SET_FORCE] = given[ASKED]
+        k = law(kept, given[ASKED], given[MEASURED], given[SOFT], given[LASTING])
 
+        # Its limits.
+        k = min(max(k, numbers[K] - most), numbers[K] + most)
+        given[ANSWER] = numbers[K] = min(max(k, -limit), limit)
+        return FINE
 
-_call_law = cast(Any, intrinsic(_call))
-
-
-@kernel
-def displace_by(law, bounds, numbers, set_force, felt, servo_compliance, dt):
-    """Step of `KernelForceLaw`.
-
-    Args:
-        law: address of the compiled law.
-        bounds: speed [m/s] and size [m] of the displacement.
-        numbers: state; updated.
-        set_force: [N] normal force to press with.
-        felt: [N] measured normal force.
-        servo_compliance: [m/N] of the arm's servo along the tool axis.
-        dt: [s] since the last step.
-
-    Returns:
-        The displacement k [m].
-    """
-    speed, limit = bounds
-    memory = numbers[NUMBERS:]
-    if np.isnan(numbers[SET_FORCE]):
-        memory[:] = 0.0
-    numbers[SET_FORCE] = set_force
-    k = _call_law(law, memory.ctypes.data, set_force, felt, servo_compliance, dt)
-    k = min(max(k, numbers[K] - speed * dt), numbers[K] + speed * dt)
-    numbers[K] = min(max(k, -limit), limit)
-    return numbers[K]
+    return limited

@@ -17,12 +17,15 @@ tool at once by the surface's share; the loop corrects only the unknown rest.
 """
 
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from functools import cache
+from typing import Any, NamedTuple
 
 import numpy as np
+from numba.np.numpy_support import carray
 
 from uuv.controllers.tuning import ForceLoopTuning, tuned
 from uuv.sim.interfaces.kernels import kernel
+from uuv.sim.interfaces.kernels.slots import FINE, Slot, empty_slot, slot_function
 from uuv.sim.interfaces.spatial import Array
 
 # Entries of `ForceDisplacementState.numbers`
@@ -32,6 +35,13 @@ FELT, DISPLACED = 5, 6  # measured normal force [N] and displacement [m], smooth
 COMPLIANCE = 7  # [m/N] of the surface, as identified
 SUMS = 8  # (5,) weight [s], means of F [N] and k [m], central moments FF [N^2] and Fk [N m]
 NUMBERS = 13  # number of entries
+
+# Entries of the values of a slot for a force law
+ASKED, MEASURED, SOFT, LASTING = 0, 1, 2, 3  # [N] set force; [N] measured; [m/N] of the arm's servo; [s] since the last
+LOOP = 4  # CLOSED, or how the displacement returns to zero: INWARDS too, or only OUTWARDS
+ANSWER = 5  # [m] the displacement k
+VALUES = 6
+CLOSED, INWARDS, OUTWARDS = 0, 1, 2
 
 
 def _open_loop() -> Array:
@@ -94,6 +104,10 @@ class ForceDisplacement(ForceLoopTuning):
     def init(self) -> ForceDisplacementState:
         """Initial state: no displacement, a rigid surface."""
         return ForceDisplacementState()
+
+    def slot(self, state: ForceDisplacementState) -> Slot:
+        """It is contained in the tick, which works on the numbers of `state`."""
+        return empty_slot(state.numbers, VALUES)
 
     def step(
         self, state: ForceDisplacementState, set_force: float, felt: float, servo_compliance: float, dt: float
@@ -223,3 +237,21 @@ class NominalStiffness(ForceDisplacement):
         """
         state.k = set_force / self.stiffness
         return state.k
+
+    def slot(self, state: ForceDisplacementState) -> Slot:
+        """The law as a kernel."""
+        return Slot(_nominal(self.stiffness, self.speed).address, state.numbers, np.zeros(VALUES))
+
+
+@cache
+def _nominal(stiffness: float, speed: float) -> Any:
+    def law(memory: Any, values: Any) -> int:
+        numbers, given = carray(memory, NUMBERS), carray(values, VALUES)
+        if given[LOOP] == CLOSED:
+            numbers[K] = given[ASKED] / stiffness
+        else:
+            let_go(numbers, speed * given[LASTING], given[LOOP] == INWARDS)
+        given[ANSWER] = numbers[K]
+        return FINE
+
+    return slot_function(law)

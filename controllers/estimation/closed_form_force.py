@@ -50,7 +50,7 @@ class ClosedFormForce(TorqueSensors):
         sensed.f_B[:] = before_B + self._force_share * (now_B - before_B)
         sensed.f_G[:] = sensed.X_BG[:3, :3].T @ sensed.f_B
         state.estimate = ContactEstimate(
-            force_W=estimate.X_WB[:3, :3] @ sensed.f_B, normal=float(-sensed.f_G[2]), sigma_G=state.estimate.sigma_G
+            force_W=estimate.X_WB[:3, :3] @ sensed.f_B, normal=float(-sensed.f_G[2]), sigma_G=state.sigma_G
         )
 
     def _sigma_G(self, state: ContactState, weighed: Array, variance: Array) -> Array:

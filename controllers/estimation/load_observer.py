@@ -317,11 +317,11 @@ class MomentumObserver(TorqueResidual):
         reversal, wanted = tuning.gears.reversal, drives.qd_wanted
         dry_friction(dry.coulomb, dry.stiction, dry.stribeck_speed, reversal, wanted, state.friction)
         self._tare(state, reference)
-        sigma_G = state.estimate.sigma_G
-        if state.tick % self._slow_ticks == 0:
+        sigma_G = state.sigma_G
+        if self._is_slow_tick(state):
             known = tuning.gears.known
             dry_friction_sigma(dry.coulomb, dry.stiction, SMOOTHING, known, sensed.qd_slow, state.floor)
-            state.floor = np.hypot(tuning.torques.observer_floor, state.floor)
+            state.floor[:] = np.hypot(tuning.torques.observer_floor, state.floor)
             sigma_G = force_sigma(sensed.X_BG, sensed.J_B, state.floor, state.floor**2)
-        state.tick += 1
+        state.record.ticks[0] += 1
         state.estimate = ContactEstimate(force_W=f_tip_W, normal=normal, sigma_G=sigma_G)

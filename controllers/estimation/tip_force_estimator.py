@@ -8,7 +8,7 @@ tests compare the compiled forms here with the plain forms there. Records come a
 numba types faster.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field
 from typing import Any, NamedTuple, Protocol
 
 import mujoco
@@ -28,6 +28,7 @@ from uuv.controllers.tuning import DRIVE_PERIOD, ArmTuning
 from uuv.models.arms.gear_friction import DryFriction
 from uuv.models.vehicle import Vehicle
 from uuv.sim.interfaces.kernels import kernel
+from uuv.sim.interfaces.kernels.slots import Slot, call, empty_slot
 from uuv.sim.interfaces.messages import ContactEstimate, Reference, StateEstimate
 from uuv.sim.interfaces.spatial import Array, skew
 
@@ -292,20 +293,128 @@ class DriveState:
     current_W: Array  # (3,) [m/s]
 
 
-@dataclass(slots=True, eq=False)
-class ContactState:
-    """State of an estimator; arrays change in place."""
+class ContactRecord(NamedTuple):
+    """Contact as it is felt; arrays, changed in place."""
 
-    arm: ArmParameters  # own copy of the believed arm, with its payload as soon as that is identified
     sensed: SensedArm
     tare: Tare
     bias: Array  # (n,) [N m] of the external torques
     floor: Array  # (n,) [N m] standard deviation of the external torques, beside the noise of the sensors
     friction: Array  # (n,) [N m] dry friction in the gears that the drives have to overcome
-    estimate: ContactEstimate
+    f_W: Array  # (3,) [N] force of the world on the tip, W; NaN: not known
+    felt: Array  # (1,) [N] normal force, positive when the tool presses; NaN: not known
+    ticks: np.ndarray  # (1,) steps of the estimator so far
+
+
+class FeelGains(NamedTuple):
+    """Constants of `feel_by_torques`."""
+
+    timing: SenseTiming
+    noise: float  # [-] of the torque sensors, share of the reading
+    gears: FrictionTracking
+    slow_ticks: int  # steps between two of payload and sigma
+
+
+@kernel
+def feel_by_torques(arm, gains, readings, doubt, tau_motor, contact):
+    """Contact force by `estimate_tip_force`, and the friction of the gears; step of `TorqueSensors.sense`.
+
+    Args:
+        arm: `ArmParameters`.
+        gains: `FeelGains`.
+        readings: `ArmReadings`.
+        doubt: (n,) [N m] standard deviation of the torques beyond that of sound sensors.
+        tau_motor: (n,) [N m] last asked of the motors.
+        contact: `ContactRecord`; updated.
+    """
+    floor = contact.floor.copy()
+    for j in range(doubt.shape[0]):
+        if doubt[j] != 0.0:
+            floor[j] = np.hypot(floor[j], doubt[j])
+    errors = TorqueErrors(contact.bias, floor, gains.noise)
+    contact.felt[0] = estimate_tip_force(arm, readings, errors, gains.timing, contact.sensed, contact.f_W)
+    track_gear_friction(tau_motor, readings.tau, readings.qd, contact.sensed.qdd, gains.gears, contact.friction)
+
+
+@kernel
+def feel_by_slot(slot, seen, tau_motor, contact):
+    """Contact force and friction by a `Slot`, from what `feel_by_torques` has left.
+
+    Its values are, n for each joint: angles, speeds, accelerations; torques measured, of the motors, and external ones
+    less their tare; the Jacobian (3, n) of the tip's position, hull axes. Then what it changes: force (3,), hull axes,
+    and friction (n,).
+
+    Args:
+        slot: of a `KernelContact`.
+        seen: hull pose (4, 4), joint angles, speeds and torques, (n,) each.
+        tau_motor: (n,) [N m] last asked of the motors.
+        contact: `ContactRecord`; updated.
+
+    Returns:
+        The answer of the slot.
+    """
+    X_WB, q, qd, tau = seen
+    sensed, values, n = contact.sensed, slot.values, q.shape[0]
+    for j in range(n):
+        values[j], values[n + j], values[2 * n + j] = q[j], qd[j], sensed.qdd[j]
+        values[3 * n + j], values[4 * n + j] = tau[j], tau_motor[j]
+        values[5 * n + j] = sensed.tau_e[j] - contact.bias[j]
+        for i in range(3):
+            values[(6 + i) * n + j] = sensed.J_B[i, j]
+        values[9 * n + 3 + j] = contact.friction[j]
+    for i in range(3):
+        values[9 * n + i] = sensed.f_B[i]
+    answer = call(slot)
+    for i in range(3):
+        sensed.f_B[i] = values[9 * n + i]
+    for j in range(n):
+        contact.friction[j] = values[9 * n + 3 + j]
+    contact.felt[0] = _in_axes(X_WB, sensed, contact.f_W)
+    return answer
+
+
+@dataclass(slots=True, eq=False)
+class ContactState:
+    """State of an estimator; arrays change in place."""
+
+    arm: ArmParameters  # own copy of the believed arm, with its payload as soon as that is identified
+    record: ContactRecord
+    sigma_G: Array  # (3,) [N] standard deviation of the force, tool axes; a new array whenever it changes
+    memory: Array = field(default_factory=lambda: np.zeros(0))  # of a kernel
     own: Any = None  # of the kind of estimator: payload identification, or load observer
     excess: Array | None = None  # (nb,) [-] identified excess masses of the arm's parts
-    tick: int = 0
+
+    @property
+    def sensed(self) -> SensedArm:
+        """Motion of arm and hull, and the force in hull axes."""
+        return self.record.sensed
+
+    @property
+    def bias(self) -> Array:
+        """Tare (n,) [N m] of the external torques."""
+        return self.record.bias
+
+    @property
+    def floor(self) -> Array:
+        """Standard deviation (n,) [N m] of the external torques, beside the noise of the sensors."""
+        return self.record.floor
+
+    @property
+    def friction(self) -> Array:
+        """Dry friction (n,) [N m] in the gears that the drives have to overcome."""
+        return self.record.friction
+
+    @property
+    def estimate(self) -> ContactEstimate:
+        """Present force; a message with copies."""
+        record = self.record
+        return ContactEstimate(force_W=record.f_W.copy(), normal=float(record.felt[0]), sigma_G=self.sigma_G)
+
+    @estimate.setter
+    def estimate(self, estimate: ContactEstimate) -> None:
+        """Set the present force."""
+        self.record.f_W[:], self.record.felt[0] = estimate.force_W, estimate.normal
+        self.sigma_G = estimate.sigma_G
 
     def wrench_B(self) -> Array:
         """Contact wrench (6,) [N, N m] on the hull through the arm, at the hull's origin in hull axes."""
@@ -347,12 +456,17 @@ class TorqueResidual:
         n, own = self._arm.n, self._arm.parameters
         return ContactState(
             arm=own._replace(numbers=own.numbers.copy()),
-            sensed=SensedArm.start(estimate.qd, estimate.w_WB_B),
-            tare=Tare.start(n),
-            bias=np.zeros(n),
-            floor=np.full(n, self._tuning.torques.floor),
-            friction=np.zeros(n),
-            estimate=ContactEstimate(),
+            record=ContactRecord(
+                sensed=SensedArm.start(estimate.qd, estimate.w_WB_B),
+                tare=Tare.start(n),
+                bias=np.zeros(n),
+                floor=np.full(n, self._tuning.torques.floor),
+                friction=np.zeros(n),
+                f_W=np.full(3, np.nan),
+                felt=np.full(1, np.nan),
+                ticks=np.zeros(1, dtype=np.int64),
+            ),
+            sigma_G=ContactEstimate().sigma_G,
         )
 
     def _sense(self, state: ContactState, estimate: StateEstimate, current_W: Array, f_tip_W: Array) -> float:
@@ -366,7 +480,11 @@ class TorqueResidual:
 
     def _tare(self, state: ContactState, reference: Reference) -> None:
         if reference.tare:
-            add_to_tare(tuple(state.tare), state.sensed.tau_e, state.bias)
+            add_to_tare(tuple(state.record.tare), state.sensed.tau_e, state.bias)
+
+    def _is_slow_tick(self, state: ContactState) -> bool:
+        """True where the part of a step is due that is as slow as the hull's."""
+        return bool(state.record.ticks[0] % self._slow_ticks == 0)
 
 
 class TorqueSensors(TorqueResidual):
@@ -397,19 +515,23 @@ class TorqueSensors(TorqueResidual):
         self._period = period
         self._payload = PayloadIdentification(self._arm)
         self._force_share = min(1.0, period / tuning.force_filter)
-        self.gears = FrictionTracking(
+        gears = FrictionTracking(
             armature=np.array(self._vehicle.armature),
             damping=np.array(self._vehicle.joint_damping),
             most=tuning.gears.excess * (friction or self._vehicle.dry_friction).stiction,
             share=min(1.0, period / tuning.gears.filter),
         )
-        self._gear_fields = tuple(self.gears)
+        self.gains = FeelGains(self.timing, tuning.torques.share, gears, self._slow_ticks)
 
     def init(self, estimate: StateEstimate) -> ContactState:
         """Initial state: free of contact, no tare, no friction, no payload."""
         state = super().init(estimate)
         state.own = self._payload.init()
         return state
+
+    def slot(self, state: ContactState) -> Slot:
+        """It is contained in the tick, which works on the record of `state`."""
+        return empty_slot(state.record.felt)
 
     def step(self, state: ContactState, estimate: StateEstimate, reference: Reference, drives: DriveState) -> None:
         """One sample: leaves force, friction, and motion of arm and hull in `state`.
@@ -422,25 +544,24 @@ class TorqueSensors(TorqueResidual):
         """
         self.sense(state, estimate, drives)
         self._tare(state, reference)
-        self.follow_up(state, estimate, reference)
+        if self._is_slow_tick(state):
+            self.follow_up(state, estimate, reference)
+        state.record.ticks[0] += 1
 
     def follow_up(self, state: ContactState, estimate: StateEstimate, reference: Reference) -> None:
-        """Rest of a step after `sense` and tare: payload and sigma, where they are due.
+        """Rest of a slow step after `sense` and tare: payload and sigma.
 
         Args:
             state: as `sense` left it; changed in place.
             estimate: of the vehicle now.
             reference: says when the arm begins its work.
         """
-        slow = state.tick % self._slow_ticks == 0
-        if slow and state.own is not None:
+        if state.own is not None:
             self._identify_payload(state, state.own, estimate, reference)
-        if slow:
-            noise = self._tuning.torques.share * np.abs(estimate.tau)
-            kept = self._force_share / (2.0 - self._force_share)  # of white noise behind the filter of the force
-            variance = kept * noise**2 + self._tuning.torques.drift**2
-            state.estimate = replace(state.estimate, sigma_G=self._sigma_G(state, state.floor + noise, variance))
-        state.tick += 1
+        noise = self._tuning.torques.share * np.abs(estimate.tau)
+        kept = self._force_share / (2.0 - self._force_share)  # of white noise behind the filter of the force
+        variance = kept * noise**2 + self._tuning.torques.drift**2
+        state.sigma_G = self._sigma_G(state, state.floor + noise, variance)
 
     def _sigma_G(self, state: ContactState, weighed: Array, variance: Array) -> Array:
         """Standard deviation (3,) [N] of the force in tool axes, as `force_sigma`."""
@@ -454,10 +575,10 @@ class TorqueSensors(TorqueResidual):
             estimate: of the vehicle now.
             drives: what they were last asked for.
         """
-        f_tip_W = np.empty(3)
-        normal = self._sense(state, estimate, drives.current_W, f_tip_W)
-        track_gear_friction(drives.tau, estimate.tau, estimate.qd, state.sensed.qdd, self._gear_fields, state.friction)
-        state.estimate = ContactEstimate(force_W=f_tip_W, normal=normal, sigma_G=state.estimate.sigma_G)
+        e = estimate
+        readings = ArmReadings(e.X_WB, e.v_WB_B, e.w_WB_B, e.a_WB_B, drives.current_W, e.q, e.qd, e.tau)
+        doubt = np.zeros(len(e.q)) if e.tau_doubt is None else e.tau_doubt
+        feel_by_torques(state.arm, self.gains, readings, doubt, drives.tau, state.record)
 
     def _identify_payload(
         self, state: ContactState, own: PayloadIdentificationState, estimate: StateEstimate, reference: Reference
@@ -467,5 +588,5 @@ class TorqueSensors(TorqueResidual):
         if reference.X_WG is not None:
             state.excess = self._payload.excess(own)
             state.arm.numbers[:], state.own = self._payload.weighed(state.excess).numbers, None
-        elif state.tick * self._period > self._tuning.weighing_after:
+        elif state.record.ticks[0] * self._period > self._tuning.weighing_after:
             self._payload.add(own, JointMotion(estimate.q, estimate.qd, sensed.qdd), sensed.hull, sensed.tau_e)

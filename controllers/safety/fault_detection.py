@@ -179,17 +179,30 @@ class FaultDetection:
         Returns:
             The faults, in the order in which they were found.
         """
-        limits, time = self.limits, estimate.time
-        warm = time - state.began > limits.warm_up
+        age = estimate.time - state.began
+        warm = age > self.limits.warm_up
         seen = (estimate.q, estimate.qd, estimate.tau)
-        found = update_residuals(tuple(self.joints), seen, time - state.began, warm, tuple(state.joints))
-        if warm and found:
-            self.judge_joints(state, time)
-        if not estimate.vision_age > limits.vision_age:  # also where the age is unknown (nan)
+        suspect = update_residuals(tuple(self.joints), seen, age, warm, tuple(state.joints))
+        state.joints.tau_motor[:] = command.joint_torque
+        return self.judge(state, estimate, command, suspect=warm and suspect)
+
+    def judge(
+        self, state: FaultDetectionState, estimate: StateEstimate, command: Command, *, suspect: bool
+    ) -> tuple[Fault, ...]:
+        """Verdicts on one sample, whose residuals of the joints' sensors are in `state`; all faults found so far.
+
+        Args:
+            state: of the detection; changed in place.
+            estimate: of the vehicle now.
+            command: that followed from it.
+            suspect: a residual of the joints' sensors needs evaluation.
+        """
+        if suspect:
+            self.judge_joints(state, estimate.time)
+        if not estimate.vision_age > self.limits.vision_age:  # also where the age is unknown (nan)
             state.faults = [fault for fault in state.faults if fault.kind is not FaultKind.VISION]
         else:
-            self._add(state, FaultKind.VISION, "", -1, time)
-        state.joints.tau_motor[:] = command.joint_torque
+            self._add(state, FaultKind.VISION, "", -1, estimate.time)
         self.judge_hull(state, estimate, command)
         return tuple(state.faults)
 
@@ -350,27 +363,6 @@ class FaultDetection:
             else:
                 figures = f"gave {thrust - missed:.0f} N where {thrust:.0f} N were asked for"
                 self._fail(state, best, time, figures, thrust, missed)
-
-
-@kernel
-def finite(X_WB, v_B, w_B, a_B, q, qd, time):
-    """True if all required numbers of an estimate are finite; compiled, since it runs every step.
-
-    Args:
-        X_WB: (4, 4) hull pose.
-        v_B: (3,) velocity.
-        w_B: (3,) angular velocity.
-        a_B: (3,) acceleration.
-        q: (n,) joint angles.
-        qd: (n,) joint speeds.
-        time: [s] of the estimate.
-    """
-    total = 0.0 * time
-    for i in range(3):
-        total += 0.0 * (v_B[i] + w_B[i] + a_B[i] + X_WB[i, 0] + X_WB[i, 1] + X_WB[i, 2] + X_WB[i, 3])
-    for j in range(q.shape[0]):
-        total += 0.0 * (q[j] + qd[j])
-    return total == 0.0
 
 
 @kernel

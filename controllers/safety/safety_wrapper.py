@@ -25,12 +25,41 @@ import numpy as np
 
 from uuv.controllers.arm.inverse_dynamics import ArmDynamics
 from uuv.controllers.safety.blind_departure import BlindDeparture, DepartureStage, HullBalance
-from uuv.controllers.safety.fault_detection import FaultDetection, FaultDetectionState, finite
+from uuv.controllers.safety.fault_detection import FaultDetection, FaultDetectionState
+from uuv.controllers.safety.guard_tick import (
+    BEGAN,
+    FAULTY,
+    FRESH,
+    JUDGED,
+    NUMBERS,
+    SUSPECT,
+    GuardLimits,
+    GuardRecord,
+    finite,
+    guard_box,
+    guard_tick,
+)
 from uuv.controllers.tuning import SAFETY, FaultLimits
 from uuv.models.vehicle import Vehicle
 from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.kernels.control import (
+    BROKEN,
+    REFUSED,
+    STOPPED,
+    UNSOUND,
+    Commanded,
+    ControlTick,
+    Inputs,
+    PythonControl,
+    Unsaved,
+    commanded,
+    has_tick,
+)
+from uuv.sim.interfaces.kernels.record_box import as_annotated
+from uuv.sim.interfaces.kernels.slots import FINE, address_of_box, address_of_kernel, empty_slot
 from uuv.sim.interfaces.messages import Command, ContactEstimate, Fault, FaultKind, Reference, StateEstimate
 from uuv.sim.interfaces.protocols import Controller
+from uuv.sim.interfaces.records import estimate_record
 from uuv.sim.interfaces.spatial import Array
 
 _LEAST_LEVER = 0.1  # [m] of a joint about which the tip does not move: the wrist's torque turns the tool
@@ -46,11 +75,15 @@ class SafetyWrapperState:
     time: float  # [s] of the last estimate
     sound: StateEstimate  # the last sound one
     command: Command  # the last finite one
+    thrusters: Array  # (m,) sent, with the doublet of a probe
+    commanded: Commanded  # of a wrapped controller in Python
     blind_for: float = 0.0  # [s] without a sound estimate, or command
     stopped: Fault | None = None  # the reason for a stop; None: not stopped
     balance: HullBalance = field(default_factory=HullBalance)
     lost: tuple[int, ...] = ()  # thrusters not to be used, by index
     departure: tuple[DepartureStage, ...] = ()  # from the stop on
+    numbers: Array = field(default_factory=lambda: np.zeros(NUMBERS))  # of `uuv.controllers.safety.guard_tick`
+    alone: Unsaved["GuardTick"] = field(default_factory=Unsaved)  # tick of `SafetyWrapper.step`
 
 
 class SafetyWrapper:
@@ -99,7 +132,13 @@ class SafetyWrapper:
             contact=ContactEstimate(normal=0.0),
         )
         return SafetyWrapperState(
-            inner=self.controller.init(estimate), health=None, time=-np.inf, sound=estimate, command=still
+            inner=self.controller.init(estimate),
+            health=None,
+            time=-np.inf,
+            sound=estimate,
+            command=still,
+            thrusters=np.zeros(self._thrusters),
+            commanded=commanded(n, self._thrusters),
         )
 
     def step(
@@ -127,23 +166,70 @@ class SafetyWrapper:
         if state.health is None:
             state.health = self.health.init(replace(estimate, tau=np.nan_to_num(e.tau, posinf=0.0, neginf=0.0)))
         estimate = self._replaced(state.health, estimate)
-        state.inner, command = self.controller.step(state.inner, estimate, reference)
-        if not (_numbers(command.joint_torque) and _numbers(command.thrusters)):
-            return state, self.without(state, estimate, FaultKind.CONTROLLER)
-        if reference.abort is not None:
-            command = replace(command, joint_torque=self._gentle(command.joint_torque, estimate))
-        faults = self.health.step(state.health, estimate, command) if fresh else tuple(state.health.faults)
-        return state, self.passed(state, estimate, command, reference, faults, fresh=fresh)
+        state.numbers[FAULTY] = bool(state.health.faults)
+
+        # The tick; a controller in Python sees the messages themselves.
+        tick = state.alone.get(lambda: GuardTick(self, state, Inputs(estimate_record(len(e.q)))))
+        tick.refer(reference)
+        tick.inputs.take(estimate)
+        state.numbers[FRESH] = fresh
+        answer = tick.slots.check(guard_tick(tick.box, tick.inputs.box))
+        return state, tick.done(estimate, reference, answer)
+
+    def tick_on(self, state: SafetyWrapperState, inputs: Inputs) -> "GuardTick | None":
+        """The tick of `state`, which sees `inputs`; None before the first sound estimate."""
+        return None if state.health is None else GuardTick(self, state, inputs)
+
+    def record(self, state: SafetyWrapperState, inner: ControlTick, inputs: Inputs, judge: int) -> GuardRecord:
+        """The state as the kernel takes it.
+
+        Args:
+            state: with fault detection begun.
+            inner: tick of the wrapped controller.
+            inputs: what it sees.
+            judge: address of the slot of verdicts.
+        """
+        health, limits = state.health, self.health.limits
+        assert health is not None
+        state.numbers[BEGAN] = health.began
+        return GuardRecord(
+            limits=GuardLimits(SAFETY.old_imu, limits.vision_age, limits.warm_up),
+            model=self.health.joints,
+            inner=inner.address,
+            memory=inner.memory,
+            estimate=inputs.address,
+            command=inner.command,
+            residuals=health.joints,
+            judge=empty_slot()._replace(address=judge),
+            numbers=state.numbers,
+        )
+
+    def judge(self, state: SafetyWrapperState, estimate: StateEstimate, command: Command, reference: Reference) -> bool:
+        """Verdicts on a tick, where there is something to judge; True if a fault is known.
+
+        Args:
+            state: of the wrapper, with the residuals of now; changed in place.
+            estimate: of the vehicle now.
+            command: of the wrapped controller, finite.
+            reference: of the planner.
+        """
+        health = state.health
+        assert health is not None
+        suspect = bool(state.numbers[SUSPECT])
+        faults = self.health.judge(health, estimate, command, suspect=suspect)
+        self._follow(state, command, reference, estimate.time)
+        state.thrusters[:] = self.health.sent(health, command.thrusters)
+        state.numbers[FAULTY] = bool(faults)
+        return bool(faults)
+
+    def _follow(self, state: SafetyWrapperState, command: Command, reference: Reference, time: float) -> None:
+        """Keep what a blind departure would need."""
+        if self._departure is not None:
+            self._departure.follow(state.balance, command, reference, time)
+            state.lost = reference.lost_thrusters
 
     def passed(
-        self,
-        state: SafetyWrapperState,
-        estimate: StateEstimate,
-        command: Command,
-        reference: Reference,
-        faults: tuple[Fault, ...],
-        *,
-        fresh: bool = True,
+        self, state: SafetyWrapperState, estimate: StateEstimate, command: Command, reference: Reference
     ) -> Command:
         """Command of the wrapped controller as it goes on, where estimate and command are sound.
 
@@ -152,18 +238,21 @@ class SafetyWrapper:
             estimate: of the vehicle now.
             command: of the wrapped controller, finite.
             reference: of the planner.
-            faults: found so far.
-            fresh: the time of `estimate` has advanced.
 
         Returns:
             The command with the faults; drives with a faulty encoder only bear the arm's weight.
         """
-        if self._departure is not None:
-            self._departure.follow(state.balance, command, reference, estimate.time)
-            state.lost = reference.lost_thrusters
-        if state.health is not None and state.health.probe is not None:
-            command = replace(command, thrusters=self.health.sent(state.health, command.thrusters))
+        health, fresh = state.health, bool(state.numbers[FRESH])
+        assert health is not None
+        if reference.abort is not None:
+            command = replace(command, joint_torque=self._gentle(command.joint_torque, estimate))
+            if fresh:
+                health.joints.tau_motor[:] = command.joint_torque
+        self._follow(state, command, reference, estimate.time)
+        if health.probe is not None:
+            command = replace(command, thrusters=self.health.sent(health, command.thrusters))
         state.sound, state.command, state.blind_for = estimate, command, 0.0 if fresh else state.blind_for + self.period
+        faults = tuple(health.faults)
         if not faults:
             return command
         return replace(command, joint_torque=self._servoed(command.joint_torque, estimate, faults), faults=faults)
@@ -270,6 +359,59 @@ class SafetyWrapper:
             v_current_W=np.zeros(3),
             wrench_tip_G=np.zeros(6),
         )[0]
+
+
+class GuardTick:
+    """Tick of a `SafetyWrapper`, bound to the arrays of a state (`uuv.sim.interfaces.kernels.control.ControlTick`)."""
+
+    def __init__(self, wrapper: SafetyWrapper, state: SafetyWrapperState, inputs: Inputs) -> None:
+        self._wrapper, self._state, self.inputs = wrapper, state, inputs
+        self._inner = inner = self._wrapped(inputs)
+        self.slots, self.slow = inner.slots, inner.slow
+        self.command = inner.command._replace(thrusters=state.thrusters)
+        record = wrapper.record(state, inner, inputs, self.slots.add(self._judge))
+        self.box = guard_box(as_annotated(record))
+        self.memory: int = address_of_box(self.box)
+        self.address = address_of_kernel(guard_tick, self.box, inputs.box)
+
+    def refer(self, reference: Reference) -> None:
+        """Take the set points of the ticks that follow, each at a new time."""
+        self._state.numbers[FRESH] = 1.0
+        self._inner.refer(reference)
+
+    def ready(self, reference: Reference) -> bool:
+        """False after a stop, a fault or an abort, and while the estimate is not sound."""
+        state = self._state
+        faulty = state.stopped is not None or state.blind_for or state.numbers[FAULTY]
+        return not faulty and reference.abort is None and self._inner.ready(reference)
+
+    def done(self, estimate: StateEstimate, reference: Reference, answer: int) -> Command:
+        """Command of the last tick."""
+        wrapper, state = self._wrapper, self._state
+        state.time = estimate.time
+        if answer in (UNSOUND, BROKEN):
+            kind = FaultKind.ESTIMATE if answer == UNSOUND else FaultKind.CONTROLLER
+            return wrapper.without(state, estimate, kind)
+        command = self._inner.done(estimate, reference, answer)
+        return command if answer == REFUSED else wrapper.passed(state, estimate, command, reference)
+
+    def _wrapped(self, inputs: Inputs) -> ControlTick:
+        controller, state = self._wrapper.controller, self._state
+        tick = controller.tick_on(state.inner, inputs) if has_tick(controller) else None
+        if tick is not None:
+            return tick
+
+        def step(estimate: StateEstimate, reference: Reference) -> Command:
+            state.inner, command = self._wrapper.controller.step(state.inner, estimate, reference)
+            return command
+
+        return PythonControl(step, inputs, state.commanded, type(controller).__name__)
+
+    def _judge(self) -> int:
+        estimate, reference, state = self.inputs.seen(), self.inputs.reference, self._state
+        state.numbers[JUDGED] = self._inner.command.hull_steps[0]
+        command = self._inner.done(estimate, reference, FINE)
+        return STOPPED if self._wrapper.judge(state, estimate, command, reference) else FINE
 
 
 def _departure(model: mujoco.MjModel, vehicle: Vehicle, arm: ArmDynamics | None) -> BlindDeparture | None:

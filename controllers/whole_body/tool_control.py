@@ -4,22 +4,42 @@ Two corrections of the tool's reference [Konoplin 2022, section 3]: a displaceme
 error, and the drift of the hull, p*_C = R^T (p*_O - r). MKPS gives the joint angles.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import cache
 from typing import Any, Protocol
 
 import mujoco
 import numpy as np
+from numba.np.numpy_support import carray
 
-from uuv.controllers.arm.compliance import LateralCompliance
+from uuv.controllers.arm import compliance, position_force
+from uuv.controllers.arm.compliance import OFFSET, LateralCompliance
 from uuv.controllers.arm.inverse_dynamics import ArmDynamics
-from uuv.controllers.arm.position_force import ForceDisplacement
-from uuv.controllers.arm.tool_motion import ToolMotion, ToolTracking, hold_joints, track_tool
+from uuv.controllers.arm.position_force import ANSWER, CLOSED, INWARDS, ForceDisplacement
+from uuv.controllers.arm.tool_motion import ToolMotion, ToolTracking
 from uuv.controllers.estimation.tip_force_estimator import ContactState, SensedArm
 from uuv.controllers.mkps import Chain, solve
 from uuv.controllers.tuning import ArmTuning
+from uuv.controllers.whole_body.tool_tick import (
+    DRIFT_VALUES,
+    HELD,
+    NUMBERS,
+    PLACED,
+    SERVO_COMPLIANCE,
+    K,
+    ToolGains,
+    ToolRecord,
+    ToolWork,
+    tool_box,
+    tool_tick,
+)
 from uuv.models.naming import ARM_BASE_BODY, TIP_SITE
 from uuv.models.vehicle import Vehicle
+from uuv.sim.interfaces.kernels.control import NO_POSE, Inputs, Unsaved
+from uuv.sim.interfaces.kernels.record_box import as_annotated
+from uuv.sim.interfaces.kernels.slots import FINE, PythonSlots, Slot, empty_slot, has_slot, slot_function
 from uuv.sim.interfaces.messages import Reference, StateEstimate
+from uuv.sim.interfaces.records import EstimateRecord, estimate_record, reference_record, take_reference
 from uuv.sim.interfaces.spatial import Array, inverse
 
 
@@ -102,6 +122,10 @@ class FromEstimate:
         """Estimated hull pose X_WB (4, 4)."""
         return estimate.X_WB
 
+    def slot(self, state: None) -> Slot:
+        """It is contained in the tick."""
+        return empty_slot(state, DRIFT_VALUES)
+
 
 class FromReference:
     """The tool drifts with the hull: no drift correction."""
@@ -112,17 +136,37 @@ class FromReference:
         """Hull pose wanted X_WB (4, 4)."""
         return reference.X_WB
 
+    def slot(self, state: None) -> Slot:
+        """The choice as a kernel."""
+        return Slot(_held_pose().address, np.zeros(0), np.zeros(DRIFT_VALUES))
+
+
+@cache
+def _held_pose() -> Any:
+    def choose(_memory: Any, values: Any) -> int:
+        poses = carray(values, DRIFT_VALUES)
+        poses[PLACED:] = poses[HELD:PLACED]
+        return FINE
+
+    return slot_function(choose)
+
 
 @dataclass(slots=True, eq=False)
 class ToolControlState:
-    """State of tool control."""
+    """State of tool control; arrays change in place."""
 
     force: Any  # of the force law
     compliance: Any  # of the displacement across the tool axis
-    k: float  # [m] displacement along the tool axis
     motion: ToolMotion
-    servo_compliance: float = 0.0  # [m/N] of the tip along the tool axis
-    tick: int = 0
+    X_AG: Array = field(default_factory=lambda: np.eye(4))  # (4, 4) tool pose last asked for, in the arm's base
+    numbers: Array = field(default_factory=lambda: np.zeros(NUMBERS))  # of `uuv.controllers.whole_body.tool_tick`
+    ticks: np.ndarray = field(default_factory=lambda: np.zeros(1, dtype=np.int64))
+    alone: Unsaved["ToolTick"] = field(default_factory=Unsaved)  # tick of `ToolControl.step`
+
+    @property
+    def k(self) -> float:
+        """Displacement [m] along the tool axis."""
+        return float(self.numbers[K])
 
 
 class ToolControl:
@@ -157,7 +201,6 @@ class ToolControl:
         self._chain = Chain.from_mjcf(model, ARM_BASE_BODY, TIP_SITE, exclude=passive)
         X_AB = inverse(np.array(vehicle.X_BA))
         self.tracking = ToolTracking.of(X_AB, vehicle.joints.size, tuning, follows_hull=self.drift.follows_hull)
-        self._tracking_fields = tuple(self.tracking)
         self._armature = np.array(vehicle.armature)
         self.compliance_ticks = max(1, round(tuning.compliance_period / tuning.task_period))
 
@@ -166,13 +209,44 @@ class ToolControl:
         return ToolControlState(
             force=self.force_law.init(),
             compliance=self.compliance.init(),
-            k=0.0,
             motion=ToolMotion.start(estimate.q, self._chain.memory()),
         )
 
-    def presses(self, reference: Reference) -> bool:
-        """True while the force loop is closed."""
-        return reference.force_control and self.force_law.closed_loop
+    @property
+    def slow(self) -> tuple[str, ...]:
+        """Parts in plain Python."""
+        parts = self.force_law, self.compliance, self.drift
+        return tuple(type(part).__name__ for part in parts if not has_slot(part))
+
+    def record(self, state: ToolControlState, inputs: Inputs, slots: PythonSlots, sensed: SensedArm) -> ToolRecord:
+        """The state as the kernel takes it.
+
+        Args:
+            state: of `init`.
+            inputs: what the ticks see.
+            slots: where parts in plain Python go.
+            sensed: motion of the arm.
+        """
+        law: Any = self.force_law if has_slot(self.force_law) else ForceDisplacement()
+        yielding: Any = self.compliance if has_slot(self.compliance) else LateralCompliance()
+        gains = ToolGains(
+            self.tracking,
+            getattr(law, "gains", ForceDisplacement().gains),
+            getattr(yielding, "gains", LateralCompliance().gains),
+            self.compliance_ticks,
+        )
+        stiffness = slots.add(lambda: self._find_servo_compliance(state, inputs.record, sensed))
+        return ToolRecord(
+            gains=gains,
+            force=self._force_slot(state, slots),
+            side=self._side_slot(state, inputs, slots),
+            drift=self._drift_slot(inputs, slots),
+            stiffness=empty_slot()._replace(address=stiffness),
+            motion=state.motion,
+            X_AG=state.X_AG,
+            numbers=state.numbers,
+            ticks=state.ticks,
+        )
 
     def step(
         self, state: ToolControlState, estimate: StateEstimate, reference: Reference, contact: ContactState
@@ -185,56 +259,79 @@ class ToolControl:
             reference: tool pose or joint angles, set force and mode.
             contact: estimated force, and motion of arm and hull.
         """
-        since = estimate.time - reference.time
-        if reference.X_WG is None:
-            dt = self._tuning.task_period
-            state.k = self.force_law.release(state.force, dt)
-            self.compliance.release(state.compliance, dt)
-            hold_joints(tuple(state.motion), reference.q, reference.qd, since)
-        else:
-            self._follow(state, estimate, reference, contact, reference.X_WG, since)
-        state.tick += 1
+        tick = state.alone.get(lambda: ToolTick(self, state, contact))
+        tick.inputs.take(estimate)
+        tick.inputs.reference = reference
+        take_reference(tick.reference, reference)
+        self.checked(state, tick.slots.check(tool_tick(tick.box, tick.inputs.box)))
 
-    def _follow(
-        self,
-        state: ToolControlState,
-        estimate: StateEstimate,
-        reference: Reference,
-        contact: ContactState,
-        X_WG: Array,
-        since: float,
-    ) -> None:
-        """Follow the tool pose `X_WG` (4, 4), wanted `since` [s] ago, after both corrections."""
-        dt, force = self._tuning.task_period, contact.estimate
-        if reference.force_control:
-            servo_compliance = self._servo_compliance(state, estimate, contact.sensed)
-            state.k = self.force_law.step(state.force, reference.set_force, force.normal, servo_compliance, dt)
-        else:
-            state.k = self.force_law.release(state.force, dt, inwards=False)
-        if self.compliance.acts(reference):
-            how = {"gently": True} if reference.standing else {}
-            offset_W = self.compliance.step(state.compliance, force.force_W, X_WG[:3, 2], dt, **how)
-        else:
-            offset_W = self.compliance.release(state.compliance, dt)
-        solved, X_AG = track_tool(
-            self._tracking_fields,
-            tuple(state.motion),
-            (X_WG, np.array(reference.v_WG_W), np.array(reference.w_WG_W)),  # read-only ones would be compiled anew
-            since,
-            (state.k, offset_W),
-            self.drift.hull_pose(estimate, reference),
-            contact.sensed.hull,
-            (contact.sensed.X_BG, contact.sensed.J_B),
+    def checked(self, state: ToolControlState, answer: int) -> int:
+        """The answer of a tick, unless its target was no pose.
+
+        Raises:
+            ConfigurationError: it was none.
+        """
+        if answer == NO_POSE:
+            solve(self._chain, state.X_AG, state.motion.q)  # raises and says why
+        return answer
+
+    def _force_slot(self, state: ToolControlState, slots: PythonSlots) -> Slot:
+        law = self.force_law
+        if has_slot(law):
+            return law.slot(state.force)
+        values = np.zeros(position_force.VALUES)
+
+        def displace() -> None:
+            _, felt, soft, dt, loop, _ = values.tolist()
+            if loop == CLOSED:
+                values[ANSWER] = law.step(state.force, values.item(position_force.ASKED), felt, soft, dt)
+            else:
+                values[ANSWER] = law.release(state.force, dt, inwards=loop == INWARDS)
+
+        return Slot(slots.add(displace), np.zeros(0), values)
+
+    def _side_slot(self, state: ToolControlState, inputs: Inputs, slots: PythonSlots) -> Slot:
+        part = self.compliance
+        if has_slot(part):
+            return part.slot(state.compliance)
+        values = np.zeros(compliance.VALUES)
+
+        def displace() -> None:
+            reference, dt = inputs.reference, values.item(compliance.DT)
+            if reference.X_WG is not None and part.acts(reference):
+                f_W, z_WG = values[compliance.FORCE : compliance.AXIS].copy(), reference.X_WG[:3, 2]
+                how = {"gently": True} if reference.standing else {}
+                values[OFFSET:] = part.step(state.compliance, f_W, z_WG, dt, **how)
+            else:
+                values[OFFSET:] = part.release(state.compliance, dt)
+
+        return Slot(slots.add(displace), np.zeros(0), values)
+
+    def _drift_slot(self, inputs: Inputs, slots: PythonSlots) -> Slot:
+        drift = self.drift
+        if has_slot(drift):
+            return drift.slot(None)
+        values = np.zeros(DRIFT_VALUES)
+
+        def place() -> None:
+            values[PLACED:] = np.ravel(drift.hull_pose(inputs.seen(), inputs.reference))
+
+        return Slot(slots.add(place), np.zeros(0), values)
+
+    def _find_servo_compliance(self, state: ToolControlState, seen: EstimateRecord, sensed: SensedArm) -> None:
+        """Leave the compliance [m/N] of the servoed arm at the tip along the tool axis in `state`."""
+        inertia = self._arm.inertia(seen.q) + np.diag(self._armature)
+        along = sensed.J_B[:3].T @ sensed.X_BG[:3, 2]
+        state.numbers[SERVO_COMPLIANCE] = float(along @ np.linalg.solve(inertia, along)) / (
+            self._tuning.joint_frequency**2 * (1.0 - self._tuning.normal_softness)
         )
-        if not solved:
-            solve(self._chain, X_AG, state.motion.q)  # raises and says why
 
-    def _servo_compliance(self, state: ToolControlState, estimate: StateEstimate, sensed: SensedArm) -> float:
-        """Compliance [m/N] of the servoed arm at the tip along the tool axis."""
-        if state.servo_compliance == 0.0 or state.tick % self.compliance_ticks == 0:
-            inertia = self._arm.inertia(estimate.q) + np.diag(self._armature)
-            along = sensed.J_B[:3].T @ sensed.X_BG[:3, 2]
-            state.servo_compliance = float(along @ np.linalg.solve(inertia, along)) / (
-                self._tuning.joint_frequency**2 * (1.0 - self._tuning.normal_softness)
-            )
-        return state.servo_compliance
+
+class ToolTick:
+    """Tick of tool control by itself, bound to the arrays of a state."""
+
+    def __init__(self, control: ToolControl, state: ToolControlState, contact: ContactState) -> None:
+        n = len(state.motion.q)
+        self.inputs, self.slots, self.reference = Inputs(estimate_record(n)), PythonSlots(), reference_record(n)
+        tool = control.record(state, self.inputs, self.slots, contact.sensed)
+        self.box: Any = tool_box(as_annotated(ToolWork(tool, contact.record, self.reference)))

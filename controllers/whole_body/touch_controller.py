@@ -88,7 +88,6 @@ class CompliantTouch:
                 contact.arm,
                 SeenArm(estimate.q, estimate.qd, contact.sensed.hull),
                 JointTarget(reference.q, reference.qd, rest, age),
-                np.zeros((2, len(rest))),
                 BorneLoad(np.zeros(6), contact.friction),
             )
             state.p_WG_held, state.push = None, 0.0

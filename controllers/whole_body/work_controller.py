@@ -19,10 +19,11 @@ import mujoco
 import numpy as np
 
 from uuv.controllers.arm.inverse_dynamics import ArmDynamics
-from uuv.controllers.arm.joint_servo import BorneLoad, JointServo, JointServoState, JointTarget, SeenArm
+from uuv.controllers.arm.joint_servo import JointServo
 from uuv.controllers.estimation.tip_force_estimator import ContactEstimator, ContactState, DriveState, TorqueSensors
 from uuv.controllers.hull.hull_control import ArmLoad, ArmWrench, Feedforward, HullControl, HullControlState
 from uuv.controllers.tuning import DRIVE_PERIOD, HULL, ArmTuning, ObserverDeviations
+from uuv.controllers.whole_body.drive_tick import DriveGains, DriveRecord, drive_box, drive_tick
 from uuv.controllers.whole_body.tool_control import (
     DriftCorrection,
     ForceLaw,
@@ -31,21 +32,30 @@ from uuv.controllers.whole_body.tool_control import (
     ToolControlState,
 )
 from uuv.models.vehicle import Vehicle
+from uuv.sim.interfaces.kernels.control import Commanded, Inputs, Unsaved, commanded
+from uuv.sim.interfaces.kernels.record_box import as_annotated
+from uuv.sim.interfaces.kernels.slots import PythonSlots, address_of_box, address_of_kernel, empty_slot, has_slot
 from uuv.sim.interfaces.messages import Command, HullLoad, Reference, StateEstimate
+from uuv.sim.interfaces.records import ReferenceRecord, estimate_record, reference_record, take_reference
 from uuv.sim.interfaces.spatial import Array
 
 
 @dataclass(slots=True, eq=False)
 class WorkControllerState:
-    """State of the controller: that of its parts, changed in place."""
+    """State of the controller: that of its parts, and the arrays that they share; changed in place."""
 
     contact: ContactState
     tool: ToolControlState
-    servo: JointServoState
+    integral: Array  # (n,) [rad s] of the joint servo
     hull: HullControlState
+    command: Commanded
+    reference: ReferenceRecord
+    current_W: Array  # (3,) [m/s] estimated current
+    softness: Array  # (1,) [-] share of the stiffness that is given up now along the tool axis
+    ticks: np.ndarray  # (1,) so far
     hull_load: HullLoad | None = None
     log: Mapping[str, Array] = field(default_factory=dict)  # of the last step of the hull: what nobody decides on
-    tick: int = 0
+    alone: Unsaved["WorkTick"] = field(default_factory=Unsaved)  # tick of `WorkController.step`
 
 
 class WorkController:
@@ -82,13 +92,21 @@ class WorkController:
         """
         self.tuning = tuning = tuning or ArmTuning()
         arm = ArmDynamics(model, water_error=water_error)
-        self.contact: ContactEstimator = estimator or TorqueSensors(model, arm=arm, tuning=tuning)
+        self._torque_sensors = TorqueSensors(model, arm=arm, tuning=tuning)
+        self.contact: ContactEstimator = estimator or self._torque_sensors
         self.tool = ToolControl(model, arm, tuning, force_law=force_law, compliance=compliance, drift=drift)
-        self.servo = JointServo(Vehicle.of(model), tuning, DRIVE_PERIOD)
+        self._vehicle = Vehicle.of(model)
+        self.servo = JointServo(self._vehicle, tuning, DRIVE_PERIOD)
         self.task_ticks = max(1, round(tuning.task_period / DRIVE_PERIOD))
         self.hull_ticks = max(1, round(tuning.hover_period / DRIVE_PERIOD))
         self._hull = HullControl(model, arm, period=self.hull_ticks * DRIVE_PERIOD, water_error=water_error)
         self._feedforward: Feedforward = feedforward or ArmWrench()
+
+    @property
+    def slow(self) -> tuple[str, ...]:
+        """Parts in plain Python that every tick calls."""
+        estimator = () if has_slot(self.contact) else (type(self.contact).__name__,)
+        return *estimator, *self.tool.slow
 
     @property
     def tunings(self) -> tuple[Any, ...]:
@@ -97,12 +115,23 @@ class WorkController:
 
     def init(self, estimate: StateEstimate) -> WorkControllerState:
         """Initial state: the arm held where it is, thrusters off."""
+        n, contact = len(estimate.q), self.contact.init(estimate)
+        command = commanded(n, len(self._vehicle.thruster_names))
         return WorkControllerState(
-            contact=self.contact.init(estimate),
+            contact=contact,
             tool=self.tool.init(estimate),
-            servo=self.servo.init(),
+            integral=np.zeros(n),
             hull=self._hull.init(),
+            command=command._replace(f_W=contact.record.f_W, felt=contact.record.felt),
+            reference=reference_record(n),
+            current_W=np.zeros(3),
+            softness=np.zeros(1),
+            ticks=np.zeros(1, dtype=np.int64),
         )
+
+    def tick_on(self, state: WorkControllerState, inputs: Inputs) -> "WorkTick":
+        """The tick of `state`, which sees `inputs`."""
+        return WorkTick(self, state, inputs)
 
     def step(
         self, state: WorkControllerState, estimate: StateEstimate, reference: Reference
@@ -117,38 +146,11 @@ class WorkController:
         Returns:
             The state, and the command with what the controller estimated.
         """
-        contact, tool, servo = state.contact, state.tool, state.servo
-        drives = DriveState(tau=servo.tau, qd_wanted=tool.motion.qd, current_W=state.hull.current_W)
-        self.contact.step(contact, estimate, reference, drives)
-        since = state.tick % self.task_ticks
-        if since == 0:
-            self.tool.step(tool, estimate, reference, contact)
-        presses = self.tool.presses(reference)
-        self.servo.soften(servo, presses)
-        borne_G = np.zeros(6)
-        if in_contact(reference):
-            borne_G[:3] = self.tuning.gears.feedforward * contact.sensed.f_G
-        borne_G[2] = -reference.set_force if presses else 0.0
-        tau = self.servo.step(
-            servo,
-            contact.arm,
-            SeenArm(estimate.q, estimate.qd, contact.sensed.hull),
-            JointTarget(tool.motion.q, tool.motion.qd, tool.motion.qdd, since * self.period),
-            tool.motion.yielding,
-            BorneLoad(borne_G, contact.friction),
-        )
-        if state.tick % self.hull_ticks == 0:
-            self.step_hull(state, estimate, reference)
-        state.tick += 1
-        return state, Command(
-            time=estimate.time,
-            joint_torque=tau,
-            thrusters=state.hull.thrusters,
-            scan=reference.scan,
-            contact=contact.estimate,
-            hull_load=state.hull_load,
-            believed=state.log,
-        )
+        tick = state.alone.get(lambda: self.tick_on(state, Inputs(estimate_record(len(estimate.q)))))
+        tick.refer(reference)
+        tick.inputs.take(estimate)
+        answer = tick.slots.check(drive_tick(tick.box, tick.inputs.box))
+        return state, tick.done(estimate, reference, answer)
 
     def step_hull(self, state: WorkControllerState, estimate: StateEstimate, reference: Reference) -> None:
         """Thrusters: the arm's wrench C_F_M = C_F_D + A f_e, C_M_M = C_M_D + C_M_e of [Konoplin 2022] is cancelled.
@@ -166,6 +168,100 @@ class WorkController:
         self._hull.step(state.hull, estimate, reference, fed_B)
         state.hull_load = HullLoad(arm_wrench_B=arm_wrench_B, current_W=state.hull.current_W)
         state.log = _log(state)
+        state.command.thrusters[:], state.current_W[:] = state.hull.thrusters, state.hull.current_W
+        state.command.hull_steps[0] += 1
+
+    def record(self, state: WorkControllerState, inputs: Inputs, slots: PythonSlots) -> DriveRecord:
+        """The state as the kernel takes it.
+
+        Args:
+            state: of `init`.
+            inputs: what the ticks see.
+            slots: where parts in plain Python go.
+        """
+        contact, tuning, estimator = state.contact, self.tuning, self.contact
+        by_sensors = has_slot(estimator)
+        feeling: Any = estimator if by_sensors else self._torque_sensors
+        force_law: Any = self.tool.force_law
+        gains = DriveGains(
+            feel=feeling.gains,
+            feels=by_sensors,
+            closed_loop=force_law.closed_loop,
+            drives=self.servo.drives,
+            softness=tuning.normal_softness,
+            hardening=self.servo.hardening,
+            friction_feedforward=tuning.gears.feedforward,
+            task_ticks=self.task_ticks,
+            hull_ticks=self.hull_ticks,
+            period=self.period,
+        )
+
+        def feel() -> None:
+            drives = DriveState(tau=state.command.tau, qd_wanted=state.tool.motion.qd, current_W=state.current_W)
+            estimator.step(contact, inputs.seen(), inputs.reference, drives)
+
+        def follow_up() -> None:
+            feeling.follow_up(contact, inputs.seen(), inputs.reference)
+
+        def step_hull() -> None:
+            self.step_hull(state, inputs.seen(), inputs.reference)
+
+        none = empty_slot()
+        return DriveRecord(
+            gains=gains,
+            arm=contact.arm,
+            contact=contact.record,
+            estimator=feeling.slot(contact) if by_sensors else none._replace(address=slots.add(feel)),
+            follow_up=none._replace(address=slots.add(follow_up)),
+            tool=self.tool.record(state.tool, inputs, slots, contact.sensed),
+            reference=state.reference,
+            integral=state.integral,
+            current_W=state.current_W,
+            hull=none._replace(address=slots.add(step_hull)),
+            command=state.command,
+            softness=state.softness,
+            ticks=state.ticks,
+        )
+
+
+class WorkTick:
+    """Tick of a `WorkController`, bound to the arrays of a state (`uuv.sim.interfaces.kernels.control.ControlTick`)."""
+
+    def __init__(self, controller: WorkController, state: WorkControllerState, inputs: Inputs) -> None:
+        self._controller, self._state, self.inputs = controller, state, inputs
+        self.slots, self.command = PythonSlots(), state.command
+        record = controller.record(state, inputs, self.slots)
+        self.slow = controller.slow
+        self.box = drive_box(as_annotated(record))
+        self.memory: int = address_of_box(self.box)
+        self.address = address_of_kernel(drive_tick, self.box, inputs.box)
+
+    def refer(self, reference: Reference) -> None:
+        """Take the set points of the ticks that follow."""
+        self.inputs.reference = reference
+        take_reference(self._state.reference, reference)
+
+    def ready(self, reference: Reference) -> bool:
+        """False where a frame is asked for."""
+        return not reference.scan
+
+    def done(self, estimate: StateEstimate, reference: Reference, answer: int) -> Command:
+        """Command of the last tick.
+
+        Raises:
+            ConfigurationError: the tool's target was no pose.
+        """
+        state = self._state
+        self._controller.tool.checked(state.tool, answer)
+        return Command(
+            time=estimate.time,
+            joint_torque=state.command.tau.copy(),
+            thrusters=state.hull.thrusters,
+            scan=reference.scan,
+            contact=state.contact.estimate,
+            hull_load=state.hull_load,
+            believed=state.log,
+        )
 
 
 def in_contact(reference: Reference) -> bool:
@@ -178,7 +274,7 @@ def _log(state: WorkControllerState) -> dict[str, Array]:
     tool, excess = state.tool, state.contact.excess
     log = {
         "displacement": np.array([tool.k]),
-        "compliance_W": tool.compliance.offset_W,
+        "compliance_W": np.array(tool.compliance.offset_W),
         "hover_wrench_B": state.hull.wanted_B,
         "q_wanted": tool.motion.q.copy(),
     }

@@ -222,6 +222,10 @@ class Navigation:
             watch.take(time, p_WB - place_W, sigma, variance_W)
             state.estimate.object_moved_W[:] = watch.moved_W
 
+    def records(self, state: NavigationState) -> NavigationState:
+        """The arrays that `filter_kernel.take_sample` and `put_out` work on: those of the state itself."""
+        return state
+
     def step(
         self, state: NavigationState, measurements: Sequence[Measurement]
     ) -> tuple[NavigationState, StateEstimate]:

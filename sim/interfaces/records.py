@@ -1,4 +1,4 @@
-"""Records of arrays that sensors and estimator write in place at the rate of the loop; messages are made of copies.
+"""Records of arrays that the loop writes in place at the rate of the drives; messages are made of copies.
 
 Compiled functions take these records as they are. The arrays stay the same over a run, only their contents change.
 """
@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from uuv.sim.interfaces.messages import StateEstimate
+from uuv.sim.interfaces.messages import Reference, StateEstimate
 from uuv.sim.interfaces.spatial import Array
 
 
@@ -46,6 +46,25 @@ class EstimateRecord(NamedTuple):
     object_moved_W: Array  # (3,) [m]
     gyro_off_B: Array  # (3,) [rad/s]
     attitude_off_B: Array  # (3,) [rad]
+    tau_doubt: Array  # (n,) [N m]; zeros: none
+
+
+class ReferenceRecord(NamedTuple):
+    """Fields of `Reference` that the drives follow."""
+
+    time: Array  # (1,) [s]
+    X_WB: Array  # (4, 4) hull pose to hold
+    X_WG: Array  # (4, 4) tool pose to follow
+    v_WG_W: Array  # (3,) [m/s]
+    w_WG_W: Array  # (3,) [rad/s]
+    q: Array  # (n,) [rad] joint angles to hold
+    qd: Array  # (n,) [rad/s]
+    set_force: Array  # (1,) [N] normal force to press with
+    flags: np.ndarray  # (5,) bool, entries FOLLOWS to STANDING
+
+
+# Entries of `ReferenceRecord.flags`: a tool pose is followed; and the fields of these names
+FOLLOWS, CONTROLLED, TARE, COMPLIANT, STANDING = range(5)
 
 
 def imu_record() -> ImuRecord:
@@ -63,7 +82,42 @@ def estimate_record(joints: int) -> EstimateRecord:
     v, w, a, sigma, moved, gyro, attitude = np.zeros((7, 3))
     unknown, ages = np.full(1, math.nan), np.zeros(4)
     joint = joint_record(joints)
-    return EstimateRecord(np.zeros(1), np.eye(4), v, w, a, *joint, sigma, unknown, ages, moved, gyro, attitude)
+    off = gyro, attitude, np.zeros(joints)
+    return EstimateRecord(np.zeros(1), np.eye(4), v, w, a, *joint, sigma, unknown, ages, moved, *off)
+
+
+def reference_record(joints: int) -> ReferenceRecord:
+    """Record for so many joints, to be filled by `take_reference`."""
+    v, w = np.zeros((2, 3))
+    q, qd = np.zeros((2, joints))
+    return ReferenceRecord(np.zeros(1), np.eye(4), np.eye(4), v, w, q, qd, np.zeros(1), np.zeros(5, np.bool_))
+
+
+def take_estimate(record: EstimateRecord, estimate: StateEstimate) -> None:
+    """Write the fields of a message into `record`."""
+    e = estimate
+    record.time[0], record.attitude_sigma[0] = e.time, e.attitude_sigma
+    record.ages[:] = e.vision_age, e.dvl_age, e.imu_age, e.imu_jump_age
+    record.tau_doubt[:] = 0.0 if e.tau_doubt is None else e.tau_doubt
+    for name in _ARRAYS:
+        getattr(record, name)[:] = getattr(e, name)
+
+
+_ARRAYS = tuple(
+    name for name in EstimateRecord._fields if name not in ("time", "attitude_sigma", "ages", "tau_doubt")
+)  # equal in record and message
+
+
+def take_reference(record: ReferenceRecord, reference: Reference) -> None:
+    """Write the set points of a message into `record`."""
+    r = reference
+    record.time[0], record.set_force[0] = r.time, r.set_force
+    record.flags[:] = r.X_WG is not None, r.force_control, r.tare, r.compliant, r.standing
+    if r.X_WG is not None:
+        record.X_WG[:] = r.X_WG
+    record.X_WB[:] = r.X_WB
+    record.v_WG_W[:], record.w_WG_W[:] = r.v_WG_W, r.w_WG_W
+    record.q[:], record.qd[:] = r.q, r.qd
 
 
 def state_estimate(record: EstimateRecord) -> StateEstimate:
@@ -87,4 +141,5 @@ def state_estimate(record: EstimateRecord) -> StateEstimate:
         object_moved_W=record.object_moved_W.copy(),
         gyro_off_B=record.gyro_off_B.copy(),
         attitude_off_B=record.attitude_off_B.copy(),
+        tau_doubt=record.tau_doubt.copy() if record.tau_doubt.any() else None,
     )

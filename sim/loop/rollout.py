@@ -50,7 +50,8 @@ class Observer(Protocol):
     """Read-only observer that is called at every step.
 
     One with an attribute `slow_ticks`, a tuple of numbers of ticks, needs to be called only at their multiples and
-    where frame, target or state of the work changes; other steps may then run compiled.
+    where frame, target or state of the work changes. Any other is called at every tick, also by compiled ones, which
+    takes its time.
     """
 
     def observe(self, moment: "Moment") -> None:
@@ -188,7 +189,7 @@ class Rollout:
         self._estimator_ticks = ticks_per_period(parts.estimator.period, dt, type(parts.estimator).__name__)
         self._look_ticks = ticks_per_period(LOOK_PERIOD, dt, "the time between looks")
         self.planner_ticks = ticks_per_period(parts.planner.period, dt, type(parts.planner).__name__)
-        self._controller_ticks = ticks_per_period(parts.controller.period, dt, type(parts.controller).__name__)
+        self.controller_ticks = ticks_per_period(parts.controller.period, dt, type(parts.controller).__name__)
         self.sensor_states = [s.init(stream) for s, stream in zip(sensors, rng.spawn(len(sensors)), strict=True)]
         self._finder_state = parts.finder.init() if parts.finder else None
         follower = parts.follower
@@ -240,12 +241,16 @@ class Rollout:
             self.plan()
         command = self.control(tick) if self.stage < Stage.COMMANDED else self.command
         self.stage = Stage.COMMANDED
-        assert self.reference is not None
         assert command is not None
+        return self.moment(tick, self.estimate, command)
+
+    def moment(self, tick: int, estimate: StateEstimate, command: Command) -> Moment:
+        """What observers see of a tick with this estimate and command."""
+        assert self.reference is not None
         return Moment(
             tick,
             self.truth,
-            self.estimate,
+            estimate,
             self.target,
             self.reference,
             command,
@@ -297,15 +302,19 @@ class Rollout:
     def control(self, tick: int) -> Command:
         """Step the controller where that is due at `tick`; returns the present command."""
         assert self.reference is not None
-        scanned = self.command is not None and self.command.scan
-        if tick % self._controller_ticks == 0:
-            self.controller_state, self.command = self.parts.controller.step(
+        if tick % self.controller_ticks == 0:
+            self.controller_state, command = self.parts.controller.step(
                 self.controller_state, self.estimate, self.reference
             )
+            self.take(tick, command)
         assert self.command is not None
-        if self.command.scan and not scanned:
-            self._asked = tick + 1
         return self.command
+
+    def take(self, tick: int, command: Command) -> None:
+        """Take a command of the controller as the present one, from `tick` on."""
+        if command.scan and not (self.command is not None and self.command.scan):
+            self._asked = tick + 1
+        self.command = command
 
     @property
     def looking(self) -> bool:

@@ -342,7 +342,8 @@ class Plant:
         mujoco.mj_step1(self.model, self.data)
         time = float(self.data.time)
         watch, truth = self._watch, self.truth
-        if verdict.py_func(time, truth.time, watch.least_gain, watch.seen[0] != watch.told[0], watch.mark[0]):
+        warned = watch.seen[0] != watch.told[0]
+        if watch.failed[0] or verdict.py_func(time, truth.time, watch.least_gain, warned, watch.mark[0]):
             self.check()
         truth.time = watch.time[0] = time
         watch.observed[0] = True

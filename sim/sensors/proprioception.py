@@ -165,6 +165,10 @@ class Encoders:
         """Draw the biases of this run."""
         return FastState(ENCODERS, self, rng, self.bias * _constant(rng, _MOST_JOINTS))
 
+    def channel(self) -> str:
+        """Place of its record among those that the compiled ticks sample."""
+        return "encoders"
+
     def step(self, state: FastState, truth: Truth) -> tuple[FastState, EncoderMeasurement]:
         """Measure joint angles and velocities."""
         n = len(truth.q)
@@ -208,6 +212,10 @@ class JointTorqueSensors:
     def init(self, rng: np.random.Generator) -> FastState:
         """Draw the biases of this run."""
         return FastState(TORQUE_SENSORS, self, rng, rng.uniform(-self.bias, self.bias, _MOST_JOINTS))
+
+    def channel(self) -> str:
+        """Place of its record among those that the compiled ticks sample."""
+        return "torques"
 
     def step(self, state: FastState, truth: Truth) -> tuple[FastState, TorqueMeasurement]:
         """Measure the torques at the gear outputs."""
@@ -281,6 +289,10 @@ class Imu:
             attitude_bias=self.attitude_bias,
         )
         return state
+
+    def channel(self) -> str:
+        """Place of its record among those that the compiled ticks sample."""
+        return "imu"
 
     def step(self, state: FastState, truth: Truth) -> tuple[FastState, ImuMeasurement]:
         """Measure specific force, angular velocity and attitude."""

@@ -1,13 +1,13 @@
 """Compiled ticks of the loop: everything that happens at the rate of the drives, several ticks in one call.
 
-    ticks = CompiledTicks(recorder)
+    ticks = CompiledTicks(plant, recorder)
     rollout(plant, parts, compiled=ticks.bind, ...)
 
 Only this room may wire plant, sensors, navigation and controller. Each of them gives a record of its arrays, and the
-compiled functions that its own step in Python calls too; the two ways therefore give the same bits. Planner and
-station keeping are called in Python between two compiled stretches. Ticks at which something else is due run part by
-part: fixes, frames. So does every tick after a fault, and a whole run with a part without a kernel; `reason` names it.
-Around a controller without a kernel the rest is compiled all the same (`uuv.ticks.ticks_around`).
+compiled functions that its own step in Python calls too; the two ways therefore give the same bits. The controller is
+a slot, called by its address: a kernel, or plain Python through a trampoline, which takes its time at every tick
+(`slow_parts`). The planner is called between two compiled stretches. Ticks at which something else is due run part by
+part: fixes, frames. So does a whole run with a plant, sensor or estimator without a kernel; `reason` names it.
 """
 
 from collections.abc import Sequence
@@ -15,28 +15,35 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from uuv.controllers.safety.safety_wrapper import SafetyWrapper
-from uuv.controllers.whole_body.drive_span import DriveSpan
-from uuv.controllers.whole_body.drive_tick import FINE, HULL, NO_POSE, UNSOUND, DriveRecord, ReferenceRecord, drive_tick
-from uuv.controllers.whole_body.drive_tick import NORMAL as FELT
 from uuv.perception.navigation.filter_kernel import put_out, take_sample
-from uuv.perception.navigation.strapdown_filter import Navigation
 from uuv.sim.interfaces.kernels import kernel
-from uuv.sim.interfaces.messages import Reference, WorkState
+from uuv.sim.interfaces.kernels.control import (
+    REFUSED,
+    UNSOUND,
+    Commanded,
+    ControlTick,
+    Inputs,
+    PythonControl,
+    call_control,
+    commanded,
+    has_tick,
+)
+from uuv.sim.interfaces.kernels.record_box import as_annotated, new_box
+from uuv.sim.interfaces.kernels.slots import FINE, call_at, gives_kernel
+from uuv.sim.interfaces.messages import Command, Reference, StateEstimate, WorkState
 from uuv.sim.interfaces.records import EstimateRecord, ImuRecord, JointRecord, estimate_record, state_estimate
 from uuv.sim.interfaces.spatial import Array
-from uuv.sim.loop.record_box import as_annotated, new_box
 from uuv.sim.loop.recording import Recorder, RecorderRecord, write_row
-from uuv.sim.loop.rollout import Observer, Parts, Rollout, Stage
+from uuv.sim.loop.rollout import Parts, Rollout, Stage
 from uuv.sim.plant.compiled_step import PlantRecord, advance, observe
 from uuv.sim.plant.plant import Plant
 from uuv.sim.plant.readout import COLLISION, LEAST, MOST, NORMAL
-from uuv.sim.sensors.proprioception import Encoders, Imu, JointTorqueSensors, encode, sense_motion, transmit
+from uuv.sim.sensors.proprioception import encode, sense_motion, transmit
 
 _NEW, _PLANNED, _COMMANDED = int(Stage.NEW), int(Stage.PLANNED), int(Stage.COMMANDED)
 # Called by other kernels only: entries from Python would take a third of the time of compiling `run_ticks`.
 _WITHIN: Any = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
-_DRIVES = (Encoders, JointTorqueSensors, Imu)  # sensors of every tick, in their order
+_CHANNELS = ("encoders", "torques", "imu")  # of the sensors of every tick, in the order of `Sensed`
 
 
 class Sensed(NamedTuple):
@@ -67,11 +74,13 @@ class World(NamedTuple):
     joints: JointRecord
     estimate: EstimateRecord
     sound: EstimateRecord  # that of the last tick completed
-    drive: DriveRecord
-    reference: ReferenceRecord
-    thrusters: Array  # (m,) command, normalised
+    control: np.ndarray  # (3,) addresses of the controller's tick, of its memory, and of the box of the estimate
+    command: Commanded
     rows: RecorderRecord
     referred: np.ndarray  # (1,) index of the present reference in the recording
+    every: int  # ticks in a period of the controller
+    observers: int  # address of the slot of observers that see every tick; 0: there are none
+    present: np.ndarray  # (1,) number of the present tick, for them
 
 
 @kernel
@@ -81,47 +90,62 @@ def box_of(world):
 
 
 @kernel(nogil=True)
-def run_ticks(box, ticks, begun, onward):
+def run_ticks(box, first, ticks, begun, onward):
     """Run ticks, from any `Stage` of the first one to any stage of the tick after the last one.
 
     Args:
         box: `RecordBox` of a `World`.
+        first: number of the first one in the run.
         ticks: number of ticks to be completed.
         begun: stage that the first one has reached; _PLANNED: its estimate is made, and the planner has seen it.
         onward: stage that the tick after the last one shall reach.
 
     Returns:
-        Number of ticks completed; stage that the next one has reached; outcome of its `drive_tick`.
+        Number of ticks completed; stage that the next one has reached; answer of the controller.
     """
     world = box.record
-    plant, drive, estimate = world.plant, world.drive, world.estimate
+    plant, command, control, estimate = world.plant, world.command, world.control, world.estimate
     stage = begun
     for done in range(ticks + 1):
         wanted = onward if done == ticks else _COMMANDED
+
+        # Sensors and navigation.
         if stage < _PLANNED and wanted > _NEW:
             if observe(plant):
                 return done, _NEW, FINE
             perceive(world)
             stage = _PLANNED
+
+        # Controller.
         if stage < _COMMANDED and wanted == _COMMANDED:
-            outcome = drive_tick(drive, estimate, world.reference)
-            if outcome in (UNSOUND, NO_POSE):
-                return done, _PLANNED, outcome
+            if (first + done) % world.every == 0:
+                answer = call_control(control[0], control[1], control[2])
+                if answer == UNSOUND:
+                    return done, _PLANNED, answer
+                if answer != FINE:
+                    return done, _COMMANDED, answer
+                if not (np.isfinite(command.tau).all() and np.isfinite(command.thrusters).all()):
+                    return done, _COMMANDED, REFUSED
             stage = _COMMANDED
-            if outcome != FINE:
-                return done, stage, outcome
         if done == ticks:
             break
+
+        # Recording, observers of every tick, and plant.
         record_row(world)
+        if world.observers:
+            world.present[0] = first + done
+            answer = call_at(world.observers, 0, 0)
+            if answer != FINE:
+                return done, _COMMANDED, answer
         _copy(estimate, world.sound)
-        advance(plant, drive.tau, world.thrusters)
+        advance(plant, command.tau, command.thrusters)
         stage = _NEW
     return ticks, stage, FINE
 
 
 @kernel(**_WITHIN)
 def perceive(world):
-    """Samples of the sensors into the filter, and its estimate; of a `World` or a `Surround`."""
+    """Samples of the sensors into the filter, and its estimate."""
     s, joints, sample = world.sensed, world.joints, world.sample
     encode(s.encoders, s.q, s.qd, joints.q, joints.qd)
     transmit(s.torques, s.tau_drive, s.tau_friction, s.armature, s.qdd, s.damping, s.qd, joints.tau)
@@ -133,8 +157,8 @@ def perceive(world):
 
 @kernel(**_WITHIN)
 def record_row(world):
-    """Write one row of the recording; of a `World` or a `Surround`."""
-    contacts, drive = world.plant.readout.contacts, world.drive
+    """Write one row of the recording."""
+    contacts, command = world.plant.readout.contacts, world.command
     scalars = (
         contacts[NORMAL],
         contacts[LEAST],
@@ -142,8 +166,8 @@ def record_row(world):
         world.plant.drive.saturated[0],
         contacts[COLLISION] != 0.0,
     )
-    time, felt = world.plant.watch.time[0], drive.numbers[FELT]
-    write_row(world.rows, time, scalars, world.referred[0], drive.f_W, felt)
+    time = world.plant.watch.time[0]
+    write_row(world.rows, time, scalars, world.referred[0], command.f_W, command.felt[0])
 
 
 @kernel(**_WITHIN)
@@ -162,35 +186,38 @@ def _copy(one, other):
         other.q[j], other.qd[j], other.tau[j] = one.q[j], one.qd[j], one.tau[j]
 
 
-def reason(plant: Any, parts: Parts, observers: Sequence[Observer]) -> str:
+def reason(plant: Any, parts: Parts) -> str:
     """Why a run is taken part by part at every tick; empty if its ticks can be compiled.
 
     Args:
         plant: plant of the loop, or a wrapper of one.
         parts: parts of the loop.
-        observers: beside the recorder.
 
     Returns:
-        The part that has no kernel, or that has to see every tick.
+        The part that has no kernel.
     """
-    if type(plant) is not Plant:
+    if not gives_kernel(plant, "record"):
         return f"plant {type(plant).__name__}"
     if plant.spans():
         return plant.spans()
-    period, kinds = plant.timestep, [type(sensor) for sensor in parts.sensors]
-    for kind in _DRIVES:
-        if kinds.count(kind) != 1:
-            return f"{kinds.count(kind)} sensors {kind.__name__}"
-    for sensor in parts.sensors:
-        fast = sensor.period > 0.0 and sensor.period < 1.5 * period
-        if fast != (type(sensor) in _DRIVES) or (fast and sensor.delay > 0.0):
+    channels = [_channel(sensor) for sensor in parts.sensors]
+    for channel in _CHANNELS:
+        if channels.count(channel) != 1:
+            return f"{channels.count(channel)} sensors that sample {channel} at every tick"
+    for sensor, channel in zip(parts.sensors, channels, strict=True):
+        fast = sensor.period > 0.0 and sensor.period < 1.5 * plant.timestep
+        if fast != bool(channel) or (fast and sensor.delay > 0.0):
             return f"rate or delay of sensor {type(sensor).__name__}"
-    if type(parts.estimator) is not Navigation:
+    if not gives_kernel(parts.estimator, "records"):
         return f"estimator {type(parts.estimator).__name__}"
-    if parts.estimator.period != period:
+    if parts.estimator.period != plant.timestep:
         return f"period of {type(parts.estimator).__name__}"
-    seeing = [type(observer).__name__ for observer in observers if not hasattr(observer, "slow_ticks")]
-    return f"observer {seeing[0]}" if seeing else ""
+    return ""
+
+
+def _channel(sensor: Any) -> str:
+    """Channel that a sensor samples in the compiled ticks; empty: none."""
+    return sensor.channel() if gives_kernel(sensor, "channel") else ""
 
 
 def sensed_by(plant: Plant, states: Sequence[Any]) -> Sensed:
@@ -198,7 +225,7 @@ def sensed_by(plant: Plant, states: Sequence[Any]) -> Sensed:
 
     Args:
         plant: of the run.
-        states: of the sensors in _DRIVES.
+        states: of the sensors of _CHANNELS.
     """
     truth = plant.truth
     return Sensed(
@@ -216,14 +243,8 @@ def sensed_by(plant: Plant, states: Sequence[Any]) -> Sensed:
     )
 
 
-def drive_states(run: Rollout) -> list[Any]:
-    """States of the sensors of every tick, in the order of `Sensed`."""
-    states = dict(zip((type(sensor) for sensor in run.parts.sensors), run.sensor_states, strict=True))
-    return [states[kind] for kind in _DRIVES]
-
-
 class CompiledTicks:
-    """Compiled ticks of one run (`uuv.sim.loop.rollout.Ticks`)."""
+    """Compiled ticks of one run (`uuv.sim.loop.rollout.Ticks`), for which `reason` finds none against."""
 
     def __init__(self, plant: Plant, recorder: Recorder) -> None:
         """Take what the ticks change beside the parts.
@@ -233,35 +254,87 @@ class CompiledTicks:
             recorder: the only observer that needs every tick.
         """
         self._plant, self._recorder, self._slow_ticks = plant, recorder, frozenset[int]()
+        self.slow_parts: tuple[str, ...] = ()  # of the controller, in plain Python, called at every tick
 
     def bind(self, run: Rollout) -> "CompiledTicks":
         """The ticks of `run`, which has taken its first step."""
-        wrapper = run.parts.controller
-        assert isinstance(wrapper, SafetyWrapper)
-        self._drive = DriveSpan(wrapper, run.controller_state)
         self._slow_ticks = frozenset(ticks for each in run.observers for ticks in getattr(each, "slow_ticks", ()))
-        self._noise = drive_states(run)
-        self._pack(run)
+        self._watching = [each for each in run.observers if not hasattr(each, "slow_ticks")]
+        self._present = np.zeros(1, dtype=np.int64)
+        states = dict(zip(map(_channel, run.parts.sensors), run.sensor_states, strict=True))
+        self._noise = [states[channel] for channel in _CHANNELS]
+        self._navigation: Any = run.estimator_state
+        self._inputs = Inputs(self._navigation.estimate)
+        self._sound = estimate_record(len(self._plant.truth.q))
+        self._compiled: ControlTick | None = None
+        self._python = self._called(run)
+        self._name_slow_parts(self._python)
+        self._worlds: dict[int, tuple[World, Any]] = {}  # by the address of the controller's tick
+        self._rows = self._recorder.ready(0)
         return self
 
-    def _pack(self, run: Rollout) -> None:
-        """Bind the arrays of all parts."""
-        truth, navigation = self._plant.truth, run.estimator_state
-        world = World(
-            plant=self._plant.record(),
-            sensed=sensed_by(self._plant, self._noise),
-            filter=navigation.memory,
-            sample=navigation.sample,
-            joints=navigation.joints,
-            estimate=navigation.estimate,
-            sound=estimate_record(len(truth.q)),
-            drive=self._drive.record,
-            reference=self._drive.reference,
-            thrusters=np.zeros(len(truth.thrust)),
-            rows=self._recorder.record(truth),
-            referred=np.zeros(1, dtype=np.int64),
-        )
-        self._world, self._box = world, box_of(as_annotated(world))
+    def _called(self, run: Rollout) -> PythonControl:
+        """The whole controller as a slot in Python."""
+        controller, truth = run.parts.controller, self._plant.truth
+
+        def step(estimate: StateEstimate, reference: Reference) -> Command:
+            run.controller_state, command = controller.step(run.controller_state, estimate, reference)
+            return command
+
+        command = commanded(len(truth.q), len(truth.thrust))
+        return PythonControl(step, self._inputs, command, type(controller).__name__)
+
+    def _name_slow_parts(self, control: ControlTick) -> None:
+        self.slow_parts = (*control.slow, *(type(each).__name__ for each in self._watching))
+
+    def _watch(self, run: Rollout, control: ControlTick) -> int:
+        """Address of the slot of observers that see every tick; 0 without one."""
+        if not self._watching:
+            return 0
+
+        def watch() -> None:
+            assert run.reference is not None
+            self._plant.publish()
+            estimate = self._inputs.seen()
+            command = control.done(estimate, run.reference, FINE)
+            moment = run.moment(int(self._present[0]), estimate, command)
+            for each in self._watching:
+                each.observe(moment)
+
+        return control.slots.add(watch)
+
+    def _control(self, run: Rollout, reference: Reference) -> ControlTick:
+        """The controller's tick: its kernel where that is ready, else the whole controller in Python."""
+        controller = run.parts.controller
+        if self._compiled is None and has_tick(controller):
+            self._compiled = controller.tick_on(run.controller_state, self._inputs)
+            self._name_slow_parts(self._compiled or self._python)
+        if self._compiled is None or not self._compiled.ready(reference):
+            return self._python
+        return self._compiled
+
+    def _world(self, control: ControlTick, run: Rollout) -> tuple[World, Any]:
+        """The arrays of all parts, and their box."""
+        if control.address not in self._worlds:
+            navigation, inputs = self._navigation, self._inputs
+            world = World(
+                plant=run.plant.record(),
+                sensed=sensed_by(self._plant, self._noise),
+                filter=navigation.memory,
+                sample=navigation.sample,
+                joints=navigation.joints,
+                estimate=navigation.estimate,
+                sound=self._sound,
+                control=np.array([control.address, control.memory, inputs.address]),
+                command=control.command,
+                rows=self._recorder.record(self._plant.truth),
+                referred=np.zeros(1, dtype=np.int64),
+                every=run.controller_ticks,
+                observers=self._watch(run, control),
+                present=self._present,
+            )
+            self._worlds[control.address] = world, box_of(as_annotated(world))
+        return self._worlds[control.address]
 
     def advance(self, run: Rollout, tick: int, end: int) -> int:
         """Run ticks from `tick` up to `end` as far as possible: up to a frame, a fault, or the end of the work.
@@ -274,85 +347,82 @@ class CompiledTicks:
         Returns:
             The next tick for the run; its stage says how far that has come.
         """
-        while tick < end:
-            assert run.reference is not None
-            ready, due = self._ready(run.reference), run.next_due(tick)
-            if ready <= 0 or run.looking:
-                break
-            if tick == due:
+        while tick < end and not run.looking:
+            if tick == run.next_due(tick):
                 run.begin(tick)
                 if run.frame is not None:
                     break
-                due = min(tick + ready, run.next_due(tick + 1))
-            if tick % run.planner_ticks == 0:
-                if not self._plan(run):
-                    break
-                ready = min(ready, self._drive.ready(run.reference))
-                due = min(due, run.next_due(tick + 1))  # the planner may have told navigation something
+            if tick % run.planner_ticks == 0 and not self._plan(run, tick):
+                break
+            assert run.reference is not None
+            if run.reference.scan:
+                break
+            samples = min(each.ready() for each in self._noise)
+            if samples <= 0:  # the sensors' own step draws the next block of their noise
+                break
             begun = _PLANNED if run.stage else _NEW
-            observed = (-tick % every for every in self._slow_ticks)
-            planned = run.planner_ticks - tick % run.planner_ticks
-            ticks = min(ready, planned, min(due, end) - tick, self._plant.ready(), *observed)
-            after = tick + ticks
-            if ticks == 0:  # `run` completes the tick after its command, with plant and observers
-                onward = _COMMANDED
-            elif ticks == planned and ticks < ready and after < min(due, end) and self._plant.ready() > ticks:
-                onward = _PLANNED  # the planner comes next: its estimate is made in the same call
-            else:
-                onward = _NEW
-            done = self._run(run, ticks, begun, onward)
+            ticks, onward = self._stretch(run, tick, min(end, tick + samples))
+            done = self._run(run, tick, ticks, begun, onward)
             tick += done
             if run.stage > Stage.ESTIMATED or not done:
                 break
         return tick
 
-    def _ready(self, reference: Reference) -> int:
-        """Number of ticks that sensors and controller may run now under `reference`."""
-        noise = (each.ready() for each in self._noise)
-        return min(self._drive.ready(reference), *noise)
+    def _stretch(self, run: Rollout, tick: int, end: int) -> tuple[int, int]:
+        """Number of ticks from `tick` on that may run at once, and the stage that the one after them shall reach."""
+        observed = (-tick % every for every in self._slow_ticks)
+        planned = run.planner_ticks - tick % run.planner_ticks
+        most = min(min(run.next_due(tick + 1), end) - tick, self._plant.ready())
+        ticks = min(most, planned, *observed)
+        if ticks == 0:  # `run` completes the tick after its command, with plant and observers
+            return 0, _COMMANDED
+        return ticks, _PLANNED if planned == ticks < most else _NEW  # the planner's estimate in the same call
 
-    def _plan(self, run: Rollout) -> bool:
+    def _plan(self, run: Rollout, tick: int) -> bool:
         """Estimate and planner of a tick; True if its rest may run compiled."""
         if run.stage == Stage.NEW:
-            _, stage, _ = run_ticks(self._box, 0, _NEW, _PLANNED)
+            _, box = self._world(self._compiled or self._python, run)
+            _, stage, _ = run_ticks(box, tick, 0, _NEW, _PLANNED)
             if stage == _NEW:
                 return False
             self._plant.publish()
-            run.estimate = state_estimate(self._world.estimate)
+            run.estimate = state_estimate(self._navigation.estimate)
         before, reference = run.reference, run.plan()
         run.stage = Stage.PLANNED
         if reference.state in (WorkState.DONE, WorkState.ABORT):  # the run may end at this tick
             return False
-        return before is not None and reference.state is before.state and self._drive.ready(reference) > 0
+        return before is not None and reference.state is before.state
 
-    def _run(self, run: Rollout, ticks: int, begun: int, onward: int) -> int:
-        """Run `ticks`, as `run_ticks` does, with the steps of the hull among them; returns how many were completed."""
-        assert run.reference is not None
-        assert run.command is not None
-        if self._recorder.ready(ticks) is not self._world.rows.rows:
-            self._pack(run)
-        world, drive, total = self._world, self._drive, 0
-        drive.load(run.reference)
-        world.thrusters[:] = run.command.thrusters
-        world.referred[0] = self._recorder.refer(run.reference)
-        while True:
-            done, stage, outcome = run_ticks(self._box, ticks - total, begun, onward)
-            self._plant.publish()
-            total += done
-            if stage != _COMMANDED:
-                break
+    def _run(self, run: Rollout, tick: int, ticks: int, begun: int, onward: int) -> int:
+        """Run `ticks`, as `run_ticks` does; returns how many were completed."""
+        reference = run.reference
+        assert reference is not None
+        rows = self._recorder.ready(ticks)
+        if rows is not self._rows:
+            self._rows = rows
+            self._worlds.clear()
+        control = self._control(run, reference)
+        if control is self._python and run.command is not None:
+            self._python.load(run.command)
+        world, box = self._world(control, run)
+        control.refer(reference)
+        world.referred[0] = self._recorder.refer(reference)
+        done, stage, answer = run_ticks(box, tick, ticks, begun, onward)
+        self._plant.publish()
+        control.slots.check(answer)
+        if stage == _COMMANDED:
             if done or begun == _NEW:
                 run.estimate = state_estimate(world.estimate)
-            run.stage, run.command = Stage.COMMANDED, drive.store(run.estimate, run.reference, outcome)
-            if outcome != HULL or total == ticks or not drive.ready(run.reference):
-                return total
-            world.thrusters[:] = run.command.thrusters
-            begun = _COMMANDED
+            run.stage = Stage.COMMANDED
+            run.take(tick + done, control.done(run.estimate, reference, answer))
+            return done
+
+        # The command of the last tick completed, and the estimate of the next one.
         run.stage = Stage.NEW
-        if done > (begun == _COMMANDED):  # more than the rest of a tick that is stored already
+        if done:
             run.estimate = state_estimate(world.estimate if stage == _NEW else world.sound)
-            run.command = drive.store(run.estimate, run.reference, FINE)
+            run.take(tick + done - 1, control.done(run.estimate, reference, FINE))
         if stage == _PLANNED:
             run.estimate = state_estimate(world.estimate)
-            run.stage = Stage.ESTIMATED if outcome == FINE else Stage.PLANNED
-        return total
+            run.stage = Stage.ESTIMATED if answer == FINE else Stage.PLANNED
+        return done

@@ -16,9 +16,10 @@ import numpy as np
 from llvmlite import ir
 from numba import types
 from numba.core import cgutils
+from numba.core.errors import NumbaError
 from numba.extending import intrinsic
 
-from uuv.sim.interfaces.errors import UuvError
+from uuv.sim.interfaces.errors import ConfigurationError, UuvError, plain
 from uuv.sim.interfaces.kernels.stored import c_function, kernel
 from uuv.sim.interfaces.spatial import Array
 
@@ -92,9 +93,22 @@ def address_of_kernel(compiled: Any, *boxes: Any) -> int:
     return int(result.library.get_pointer_to_function(result.fndesc.llvm_cfunc_wrapper_name))
 
 
-def slot_function(function: Callable[[Any, Any], int]) -> Any:
-    """C function of a slot, of a function that numba compiles: `function(memory, values)`, both pointers."""
-    return c_function(SLOT)(function)
+def slot_function(function: Callable[[Any, Any], int], part: str = "") -> Any:
+    """C function of a slot, which numba compiles; it must live as long as its address.
+
+    Args:
+        function: function(memory, values), both pointers; returns FINE.
+        part: of a user's own, to begin the error message.
+
+    Raises:
+        ConfigurationError: numba cannot compile it.
+    """
+    try:
+        return c_function(SLOT)(function)
+    except NumbaError as error:
+        lines = [line.strip() for line in plain(str(error)).splitlines()]
+        reasons = [line for line in lines if line and not line.startswith("Failed in")]
+        raise ConfigurationError(f"{part}: numba cannot compile it: {reasons[0]}") from None
 
 
 class PythonSlots:

@@ -85,7 +85,7 @@ def test_by_the_command_line():
     check_inputs(scenario)
     built, field = at_start(with_values(scenario, ["site.flow.rate=0.03"]))
     np.testing.assert_allclose(field, sheared(built.X_WB[0, 3], rate=0.03), atol=1e-15)
-    assert "flow field, Sheared" in reason(built.loop.plant, built.parts, ())
+    assert "flow field, Sheared" in reason(built.loop.plant, built.parts)
 
 
 @pytest.mark.parametrize("job", [sample_seabed, identify_friction])

@@ -198,7 +198,7 @@ def test_the_servo_hardens_slowly_once_the_force_loop_opens(within):
         *[replace(press, set_force=0.0, force_control=False)] * round(1.5 * tuning.hardening_time / DT),
     ):
         state, _ = controller.step(state, estimate, asked)
-        softness.append(state.servo.softness)
+        softness.append(float(state.softness[0]))
     share = DT * np.arange(len(softness)) / tuning.hardening_time
     within("softness", softness - tuning.normal_softness * np.clip(1.0 - share, 0.0, 1.0), 1e-12)
 

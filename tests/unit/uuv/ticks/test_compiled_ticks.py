@@ -12,13 +12,14 @@ from untyped import untyped
 from uuv import Scenario, assemble, jobs
 from uuv.assembly import Assembly
 from uuv.controllers.arm.kernel_force_law import KernelForceLaw
-from uuv.controllers.arm.position_force import ForceDisplacement
+from uuv.controllers.arm.position_force import INTEGRAL, ForceDisplacement
 from uuv.controllers.planning.promise import PromiseLimits, StopLimits
 from uuv.controllers.safety.safety_wrapper import SafetyWrapper
 from uuv.controllers.tuning import FaultLimits
 from uuv.controllers.whole_body.tool_control import ForceLaw
 from uuv.controllers.whole_body.work_controller import WorkController
 from uuv.jobs import clean_object, clean_pile, insert_sampler, inspect_object, sample_seabed
+from uuv.perception.navigation.strapdown_filter import Navigation
 from uuv.perturbations.loop import SensorFailure, ThrusterFailure
 from uuv.perturbations.pad import Pad
 from uuv.perturbations.vehicle import Water
@@ -28,12 +29,9 @@ from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.messages import FaultKind
 from uuv.sim.loop import recording
 from uuv.sim.loop.logged_columns import EVERY_STEP
-from uuv.sim.loop.recording import Recorder
-from uuv.sim.loop.rollout import Parts
 from uuv.sim.sensors.proprioception import Dvl, Imu
 from uuv.tasks.surface_work import SurfaceWorkTask
-from uuv.ticks.compiled_ticks import CompiledTicks, reason
-from uuv.ticks.ticks_around import TicksAround, ticks_for
+from uuv.ticks.compiled_ticks import reason
 
 EARLY = 4.0  # [s] of a short run: settled, and identified
 
@@ -130,14 +128,14 @@ def stopping() -> Scenario:
 
 
 def bare(assembly: Assembly) -> Assembly:
-    """Without the safety wrapper: the controller's ticks are not compiled, but those around it."""
+    """Without the safety wrapper."""
     parts = replace(assembly.parts, controller=untyped(assembly.parts.controller).controller)
     return replace(assembly, loop=replace(assembly.loop, parts=parts))
 
 
 @pytest.mark.long
 def test_a_tool_that_stops_tells_navigation_at_the_same_ticks_in_every_way():
-    """Part by part, and compiled around a controller without a kernel; that it stops shows in the time it takes."""
+    """Part by part, and compiled without a safety wrapper; that it stops shows in the time it takes."""
     one, other = digests(stopping(), LONGEST, bare)
     assert one == other
     usual = run_through(bare(assemble(jobs.clean_barrel(quick=True, gust=0.05, seed=3)))).recording.duration
@@ -207,68 +205,115 @@ def test_a_force_law_of_ones_own_has_the_same_bits():
     assert one != usual.digest(usual.series)
 
 
+class Integrator(ForceDisplacement):
+    """The same law in plain Python."""
+
+    def step(self, state, set_force, felt, servo_compliance, dt):
+        k = state.k + 1e-4 * (set_force - felt) * dt
+        most = self.speed * dt
+        state.k = min(max(min(max(k, state.k - most), state.k + most), -self.limit), self.limit)
+        return state.k
+
+
+class Failing(ForceDisplacement):
+    """A law that fails when its loop has been open for so many steps."""
+
+    def release(self, state, dt, *, inwards=True):
+        state.numbers[INTEGRAL] += 1.0
+        if state.numbers[INTEGRAL] > 30.0:
+            raise ZeroDivisionError("the law's own")
+        return 0.0
+
+
+def test_parts_in_python_are_named_and_parts_with_kernels_are_not():
+    def slow(control: Control | None = None, law: ForceLaw | None = None) -> tuple[str, ...]:
+        scenario = jobs.clean_barrel(quick=True)
+        built = assemble(scenario if control is None else replace(scenario, control=control))
+        return run_through(built if law is None else with_force_law(law)(built), longest=0.05).slow_parts
+
+    assert slow() == slow(ABLATED) == slow(law=KernelForceLaw(law=integrate)) == ()
+    assert slow(law=Integrator()) == ("Integrator",)
+    assert slow(PUBLISHED) == ("ClosedFormForce", "PublishedForceLaw", "TangentialForceLoop")
+    assert slow(JOINT_PD) == ("JointForceController",)
+
+
+@pytest.mark.parametrize("part_by_part", [True, False])
+def test_what_a_part_in_python_raises_comes_out_as_it_is(part_by_part):
+    built = with_force_law(Failing())(assemble(jobs.clean_barrel(quick=True)))
+    with pytest.raises(ZeroDivisionError, match="the law's own") as raised:
+        run_through(built, longest=1.0, part_by_part=part_by_part)
+    assert raised.traceback[-1].name == "release"
+    assert 0.1 < built.plant.truth.time < 0.2
+
+
 class EveryTick:
-    """Observer that counts its calls."""
+    """Observer that keeps number, time, depth, estimate and torque of every tick."""
 
     def __init__(self) -> None:
-        self.calls = 0
+        self.rows: list[tuple[float, ...]] = []
 
     def observe(self, moment):
-        self.calls += 1
+        truth, estimate = moment.truth, moment.estimate
+        torque = moment.command.joint_torque
+        self.rows.append((moment.tick, truth.time, truth.p_pad[2], estimate.time, estimate.X_WB[0, 3], torque[1]))
 
 
 def test_what_has_no_kernel_is_named():
     built = assemble(jobs.clean_barrel(quick=True))
     plant, parts = built.loop.plant, built.parts
-    assert reason(plant, parts, ()) == ""
+    assert reason(plant, parts) == ""
     for ik in ("jacobian_free", "plain"):
         other = assemble(jobs.clean_barrel(quick=True, ik=ik)).loop
-        assert reason(other.plant, other.parts, ()) == ""
-    assert reason(plant, parts, (EveryTick(),)) == "observer EveryTick"
-    assert "Encoders" in reason(plant, replace(parts, sensors=parts.sensors[1:]), ())
+        assert reason(other.plant, other.parts) == ""
+    assert "0 sensors that sample encoders" in reason(plant, replace(parts, sensors=parts.sensors[1:]))
     for perturbation, named in (
         (ThrusterFailure(thruster="sway", at=1.0), "plant FaultyPlant"),
-        (SensorFailure(sensor="torque", effect="frozen", field="tau", index=1, at=1.0), "JointTorqueSensors"),
+        (SensorFailure(sensor="torque", effect="frozen", field="tau", index=1, at=1.0), "torques"),
     ):
         loop = assemble(replace(jobs.clean_barrel(quick=True), perturbations=(perturbation,))).loop
-        assert named in reason(loop.plant, loop.parts, ())
+        assert named in reason(loop.plant, loop.parts)
     loop = assemble(jobs.clean_barrel(quick=True, without=("fusion",))).loop
-    assert "RawNavigation" in reason(loop.plant, loop.parts, ())
+    assert "RawNavigation" in reason(loop.plant, loop.parts)
 
 
-def ticks_of(plant: Any, parts: Parts) -> type:
-    recorder = Recorder(plant.model, timestep=plant.timestep, full=False)
-    return type(ticks_for(plant, parts, recorder))
+class Deaf(Navigation):
+    """Estimator with a step of its own, which its kernel does not know."""
+
+    def step(self, state, measurements):
+        return super().step(state, measurements)
 
 
-def test_a_controller_without_a_kernel_has_the_rest_compiled_around_it():
+class Quiet(Imu):
+    """Sensor with a field of its own, but the step of its kernel."""
+
+
+def test_a_part_that_overrides_a_method_has_no_kernel_until_it_gives_one():
     built = assemble(jobs.clean_barrel(quick=True))
-    assert ticks_of(built.plant, built.parts) is CompiledTicks
-    bare = replace(built.parts, controller=untyped(built.parts.controller).controller)
-    assert ticks_of(built.plant, bare) is TicksAround
-    for without in ("force-control", "drift-correction"):
-        other = assemble(jobs.clean_barrel(quick=True, without=(without,)))
-        assert reason(other.loop.plant, other.parts, ()) == ""
-        assert ticks_of(other.plant, other.parts) is TicksAround
+    plant, parts = built.loop.plant, built.parts
+    assert reason(plant, replace(parts, estimator=Deaf())) == "estimator Deaf"
+    sensors = [Quiet() if isinstance(sensor, Imu) else sensor for sensor in parts.sensors]
+    assert reason(plant, replace(parts, sensors=sensors)) == ""
 
 
 JOINT_PD = Control(controller="uuv.controllers.whole_body.joint_force_controller:JointForceController")
 
 
-ABLATED = Control(without=("force-control",))
-GUARD = "tests/unit/uuv/ticks/test_compiled_ticks.py::test_a_run_around_a_controller_has_the_same_bits"
+ABLATED = Control(without=("force-control", "drift-correction"))
+PUBLISHED = Control(published=("force-law", "tip-force"))
+GUARD = "tests/unit/uuv/ticks/test_compiled_ticks.py::test_a_run_with_other_parts_of_the_controller_has_the_same_bits"
 
 
 @pytest.mark.parametrize(
     ("control", "full"),
     [
         pytest.param(ABLATED, False, id="ablated"),
+        pytest.param(PUBLISHED, False, id="published"),
         pytest.param(JOINT_PD, True, id="own-full"),
         pytest.param(ABLATED, True, marks=pytest.mark.long(guarded_by=GUARD), id="ablated-full"),
         pytest.param(JOINT_PD, False, marks=pytest.mark.long(guarded_by=GUARD), id="own"),
     ],
 )
-def test_a_run_around_a_controller_has_the_same_bits(control, full):
+def test_a_run_with_other_parts_of_the_controller_has_the_same_bits(control, full):
     one, other = digests(replace(jobs.clean_barrel(quick=True, gust=0.05), control=control), EARLY, full=full)
     assert one == other
 
@@ -307,10 +352,16 @@ def test_a_command_that_is_none_is_refused_as_part_by_part(change):
     assert said[0] == said[1]
 
 
-def test_an_observer_of_every_tick_sees_every_tick():
-    counting = EveryTick()
-    result = run_through(assemble(jobs.clean_barrel(quick=True)), observers=[counting], longest=0.2)
-    assert (counting.calls, result.part_by_part) == (100, "observer EveryTick")
+def test_an_observer_of_every_tick_sees_every_tick_as_part_by_part():
+    seen = []
+    for part_by_part in (True, False):
+        watching = EveryTick()
+        built = assemble(jobs.clean_barrel(quick=True, gust=0.05))
+        result = run_through(built, observers=[watching], longest=0.2, part_by_part=part_by_part)
+        seen.append(np.array(watching.rows))
+        assert result.slow_parts == (() if part_by_part else ("EveryTick",))
+    assert np.array_equal(seen[0], seen[1])
+    assert seen[0][:, 0].tolist() == list(range(100))
 
 
 def test_runs_in_threads_have_the_bits_of_runs_in_turn():

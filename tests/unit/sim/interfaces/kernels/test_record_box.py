@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numba
 import numpy as np
 
-from uuv.sim.loop.record_box import as_annotated, new_box
+from uuv.sim.interfaces.kernels.record_box import as_annotated, new_box
 
 
 class Inner(NamedTuple):

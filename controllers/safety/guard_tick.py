@@ -1,0 +1,113 @@
+"""Tick of the safety wrapper: a controller by its address, between the checks of what it sees and of what it commands.
+
+`SafetyWrapper.step` and the compiled ticks of the loop both call it. What a sound tick needs stands here; verdicts on
+residuals and on the hull are a slot in Python, which is called where there is something to judge.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from uuv.controllers.safety.joint_residuals import JointResidualModel, JointResiduals, update_residuals
+from uuv.sim.interfaces.kernels import kernel
+from uuv.sim.interfaces.kernels.control import BROKEN, STOPPED, UNSOUND, Commanded, call_control
+from uuv.sim.interfaces.kernels.record_box import new_box
+from uuv.sim.interfaces.kernels.slots import FINE, Slot, call
+from uuv.sim.interfaces.spatial import Array
+
+# Entries of `GuardRecord.numbers`
+BEGAN = 0  # [s] time of the first sound estimate
+FRESH = 1  # not 0: the time of the estimate has advanced
+SUSPECT = 2  # not 0: a residual of the joints' sensors needs evaluation
+FAULTY = 3  # not 0: a fault has been found
+JUDGED = 4  # steps of the hull that were judged
+NUMBERS = 5
+
+
+class GuardLimits(NamedTuple):
+    """Thresholds of a sound tick."""
+
+    old_imu: float  # [s] age of the inertial unit's sample from which on there is no estimate
+    vision_age: float  # [s] from which on vision is lost
+    warm_up: float  # [s] after which residuals count
+
+
+class GuardRecord(NamedTuple):
+    """The wrapper; arrays, changed in place."""
+
+    limits: GuardLimits
+    model: JointResidualModel
+    inner: int  # address of the wrapped controller's tick
+    memory: int  # address of what that works on
+    estimate: int  # address of the box of the estimate
+    command: Commanded  # of the wrapped controller
+    residuals: JointResiduals
+    judge: Slot
+    numbers: Array  # (NUMBERS,)
+
+
+@kernel
+def guard_box(record):
+    """`RecordBox` of a `GuardRecord`."""
+    return new_box(record)
+
+
+@kernel(nogil=True)
+def guard_tick(box, estimate):
+    """One tick of the wrapped controller.
+
+    Args:
+        box: of a `GuardRecord`; updated.
+        estimate: box of the `EstimateRecord` of the vehicle now.
+
+    Returns:
+        FINE or STOPPED; UNSOUND, BROKEN, or what the wrapped controller answered.
+    """
+    guard, e = box.record, estimate.record
+    limits, command, numbers = guard.limits, guard.command, guard.numbers
+    if e.ages[2] > limits.old_imu or not finite(e.X_WB, e.v_WB_B, e.w_WB_B, e.a_WB_B, e.q, e.qd, e.time[0]):
+        return UNSOUND
+    answer = call_control(guard.inner, guard.memory, guard.estimate)
+    if answer not in (FINE, STOPPED):
+        return answer
+    if not (np.isfinite(command.tau).all() and np.isfinite(command.thrusters).all()):
+        return BROKEN
+    if numbers[FRESH] == 0.0:
+        return answer
+
+    # Residuals of the joints' sensors.
+    age = e.time[0] - numbers[BEGAN]
+    warm = age > limits.warm_up
+    look = update_residuals(guard.model, (e.q, e.qd, e.tau), age, warm, guard.residuals)
+    for j in range(command.tau.shape[0]):
+        guard.residuals.tau_motor[j] = command.tau[j]
+
+    # Verdicts, where there is something to judge.
+    numbers[SUSPECT] = warm and look
+    doubtful = numbers[SUSPECT] != 0.0 or numbers[FAULTY] != 0.0 or e.ages[0] > limits.vision_age
+    if doubtful or command.hull_steps[0] != numbers[JUDGED]:
+        judged = call(guard.judge)
+        if judged != FINE:
+            return judged
+    return answer
+
+
+@kernel
+def finite(X_WB, v_B, w_B, a_B, q, qd, time):
+    """True if all required numbers of an estimate are finite; compiled, since it runs every step.
+
+    Args:
+        X_WB: (4, 4) hull pose.
+        v_B: (3,) velocity.
+        w_B: (3,) angular velocity.
+        a_B: (3,) acceleration.
+        q: (n,) joint angles.
+        qd: (n,) joint speeds.
+        time: [s] of the estimate.
+    """
+    total = 0.0 * time
+    for i in range(3):
+        total += 0.0 * (v_B[i] + w_B[i] + a_B[i] + X_WB[i, 0] + X_WB[i, 1] + X_WB[i, 2] + X_WB[i, 3])
+    for j in range(q.shape[0]):
+        total += 0.0 * (q[j] + qd[j])
+    return total == 0.0

@@ -1,0 +1,194 @@
+"""A controller as the outermost slot of a tick: called by its address, a kernel and plain Python alike.
+
+A controller with a kernel has `tick_on(state, inputs)`, which gives its `ControlTick`; one without is called through
+`PythonControl`. Both leave their command in the arrays of `Commanded`.
+"""
+
+from collections.abc import Callable
+from typing import Any, Generic, NamedTuple, Protocol, TypeGuard, TypeVar
+
+import numpy as np
+
+from uuv.sim.interfaces.kernels.record_box import new_box
+from uuv.sim.interfaces.kernels.slots import FINE, PythonSlots, address_of_box, call_at, gives_kernel
+from uuv.sim.interfaces.kernels.stored import kernel
+from uuv.sim.interfaces.messages import Command, Reference, StateEstimate
+from uuv.sim.interfaces.records import EstimateRecord, state_estimate, take_estimate
+from uuv.sim.interfaces.spatial import Array
+
+# Answers of a controller's tick, beside those of every slot
+UNSOUND = 3  # nothing was done: the estimate is not finite, or too old
+BROKEN = 4  # done, but the command is not finite
+STOPPED = 5  # done; Python goes on with this tick, for a frame is wanted, or a fault was found
+REFUSED = 7  # done, but the command has another shape than the vehicle: the plant says so
+NO_POSE = 6  # nothing was commanded: the tool's target is no pose
+
+
+Made = TypeVar("Made")
+
+
+class Commanded(NamedTuple):
+    """What a controller has commanded, and felt; arrays, changed in place."""
+
+    tau: Array  # (n,) [N m] of the motors
+    thrusters: Array  # (m,) normalised
+    f_W: Array  # (3,) [N] force of the world on the tip, W
+    felt: Array  # (1,) [N] normal force
+    hull_steps: np.ndarray  # (1,) steps of the hull so far
+
+
+def commanded(joints: int, thrusters: int) -> Commanded:
+    """Nothing commanded yet, nothing felt."""
+    counts = np.zeros(1, dtype=np.int64)
+    return Commanded(np.zeros(joints), np.zeros(thrusters), np.full(3, np.nan), np.full(1, np.nan), counts)
+
+
+@kernel
+def estimate_box(record):
+    """`RecordBox` of an `EstimateRecord`."""
+    return new_box(record)
+
+
+@kernel
+def call_control(address, memory, estimate):
+    """Call a controller's tick; the arguments are those of `ControlTick`, and the address of an `estimate_box`."""
+    return call_at(address, memory, estimate)
+
+
+class Inputs:
+    """What the ticks of a controller see, and the messages of it for parts in Python."""
+
+    def __init__(self, record: EstimateRecord) -> None:
+        self.record = record
+        self.box = estimate_box(record)
+        self.address: int = address_of_box(self.box)
+        self.message: StateEstimate | None = None  # of which `record` was made; None: of the record itself
+        self._reference: Reference | None = None
+
+    @property
+    def reference(self) -> Reference:
+        """Set points of the present ticks."""
+        assert self._reference is not None
+        return self._reference
+
+    @reference.setter
+    def reference(self, reference: Reference) -> None:
+        """Set points of the ticks that follow."""
+        self._reference = reference
+
+    def take(self, estimate: StateEstimate) -> None:
+        """Write a message into the record."""
+        self.message = estimate
+        take_estimate(self.record, estimate)
+
+    def seen(self) -> StateEstimate:
+        """Estimate of the present tick."""
+        if self.message is None or self.message.time != self.record.time[0]:
+            self.message = state_estimate(self.record)
+        return self.message
+
+
+class Unsaved(Generic[Made]):
+    """What a state keeps beside its arrays, made on first use: a copy of the state makes its own."""
+
+    def __init__(self) -> None:
+        self.made: Made | None = None
+
+    def get(self, make: Callable[[], Made]) -> Made:
+        """What was made, or what `make` makes now."""
+        if self.made is None:
+            self.made = make()
+        return self.made
+
+    def __reduce__(self) -> tuple[Any, tuple[()]]:
+        return Unsaved, ()
+
+
+class ControlTick(Protocol):
+    """Tick of a controller, bound to the arrays that it works on; for one run."""
+
+    address: int  # of its kernel, or trampoline
+    memory: int  # address of what the kernel works on
+    command: Commanded
+    slots: PythonSlots
+    slow: tuple[str, ...]  # its parts in plain Python that are called at every tick
+
+    def refer(self, reference: Reference) -> None:
+        """Take the set points of the ticks that follow."""
+        ...
+
+    def ready(self, reference: Reference) -> bool:
+        """False where `Controller.step` has to make the next tick."""
+        ...
+
+    def done(self, estimate: StateEstimate, reference: Reference, answer: int) -> Command:
+        """Command of the last tick, whose `answer` this was; leaves the state as `Controller.step` would."""
+        ...
+
+
+class HasTick(Protocol):
+    """Controller with a kernel."""
+
+    def tick_on(self, state: Any, inputs: Inputs) -> ControlTick | None:
+        """Its tick on the arrays of `state`; None: not yet."""
+        ...
+
+
+def has_tick(controller: object) -> TypeGuard[HasTick]:
+    """True if `controller` gives its tick as a kernel (`uuv.sim.interfaces.kernels.slots.gives_kernel`)."""
+    return gives_kernel(controller, "tick_on")
+
+
+class PythonControl:
+    """Tick of a controller in plain Python (`ControlTick`)."""
+
+    memory = 0
+
+    def __init__(
+        self, step: Callable[[StateEstimate, Reference], Command], inputs: Inputs, command: Commanded, name: str
+    ) -> None:
+        """Make a trampoline.
+
+        Args:
+            step: of the controller, which keeps its state.
+            inputs: what it sees.
+            command: where its commands go.
+            name: of the controller.
+        """
+        self.command, self.slots, self.slow = command, PythonSlots(), (name,)
+        self.address = self.slots.add(self._called)
+        self._step, self._inputs = step, inputs
+        self.last: Command | None = None
+
+    def refer(self, reference: Reference) -> None:
+        """Take the set points of the ticks that follow."""
+        self._inputs.reference = reference
+
+    def ready(self, reference: Reference) -> bool:
+        """True: it is called in any case."""
+        del reference
+        return True
+
+    def done(self, estimate: StateEstimate, reference: Reference, answer: int) -> Command:
+        """The command of the last tick."""
+        del estimate, reference, answer
+        assert self.last is not None
+        return self.last
+
+    def load(self, command: Command) -> bool:
+        """Take over a command; False if it has another shape than the vehicle."""
+        before, out, load = self.last, self.command, command.hull_load
+        self.last = command
+        if load is None or before is None or load is not before.hull_load:
+            out.hull_steps[0] += 1
+        if np.shape(command.joint_torque) != out.tau.shape or np.shape(command.thrusters) != out.thrusters.shape:
+            return False
+        out.tau[:], out.thrusters[:] = command.joint_torque, command.thrusters
+        out.f_W[:], out.felt[0] = command.contact.force_W, command.contact.normal
+        return True
+
+    def _called(self) -> int:
+        command = self._step(self._inputs.seen(), self._inputs.reference)
+        if not self.load(command):
+            return REFUSED
+        return STOPPED if command.scan else FINE

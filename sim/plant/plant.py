@@ -213,7 +213,7 @@ class Plant:
             observed=np.zeros(1, dtype=np.bool_),
             seen=water[LAYOUT.seen :][:1],
             told=water[LAYOUT.told :][:1],
-            mark=self.data.crb[0, :1] if wet else np.array([WET_MARK]),
+            mark=self.data.crb[0, :1] if hydrodynamics.leaves_mark(model) else np.array([WET_MARK]),
             least_gain=least_gain,
         )
         kept_in = users_numbers(model, self.data)
@@ -234,19 +234,14 @@ class Plant:
             raise ConfigurationError(f"soil acts on the geom {names.tool!r}, which this vehicle does not have")
         self._tool = int(model.geom_bodyid[self._pad_geom]) if soil is not None else -1
         self.truth = truth = Truth.of(self.data, vehicle, self._thrusters, self._contacts, pad_site)
-        dry = vehicle.dry_friction
         self._start = X_WB
         self._water = DrivenWater(model, self.data, truth.current_W)
         self._readout = Readout(
             places=places_of(self.data, model, self._pad_geom),
             gears=_rows_of_friction(model, vehicle),
-            dof=vehicle.dof,
-            friction=np.array([dry.coulomb, dry.stiction, dry.stribeck_speed]),
-            qd=truth.qd,
             own_geom=_carried_geoms(model, vehicle.hull),
             added=self._from_soil,
             tau_friction=truth.tau_friction,
-            frictionloss=model.dof_frictionloss,
             contacts=self._contacts,
             collided=truth.collided,
         )
@@ -264,7 +259,7 @@ class Plant:
         )
         # Beside `data`: in the model, in the truth, and in the records of the kernels.
         self._changing = (
-            *(model.opt.wind, water, model.dof_frictionloss, self._thrusters.state, self._contacts),
+            *(model.opt.wind, water, self._thrusters.state, self._contacts),
             *(self._from_soil, truth.tau_friction, truth.current_W, truth.arm_wrench_B),
             truth.collided,
             *(self._watch.time, self._watch.observed, self._drive.saturated),
@@ -319,7 +314,6 @@ class Plant:
         self._watch.time[0] = data.time
         self._watch.observed[0] = self._drive.saturated[0] = False
         truth.arm_wrench_B[:] = np.nan
-        gears_and_contacts(self._as_tuples[1], 0, 1)
         truth.tau_friction[:] = self._contacts[:] = 0.0  # none yet, whatever constraints `data` still has
         truth.collided[:] = -1.0
         self.publish(0)

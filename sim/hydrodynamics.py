@@ -38,6 +38,7 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
+from uuv.models.arms import gear_friction
 from uuv.models.hydrodynamics import (
     ELEMENTS,
     INDEFINITE,
@@ -59,7 +60,7 @@ from uuv.sim.interfaces.errors import ConfigurationError, HydrodynamicsError, Ph
 from uuv.sim.interfaces.spatial import Array, shown, skew
 from uuv.sim.water import arriving_models as arriving_models  # imported for what it does
 from uuv.sim.water import energy, passive_callback, process_callbacks
-from uuv.sim.water.water_motion import FLOW, WaterMotion, current, set_current, take_last
+from uuv.sim.water.water_motion import WaterMotion, compiled_with_place, current, set_current
 from uuv.sim.water.wet_inertia import BlockSums, WetInertia
 
 __all__ = ["WaterMotion", "current", "set_current"]  # of a simulation, from `water_motion`
@@ -104,25 +105,25 @@ def is_installed() -> bool:
 
 
 def check_installed(model: mujoco.MjModel) -> bool:
-    """Return True if the water acts correctly on `model`; otherwise warn in one line and return False.
+    """Return True if water and gears of `model` act correctly; otherwise warn and return False.
 
-    RuntimeWarning for a model with coefficients in these cases:
+    RuntimeWarning, in one line, if a callback that a model needs is not installed, and for one with
+    coefficients in these cases:
 
-    - The callback is not installed.
     - Its options are ones that `check` refuses, such as `opt.density`.
     - Its contact weights are those of the dry mass: compiled without `compile`, or reset by `mj_setConst`.
     """
-    if not _carriers(model):
+    if process_callbacks.needed_by(model) and not is_installed():
+        problem = f"this model carries {process_callbacks.left_out(model)}"
+    elif not _carriers(model):
         return True
-    if not is_installed():
-        problem = _moves_dry()
-    elif found := _refused(model):
-        problem = f"cannot be run with {'; '.join(found)}"
+    elif settings := _refused(model):
+        problem = f"this model carries hydrodynamics but cannot be run with {'; '.join(settings)}"
     elif _has_dry_weights(model):
-        problem = _DRY_WEIGHTS
+        problem = f"this model carries hydrodynamics but {_DRY_WEIGHTS}"
     else:
         return True
-    warnings.warn(f"this model carries hydrodynamics but {problem}", RuntimeWarning, 2)
+    warnings.warn(problem, RuntimeWarning, 2)
     return False
 
 
@@ -194,14 +195,20 @@ def check_motion(model: mujoco.MjModel, data: mujoco.MjData) -> None:
 
 
 def check_wet(model: mujoco.MjModel, data: mujoco.MjData) -> None:
-    """Raise an error if the last forward pass left out the water, though `model` carries hydrodynamics.
+    """Raise an error if the last forward pass left out water or gear friction that `model` carries.
 
     Raises:
         HydrodynamicsError: The callback has been removed, replaced, or disabled by MuJoCo's flags.
     """
-    if _bodies(model) and data.crb[0, 0] != passive_callback.WET_MARK:
-        problem = "moved dry: MuJoCo was kept from calling its callback" if is_installed() else _moves_dry()
-        raise HydrodynamicsError(f"this model carries hydrodynamics but {problem}")
+    if leaves_mark(model) and data.crb[0, 0] != passive_callback.WET_MARK:
+        raise HydrodynamicsError(f"this model carries {process_callbacks.left_out(model)}")
+
+
+def leaves_mark(model: mujoco.MjModel) -> bool:
+    """True if the callback marks each forward pass: for water on movable bodies, or for gears."""
+    # MuJoCo's flag turns the gears off.
+    without_loss = model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_FRICTIONLOSS
+    return bool(_bodies(model)) or (gear_friction.has_curves(model) and not without_loss)
 
 
 def doubts(model: mujoco.MjModel) -> list[str]:
@@ -286,7 +293,8 @@ def compile(spec: mujoco.MjSpec) -> mujoco.MjModel:  # noqa: A001 (always called
     given by `dampratio`.
 
     A spec without coefficients is compiled as it is. If only bodies carry water data (the spec came from MJCF, or was
-    attached to this one), the world body gets its row from them. A wet model installs the process's passive callback.
+    attached to this one), the world body gets its row from them. A model with water or with gear
+    friction installs the process's callbacks.
     PhysicsWarning for each of its `doubts`. The cost is linear in the number of kinematic trees.
 
     Raises:
@@ -301,9 +309,11 @@ def compile(spec: mujoco.MjSpec) -> mujoco.MjModel:  # noqa: A001 (always called
     if any(carries(body.userdata) for body in spec.bodies):
         install()
         attach(spec, {})
-        model = _compiled_with_flow(spec)
+        model = compiled_with_place(spec)
     else:
         model = spec.compile()
+        if process_callbacks.needed_by(model):  # for its gears
+            install()
     _refuse_unread_elements(model)
     if not carries_hydrodynamics(model):
         return model
@@ -311,19 +321,6 @@ def compile(spec: mujoco.MjSpec) -> mujoco.MjModel:  # noqa: A001 (always called
     _set_constants(model, _checked(model, bodies), _damping_ratios(spec))
     for doubt in _doubts(model, bodies):
         warnings.warn(doubt, PhysicsWarning, 2)
-    return model
-
-
-def _compiled_with_flow(spec: mujoco.MjSpec) -> mujoco.MjModel:
-    """Compile a wet spec with room for the current of a simulation behind the user's `userdata`."""
-    users = spec.nuserdata
-    spec.nuserdata = users + FLOW.size
-    try:
-        model = spec.compile()
-    finally:
-        # The spec, and MJCF written from it, keep no more than the user's.
-        spec.nuserdata = users
-    take_last(model, users + FLOW.size)
     return model
 
 
@@ -373,10 +370,6 @@ def drag_slope(model: mujoco.MjModel, data: mujoco.MjData, speed: float) -> Arra
         Joint-space damping matrix (nv, nv).
     """
     return BlockSums(model, data, _bodies(model)).dense(lambda body: _body_drag_slope(body, speed))
-
-
-def _moves_dry() -> str:
-    return f"moves dry: {process_callbacks.missing()}"
 
 
 def _with_ancestors(model: mujoco.MjModel, bodies: Iterable[int]) -> set[int]:
@@ -502,7 +495,7 @@ def _refuse_unread_elements(model: mujoco.MjModel) -> None:
 def _checked(model: mujoco.MjModel, bodies: dict[int, BodyHydrodynamics]) -> _AtRest | None:
     """Does the work of `check` for a model with the coefficients `bodies`; None without degrees of freedom."""
     if not is_installed():
-        raise HydrodynamicsError(f"this model carries hydrodynamics but {_moves_dry()}")
+        raise HydrodynamicsError(f"this model carries {process_callbacks.left_out(model)}")
     if refused := _refused(model):
         raise HydrodynamicsError(f"hydrodynamics cannot be run with {'; '.join(refused)}")
     for i in bodies:

@@ -8,9 +8,10 @@ and at rest with any friction up to `stiction` [Olsson 1998, eq. 2.5]. All of it
 sensor on the gear output.
 
 MuJoCo treats the dry part as a constraint (`frictionloss`), solved with the contacts, so a joint at rest stays there.
-The constraint is soft, so a held joint creeps. `_HARD` and a time constant of two steps keep that below 1e-4 rad/s. The
-bound is one number a joint, that of sliding. The curve is stored in `joint.userdata`, and the plant moves the bound
-along it. A model stepped by MuJoCo alone has Coulomb friction.
+The constraint is soft, so a held joint creeps. `_HARD` and a time constant of two steps keep that
+below 1e-4 rad/s. The bound in the model is one number a joint, that of sliding. The curve is stored
+in `joint.userdata`, and the callback of `uuv.sim.hydrodynamics` moves the bound along it in every
+step. In a process without it the gears have Coulomb friction alone.
 """
 
 from collections.abc import Mapping
@@ -23,7 +24,9 @@ from numpy.typing import ArrayLike
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import Array, number, readonly
 
-_STAMP = 745520.0  # marks user data that `attach` wrote
+STAMP = 745520.0  # marks user data that `attach` wrote
+ROW = 4  # numbers: the stamp, sliding and sticking friction [N m], Stribeck's speed [rad/s]
+ROUNDED = 1e-5  # share by which a `frictionloss` may be off the curve's, as MJCF writes six digits
 _HARD = 0.9999  # impedance of the constraint
 
 
@@ -90,13 +93,13 @@ def attach(spec: mujoco.MjSpec, gears: Mapping[str, GearFriction]) -> None:
         joint.frictionloss = gear.coulomb
         joint.solref_friction = [2.0 * spec.option.timestep, 1.0]
         joint.solimp_friction = [_HARD, _HARD, 0.001, 0.5, 2.0]
-        joint.userdata = [_STAMP, gear.coulomb, gear.stiction, gear.stribeck_speed]
+        joint.userdata = [STAMP, gear.coulomb, gear.stiction, gear.stribeck_speed]
 
 
 def read(model: mujoco.MjModel, joints: np.ndarray) -> DryFriction:
     """Read the dry friction of joints from a compiled model.
 
-    A `frictionloss` outside of the stored curve counts as Coulomb friction alone.
+    A `frictionloss` other than that of the stored curve is Coulomb friction alone.
 
     Args:
         model: compiled model.
@@ -110,11 +113,16 @@ def read(model: mujoco.MjModel, joints: np.ndarray) -> DryFriction:
     for row, joint in enumerate(joints):
         if not _carries(model.jnt_user[joint]):
             continue
-        _, sliding, breakaway, over = model.jnt_user[joint, :4]
-        if sliding <= coulomb[row] <= breakaway and breakaway > sliding:  # a plant may have moved it
+        _, sliding, breakaway, over = model.jnt_user[joint, :ROW]
+        if breakaway > sliding and abs(coulomb[row] - sliding) <= ROUNDED * sliding:
             coulomb[row], stiction[row], speed[row] = sliding, breakaway, over
     return DryFriction(coulomb=readonly(coulomb), stiction=readonly(stiction), stribeck_speed=readonly(speed))
 
 
+def has_curves(model: mujoco.MjModel) -> bool:
+    """True if a joint of a compiled model has the friction of `attach`, be it turned off or not."""
+    return any(_carries(row) for row in model.jnt_user)
+
+
 def _carries(row: Array) -> bool:
-    return len(row) >= 4 and row[0] == _STAMP
+    return len(row) >= ROW and row[0] == STAMP

@@ -221,7 +221,7 @@ class Plant:
             observed=np.zeros(1, dtype=np.bool_),
             seen=water[LAYOUT.seen :][:1],
             told=water[LAYOUT.told :][:1],
-            mark=self.data.crb[0, :1] if wet else np.array([WET_MARK]),
+            mark=self.data.crb[0, :1] if hydrodynamics.leaves_mark(model) else np.array([WET_MARK]),
             tick=np.zeros(1, dtype=np.int64),
             failed=np.zeros(1, dtype=np.bool_),
             least_gain=least_gain,
@@ -239,25 +239,20 @@ class Plant:
         self._reaction_ticks, self._slots = reaction_ticks, PythonSlots()
         self._soil = SoilContact.of(model, self.data)
         self.truth = truth = Truth.of(self.data, vehicle, self._drive, self._contacts, pad_site)
-        dry = vehicle.dry_friction
         self._start = X_WB
         self._water = DrivenWater(model, self.data, truth.current_W)
         self._readout = Readout(
             places=places_of(self.data, model, self._pad_geom),
             gears=_rows_of_friction(model, vehicle),
-            dof=vehicle.dof,
-            friction=np.array([dry.coulomb, dry.stiction, dry.stribeck_speed]),
-            qd=truth.qd,
             own_geom=_carried_geoms(model, vehicle.hull),
             added=self._soil.force,
             tau_friction=truth.tau_friction,
-            frictionloss=model.dof_frictionloss,
             contacts=self._contacts,
             collided=truth.collided,
         )
         # Beside `data`: in the model, in the truth, and in the records of the kernels.
         self._changing = (
-            *(model.opt.wind, water, model.dof_frictionloss, self._drive.speed, self._drive.thrust, self._contacts),
+            *(model.opt.wind, water, self._drive.speed, self._drive.thrust, self._contacts),
             *(self._soil.force, truth.tau_friction, truth.current_W, truth.arm_wrench_B),
             truth.collided,
             *(self._watch.time, self._watch.observed, self._drive.saturated),
@@ -311,7 +306,6 @@ class Plant:
         self._watch.time[0] = data.time
         self._watch.observed[0] = False
         truth.arm_wrench_B[:] = np.nan
-        gears_and_contacts(self._as_tuples[1], 0, 1)
         truth.tau_friction[:] = self._contacts[:] = 0.0  # none yet, whatever constraints `data` still has
         truth.collided[:] = -1.0
         self.publish()

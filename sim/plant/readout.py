@@ -86,24 +86,20 @@ def _compare(names: tuple[str, ...]) -> None:
 
 
 class Readout(NamedTuple):
-    """Gears and contacts of one plant; the last four are outputs."""
+    """Gears and contacts of one plant; the last three are outputs."""
 
     places: np.ndarray  # (18,) of `places_of`
     gears: np.ndarray  # (n,) row of each joint's gear among the friction constraints, -1: no friction; or (0,)
-    dof: np.ndarray  # (n,) degree of freedom of each joint
-    friction: Array  # (3, n) sliding and sticking friction [N m], and Stribeck's speed [rad/s]
-    qd: Array  # (n,) [rad/s] joint velocities
     own_geom: np.ndarray  # (ngeom,) mask, True for geoms of the vehicle
     added: Array  # (4,) [N] normal force, and force in W, to be added to those of each substep
     tau_friction: Array  # (n,) [N m] friction torque on each joint
-    frictionloss: Array  # (nv,) [N m] friction bounds of the next substep
     contacts: Array  # (CONTACTS,) accumulated over the substeps
     collided: Array  # (3,) geoms of the vehicle and of the world that collided first, and when [s]; negative: none yet
 
 
 @kernel
 def gears_and_contacts(readout, substep, substeps):
-    """Read friction and contacts of the substep that has ended; set the friction bounds of the next one.
+    """Read friction and contacts of the substep that has ended.
 
     The means in `contacts` are complete after the last of `substeps`; `substep` 0 starts a new step.
 
@@ -112,15 +108,13 @@ def gears_and_contacts(readout, substep, substeps):
         substep: Index of the substep, from 0.
         substeps: Number of substeps.
     """
-    places, rows, dof, friction, qd, own_geom, added, tau_friction, frictionloss, contacts, collided = readout
+    places, rows, own_geom, added, tau_friction, contacts, collided = readout
     d = places[DATA]
     efc_force = pointer(d, places[EFC_FORCE])
     first, end = i32(d + places[NE], 0), i32(d + places[NEFC], 0)
     for j in range(rows.shape[0]):
         if rows[j] >= 0:
             tau_friction[j] = f64(efc_force, first + rows[j]) if first + rows[j] < end else 0.0
-            share = np.exp(-((qd[j] / friction[2, j]) ** 2))
-            frictionloss[dof[j]] = friction[0, j] + (friction[1, j] - friction[0, j]) * share
     if substep == 0:
         contacts[:] = 0.0
         contacts[LEAST], contacts[MOST] = np.inf, -np.inf

@@ -11,13 +11,13 @@ from typing import Any
 
 import mujoco
 
-from uuv.models.hydrodynamics import is_wet
 from uuv.sim.water import process_callbacks
 
 
 def _reduced(stored: Any) -> Any:
     """Reducer for pickle, of a model or of data."""
-    if not is_wet(stored if isinstance(stored, mujoco.MjModel) else stored.model):
+    model = stored if isinstance(stored, mujoco.MjModel) else stored.model
+    if not process_callbacks.needed_by(model):
         return stored.__reduce_ex__(2)
     return _restored, (type(stored), stored.__getstate__())
 
@@ -33,7 +33,7 @@ def _restored(kind: Any, state: Any) -> Any:
 def _from_binary_path(*args: Any, **kwargs: Any) -> mujoco.MjModel:
     """A model from an MJB, with the callbacks that it needs."""
     model = _load_binary(*args, **kwargs)
-    if is_wet(model):
+    if process_callbacks.needed_by(model):
         process_callbacks.install()
     return model
 

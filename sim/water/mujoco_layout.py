@@ -40,7 +40,8 @@ _PROBE = """
   <worldbody>
     <light/> <camera name="c"/> <geom type="plane" size="1 1 1"/>
     <body name="a" pos="0 0 1"> <freejoint/> <geom size=".1"/> <site name="s"/>
-      <body name="b" pos=".3 0 0"> <joint name="j" range="-1 1"/> <geom size=".1"/> <site name="t"/> </body>
+      <body name="b" pos=".3 0 0"> <joint name="j" range="-1 1" frictionloss="1"/>
+        <geom size=".1"/> <site name="t"/> </body>
     </body>
     <body name="d" mocap="true" pos="3 3 3"> <geom size=".1"/> </body>
   </worldbody>

@@ -1,5 +1,7 @@
 """Native passive callback: added mass into `d.M`; drag, buoyancy, velocity terms into `qfrc_passive`.
 
+Friction of the gears comes first (`uuv.sim.water.gear_kernel`).
+
 Numba compiles it to a bare C function that MuJoCo calls without the GIL. Its only state is a note in
 the model of the warnings given (`LAYOUT.seen`). It allocates on MuJoCo's own stack and is linear in
 the number of bodies.
@@ -26,7 +28,7 @@ from numba.extending import intrinsic
 from uuv.models.hydrodynamics import INDEFINITE, LAYOUT, MAX_STATIONS, MAX_STRIPS, NO_CURRENT, TOO_FAST, TOO_HIGH
 from uuv.sim.interfaces.kernels import c_function
 from uuv.sim.interfaces.spatial import Array
-from uuv.sim.water import native_motion, soil_force
+from uuv.sim.water import gear_kernel, native_motion, soil_force
 from uuv.sim.water.form_kernel import form_wrench
 from uuv.sim.water.mujoco_layout import offset
 from uuv.sim.water.native_memory import f64 as _f64
@@ -56,10 +58,12 @@ from uuv.sim.water.vectors import turned_symmetric as _turned_symmetric
 MODEL_FIELDS = (
     "nv", "nbody", "nuser_body", "body_parentid", "body_rootid", "body_treeid", "body_dofnum", "body_dofadr",
     "body_user", "M_rownnz", "M_rowadr", "M_colind", *native_motion.MODEL_FIELDS, *soil_force.MODEL_FIELDS,
+    *gear_kernel.MODEL_FIELDS,
 )
 DATA_FIELDS = (
     "qvel", "xpos", "xmat", "subtree_com", "cdof", "cdof_dot", "cvel", "crb", "M", "qLD", "qLDiagInv",
     "qfrc_passive", *native_motion.DATA_FIELDS, *soil_force.DATA_FIELDS,
+    *gear_kernel.DATA_FIELDS, *gear_kernel.ISLAND_FIELDS,
 )
 # fmt: on
 
@@ -356,6 +360,7 @@ def build() -> Any:
     strip_count_at, strips_at, strip_size = LAYOUT.strip_count, LAYOUT.strips, LAYOUT.strip_size
     timestep_at = offset("mjModel", "opt.timestep")
     rate_at, ceiling_at, seen_at = LAYOUT.drag_rate, LAYOUT.ceiling, LAYOUT.seen
+    set_gear_bounds = gear_kernel.build()
     singular_kind = int(mujoco.mjtWarning.mjWARN_INERTIA)
 
     # Gauss-Legendre rules on [0, 1]; row n has n stations, the other entries have weight zero.
@@ -374,6 +379,12 @@ def build() -> Any:
     @c_function(types.void(types.intp, types.intp), error_model="numpy", fastmath={"contract"})
     def passive(m: int, d: int) -> None:
         soil(m, d)
+        # The mark says whether the added mass is in, so it is read before the gears may set it.
+        crb = _pointer(d, crb_at)
+        dry = _f64(crb, 0) != WET_MARK
+        if set_gear_bounds(m, d):
+            _put(crb, 0, WET_MARK)
+
         nuser, user = _pointer(m, nuser_at), _pointer(m, user_at)
         if nuser < size:
             return
@@ -383,7 +394,7 @@ def build() -> Any:
         xpos, xmat, com = _pointer(d, xpos_at), _pointer(d, xmat_at), _pointer(d, com_at)
         qvel, cvel = _pointer(d, qvel_at), _pointer(d, cvel_at)
         cdof, cdof_dot = _pointer(d, cdof_at), _pointer(d, cdof_dot_at)
-        M, crb, qfrc = _pointer(d, M_at), _pointer(d, crb_at), _pointer(d, passive_at)
+        M, qfrc = _pointer(d, M_at), _pointer(d, passive_at)
 
         wind, surge, shear, known = motion(m, d)
         density = 0.0
@@ -400,7 +411,6 @@ def build() -> Any:
         gravity = _load3(m + gravity_at, 0)
         if _i32(m + disable_at, 0) & gravity_off:
             gravity = (0.0, 0.0, 0.0)
-        dry = _f64(crb, 0) != WET_MARK
 
         _mark_stack(d)
         scratch = _stack_numbers(d, nbody * (stride + 1) + 3)

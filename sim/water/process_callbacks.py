@@ -17,7 +17,9 @@ import llvmlite.binding
 import mujoco
 from numba.core import event
 
+from uuv.models.arms.gear_friction import has_curves
 from uuv.models.files.exact_mjcf import library
+from uuv.models.hydrodynamics import is_wet
 from uuv.sim.interfaces.errors import HydrodynamicsError
 from uuv.sim.water import actuator_dynamics, mujoco_layout, passive_callback, thruster_force
 
@@ -51,7 +53,7 @@ CALLBACKS = (
         source=passive_callback,
         set=mujoco.set_mjcb_passive,
         get=mujoco.get_mjcb_passive,
-        without="models with hydrodynamics move dry",
+        without="models with hydrodynamics move dry, and gears slide without stiction",
     ),
     NativeCallback(
         name="actuator dynamics",
@@ -123,6 +125,20 @@ def uninstall() -> None:
         if _is_ours(callback):
             _pointers[callback.name].detach()
             callback.set(None)
+
+
+def needed_by(model: mujoco.MjModel) -> bool:
+    """Return True if a model has what the callbacks do: water, or gear friction."""
+    return is_wet(model) or has_curves(model)
+
+
+def left_out(model: mujoco.MjModel) -> str:
+    """What a model has that does not act and why, for messages: "hydrodynamics but moves dry: ..."."""
+    reason = missing()
+    what = "gear friction but its gears have Coulomb friction alone"
+    if is_wet(model):
+        what = f"hydrodynamics but {'moves' if reason else 'moved'} dry"
+    return f"{what}: {reason or 'MuJoCo was kept from calling its callback'}"
 
 
 def is_installed() -> bool:

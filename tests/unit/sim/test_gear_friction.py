@@ -93,8 +93,10 @@ def test_drives_learn_what_the_gears_take(plant, within):
     assert friction.tolist() == vehicle.dry_friction.stiction.tolist()  # and no more, whatever a sensor says
 
 
-def test_a_plant_that_moves_its_bounds_keeps_its_curve(plant):
+def test_a_plant_leaves_the_curve_in_its_model(plant):
+    bounds = plant.model.dof_frictionloss.copy()
     drive(plant, 20.0, 0.2)
+    assert np.array_equal(plant.model.dof_frictionloss, bounds)
     assert Vehicle.of(plant.model).dry_friction.stiction.tolist() == plant.vehicle.dry_friction.stiction.tolist()
     assert Vehicle.of(plant.model).dry_friction.coulomb.tolist() == plant.vehicle.dry_friction.coulomb.tolist()
 

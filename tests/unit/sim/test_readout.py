@@ -33,14 +33,12 @@ def test_contacts_and_gears_are_those_of_the_binding(cone, condim, within):
     pad, root = model.geom("pad").id, np.asarray(model.body_rootid)
     own = root[model.geom_bodyid] == model.body("vehicle").id
     places, contacts, tau = places_of(data, model, pad), np.zeros(CONTACTS), np.zeros(1)
-    friction, bound = np.array([[0.3], [0.3], [1.0]]), np.zeros(model.nv)
-    dof, nothing, met = model.joint("j").dofadr, np.zeros(4), np.full(3, -1.0)
+    nothing, met = np.zeros(4), np.full(3, -1.0)
     data.qvel[:2], data.qvel[6] = (-0.5, 0.3), 2.0
     worst, pushed, slid, rubbed = 0.0, 0.0, 0.0, 0.0
     for _ in range(60):
         mujoco.mj_step(model, data)
-        qd = data.qvel[6:7].copy()
-        gears_and_contacts((places, np.array([0]), dof, friction, qd, own, nothing, tau, bound, contacts, met), 0, 1)
+        gears_and_contacts((places, np.array([0]), own, nothing, tau, contacts, met), 0, 1)
         normal, force, part = 0.0, np.zeros(3), np.zeros(6)
         for i in range(data.ncon):
             contact = data.contact[i]
@@ -68,16 +66,14 @@ def test_what_touches_beside_the_pad_is_a_collision():
     data = mujoco.MjData(model)
     own = np.asarray(model.body_rootid)[model.geom_bodyid] == model.body("vehicle").id
     places = places_of(data, model, model.geom("pad").id)
-    contacts, tau, bound = np.ones(CONTACTS), np.ones(1), np.zeros(model.nv)
-    dof, friction, met = model.joint("j").dofadr, np.array([[0.3], [0.5], [1.0]]), np.full(3, -1.0)
+    contacts, tau, met = np.ones(CONTACTS), np.ones(1), np.full(3, -1.0)
     for collided in (False, True):
-        parts = places, np.array([0]), dof, friction, np.zeros(1), own, np.zeros(4), tau, bound, contacts, met
+        parts = places, np.array([0]), own, np.zeros(4), tau, contacts, met
         gears_and_contacts(parts, 0, 1)
         assert bool(contacts[COLLISION]) is collided
         if not collided:
             assert not contacts.any()
             assert tau[0] == 0.0
-            assert bound[dof[0]] == 0.5
         data.time = 0.25
         mujoco.mj_forward(model, data)
     assert met.tolist() == [model.geom("arm").id, model.geom("floor").id, 0.25]

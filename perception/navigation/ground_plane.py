@@ -81,7 +81,16 @@ class GroundPlaneEstimator:
                 state.echoes_W.append(echoes_B @ estimate.X_WB[:3, :3].T + estimate.X_WB[:3, 3])
                 del state.echoes_W[: -self.pings]
                 state.ground = _ground(m.time, np.array(state.echoes_W))
-        return state, replace(estimate, ground=state.ground)
+        return state, self.completed(state, estimate)
+
+    def records(self, state: GroundState) -> Any:
+        """Arrays of the wrapped estimator, where that has a kernel."""
+        inner: Any = self.estimator
+        return inner.records(state.inner)
+
+    def completed(self, state: GroundState, estimate: StateEstimate) -> StateEstimate:
+        """An estimate of the wrapped estimator with the plane of the ground."""
+        return replace(estimate, ground=state.ground)
 
 
 def _ground(time: float, echoes_W: Array) -> GroundPlane:

@@ -148,13 +148,15 @@ class _Block:
 class RecorderRecord(NamedTuple):
     """Rows of the loop's rate for `write_row`, and the arrays of the truth that it copies."""
 
-    rows: Array  # (N, 2 + scalars + vectors) time, row of the reference, SCALARS, VECTORS
+    rows: Array  # (N, 2 + ...) time, row of the reference, SCALARS, VECTORS, OBJECT if it can move
     written: np.ndarray  # (1,) rows so far
     p_pad: Array  # (3,)
     R_WG: Array  # (3, 3)
     p_WB: Array  # (3,)
     quat_WB_wxyz: Array  # (4,)
     contact_force_W: Array  # (3,)
+    p_WT: Array  # (3,) of an object that can move, else (0,)
+    quat_WT_wxyz: Array  # (4,), else (0,)
 
 
 @kernel
@@ -169,7 +171,7 @@ def write_row(record, time, scalars, reference, felt_force, felt_normal):
         felt_force: (3,) [N] estimated contact force, W.
         felt_normal: [N] estimated normal force.
     """
-    rows, written, p_pad, R_WG, p_WB, quat_WB_wxyz, contact_force_W = record
+    rows, written, p_pad, R_WG, p_WB, quat_WB_wxyz, contact_force_W, p_WT, quat_WT_wxyz = record
     row = rows[written[0]]
     normal, least, most, saturated, collision = scalars
     row[0], row[1], row[2], row[3], row[4], row[5], row[6] = time, reference, normal, least, most, saturated, collision
@@ -179,6 +181,10 @@ def write_row(record, time, scalars, reference, felt_force, felt_normal):
         row[21 + k], row[24 + k], row[27 + k] = contact_force_W[k], felt_force[k], R_WG[k, 0]
     for k in range(4):
         row[17 + k] = quat_WB_wxyz[k]
+    for k in range(p_WT.shape[0]):
+        row[30 + k] = p_WT[k]
+    for k in range(quat_WT_wxyz.shape[0]):
+        row[33 + k] = quat_WT_wxyz[k]
     written[0] += 1
 
 
@@ -222,14 +228,14 @@ class Recorder:
         self._ticks = ticks_per_period(period, self._timestep, "recorder's period")
         self._pose_ticks = ticks_per_period(pose_period, self._timestep, "recorder's pose period")
         self._slow_columns = slow_columns(vehicle)
-        self._rows = np.empty((_ROWS, 2 + _total_width(SCALARS) + _total_width(VECTORS)))
         self._written = np.zeros(1, dtype=np.int64)
         self._references = _Block(1 + _total_width(REFERENCE))
         self._slow = _Block(1 + _total_width(self._slow_columns))
         self._poses = _Block(1 + 7 * model.nbody)
         movable = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, TARGET_BODY)
         self._object = movable if movable >= 0 and model.body_jntnum[movable] else -1
-        self._object_poses = _Block(1 + 7)
+        self._columns = {**SCALARS, **VECTORS, **(OBJECT if self._object >= 0 else {})}
+        self._rows = np.empty((_ROWS, 2 + _total_width(self._columns)))
         self._believed: dict[str, _Block] = {}
         self._record: tuple[np.ndarray, ...] = ()  # RecorderRecord; a plain tuple goes to a kernel faster
         self._truth: Any = None
@@ -282,9 +288,6 @@ class Recorder:
             self._motions.append(moment.motion)
         scalars = truth.contact_normal, truth.contact_least, truth.contact_most, truth.saturated, truth.collision
         write_row(self._record, truth.time, scalars, self.refer(moment.reference), contact.force_W, contact.normal)
-        if self._object >= 0:
-            row = self._object_poses.row()
-            row[0], row[1:4], row[4:] = truth.time, truth.xpos[self._object], truth.xquat[self._object]
         if not self._full:
             return
         if moment.tick % self._ticks == 0:
@@ -333,7 +336,7 @@ class Recorder:
         rows = self._rows[: self._written[0]].copy()
         time = rows[:, 0].copy()
         reference = self._references.table()[rows[:, 1].astype(np.int64)]
-        series = {**_split(time, rows[:, 2:], {**SCALARS, **VECTORS}), **_split(time, reference[:, 1:], REFERENCE)}
+        series = _split(time, rows[:, 2:], self._columns) | _split(time, reference[:, 1:], REFERENCE)
         series["p_command"].value[:] += (time - reference[:, 0])[:, None] * series["v_command"].value
         if self._full:
             slow, poses = self._slow.table(), self._poses.table()
@@ -341,9 +344,6 @@ class Recorder:
                 _without_sign_jumps(poses[:, 1 + 7 * body :][:, 3:7])
             series |= _split(slow[:, 0], slow[:, 1:], self._slow_columns)
             series["body_pose"] = Series(time=poses[:, 0], value=poses[:, 1:], unit="m, wxyz", labels=self._bodies)
-        if self._object >= 0:
-            poses = self._object_poses.table()
-            series |= _split(poses[:, 0], poses[:, 1:], OBJECT)
         for name, block in self._believed.items():
             table = block.table()
             labels = tuple(map(str, range(block.width - 1))) if block.width > 2 else ()
@@ -380,7 +380,9 @@ class Recorder:
         self._truth = truth
         quat_WB_wxyz = truth.xquat[self._vehicle.hull]
         views = truth.p_pad, truth.R_WG, truth.p_WB, quat_WB_wxyz, truth.contact_force_W
-        self._record = (self._rows, self._written, *views)
+        still = np.zeros(0), np.zeros(0)
+        moved = still if self._object < 0 else (truth.xpos[self._object], truth.xquat[self._object])
+        self._record = (self._rows, self._written, *views, *moved)
 
     def _refer(self, reference: Reference) -> None:
         """Record a new reference, and an event if the planner's state is new."""

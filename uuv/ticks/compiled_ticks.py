@@ -31,7 +31,7 @@ from uuv.sim.interfaces.kernels.control import (
 from uuv.sim.interfaces.kernels.record_box import as_annotated, new_box
 from uuv.sim.interfaces.kernels.slots import FINE, call_at, gives_kernel
 from uuv.sim.interfaces.messages import Command, Reference, StateEstimate, WorkState
-from uuv.sim.interfaces.records import EstimateRecord, ImuRecord, JointRecord, estimate_record, state_estimate
+from uuv.sim.interfaces.records import EstimateRecord, ImuRecord, JointRecord, estimate_record
 from uuv.sim.interfaces.spatial import Array
 from uuv.sim.loop.recording import Recorder, RecorderRecord, write_row
 from uuv.sim.loop.rollout import Parts, Rollout, Stage
@@ -208,11 +208,20 @@ def reason(plant: Any, parts: Parts) -> str:
         fast = sensor.period > 0.0 and sensor.period < 1.5 * plant.timestep
         if fast != bool(channel) or (fast and sensor.delay > 0.0):
             return f"rate or delay of sensor {type(sensor).__name__}"
-    if not gives_kernel(parts.estimator, "records"):
-        return f"estimator {type(parts.estimator).__name__}"
+    if without := _without_records(parts.estimator):
+        return f"estimator {without}"
     if parts.estimator.period != plant.timestep:
         return f"period of {type(parts.estimator).__name__}"
     return ""
+
+
+def _without_records(estimator: Any) -> str:
+    """First of an estimator and those that it wraps which has no kernel; empty: all have."""
+    while gives_kernel(estimator, "records"):
+        if not hasattr(estimator, "estimator"):
+            return ""
+        estimator = estimator.estimator
+    return type(estimator).__name__
 
 
 def _channel(sensor: Any) -> str:
@@ -263,8 +272,11 @@ class CompiledTicks:
         self._present = np.zeros(1, dtype=np.int64)
         states = dict(zip(map(_channel, run.parts.sensors), run.sensor_states, strict=True))
         self._noise = [states[channel] for channel in _CHANNELS]
-        self._navigation: Any = run.estimator_state
-        self._inputs = Inputs(self._navigation.estimate)
+        estimator: Any = run.parts.estimator
+        self._navigation: Any = estimator.records(run.estimator_state)
+        completed = getattr(estimator, "completed", None)
+        complete = None if completed is None else lambda estimate: completed(run.estimator_state, estimate)
+        self._inputs = Inputs(self._navigation.estimate, complete)
         self._sound = estimate_record(len(self._plant.truth.q))
         self._compiled: ControlTick | None = None
         self._python = self._called(run)
@@ -386,7 +398,7 @@ class CompiledTicks:
             if stage == _NEW:
                 return False
             self._plant.publish()
-            run.estimate = state_estimate(self._navigation.estimate)
+            run.estimate = self._inputs.message_of(self._navigation.estimate)
         before, reference = run.reference, run.plan()
         run.stage = Stage.PLANNED
         if reference.state in (WorkState.DONE, WorkState.ABORT):  # the run may end at this tick
@@ -412,7 +424,7 @@ class CompiledTicks:
         control.slots.check(answer)
         if stage == _COMMANDED:
             if done or begun == _NEW:
-                run.estimate = state_estimate(world.estimate)
+                run.estimate = self._inputs.message_of(world.estimate)
             run.stage = Stage.COMMANDED
             run.take(tick + done, control.done(run.estimate, reference, answer))
             return done
@@ -420,9 +432,9 @@ class CompiledTicks:
         # The command of the last tick completed, and the estimate of the next one.
         run.stage = Stage.NEW
         if done:
-            run.estimate = state_estimate(world.estimate if stage == _NEW else world.sound)
+            run.estimate = self._inputs.message_of(world.estimate if stage == _NEW else world.sound)
             run.take(tick + done - 1, control.done(run.estimate, reference, FINE))
         if stage == _PLANNED:
-            run.estimate = state_estimate(world.estimate)
+            run.estimate = self._inputs.message_of(world.estimate)
             run.stage = Stage.ESTIMATED if answer == FINE else Stage.PLANNED
         return done

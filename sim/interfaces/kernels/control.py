@@ -58,8 +58,12 @@ def call_control(address, memory, estimate):
 class Inputs:
     """What the ticks of a controller see, and the messages of it for parts in Python."""
 
-    def __init__(self, record: EstimateRecord) -> None:
+    def __init__(
+        self, record: EstimateRecord, complete: Callable[[StateEstimate], StateEstimate] | None = None
+    ) -> None:
+        """Take the record of the estimates, and what completes a message made of it."""
         self.record = record
+        self._complete = complete
         self.box = estimate_box(record)
         self.address: int = address_of_box(self.box)
         self.message: StateEstimate | None = None  # of which `record` was made; None: of the record itself
@@ -84,8 +88,13 @@ class Inputs:
     def seen(self) -> StateEstimate:
         """Estimate of the present tick."""
         if self.message is None or self.message.time != self.record.time[0]:
-            self.message = state_estimate(self.record)
+            self.message = self.message_of(self.record)
         return self.message
+
+    def message_of(self, record: EstimateRecord) -> StateEstimate:
+        """Estimate as the planner sees it."""
+        estimate = state_estimate(record)
+        return estimate if self._complete is None else self._complete(estimate)
 
 
 class Unsaved(Generic[Made]):

@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike
 
 from uuv.models.water.bounds import LONGEST, SEA_WATER, bounded, lengths, not_negative, positive, segment
 from uuv.models.water.forms import KINDS, Form, MunkFactor
+from uuv.models.water.native_mark import mark
 from uuv.sim.interfaces.errors import ConfigurationError, PhysicsWarning
 from uuv.sim.interfaces.spatial import Array, checked, readonly, rotation_from_z, shown, skew
 
@@ -139,9 +140,8 @@ class BodyHydrodynamics:
 def attach(spec: mujoco.MjSpec, bodies: Mapping[str, BodyHydrodynamics], water_density: float | None = None) -> None:
     """Write the coefficients of `bodies` and the density of the water into `spec`.
 
-    Repeated calls add or replace bodies; the last density given holds for all. The rows of bodies survive
-    `MjSpec.attach` and MJCF (which keeps six digits). A body welded to the world keeps its coefficients but no force
-    acts on it.
+    Repeated calls add or replace bodies; the last density holds for all. Rows of bodies survive
+    `MjSpec.attach` and MJCF, which keeps six digits. No force acts on a body welded to the world.
 
     Args:
         spec: model to extend.
@@ -149,8 +149,7 @@ def attach(spec: mujoco.MjSpec, bodies: Mapping[str, BodyHydrodynamics], water_d
         water_density: [kg/m^3]; by default that of the spec, else `SEA_WATER`.
 
     Raises:
-        ConfigurationError: no MjSpec, no mapping, an unknown body, a density that is not positive, or foreign user
-            data.
+        ConfigurationError: no MjSpec or mapping, an unknown body, a density <= 0, or foreign user data.
     """
     _check_spec(spec)
     if not isinstance(bodies, Mapping):
@@ -169,6 +168,7 @@ def attach(spec: mujoco.MjSpec, bodies: Mapping[str, BodyHydrodynamics], water_d
         if len(body.userdata) and not carries(body.userdata):
             raise ConfigurationError(f"body {body.name}: its user data is taken by something else")
 
+    mark(spec)
     rows = {name: pack(coefficients) for name, coefficients in bodies.items()}
     if spec.nuser_body >= 0:  # if negative, MuJoCo takes the longest row, and attached specs do not conflict
         spec.nuser_body = max(spec.nuser_body, LAYOUT.size, *map(len, rows.values()))

@@ -22,12 +22,11 @@ Limits of MuJoCo:
 - `mj_setConst` replaces the contact weights by those of the dry mass; call `set_constants` after it.
 - The integrator "implicit" takes velocity terms of the bodies implicitly, those of the water explicitly.
 
-The callback belongs to the process. A pickled model installs it where it is unpickled, and an MJB where it is loaded by
-`MjModel.from_binary_path` after this module was imported, as in a spawned worker that imports what it runs. An MJCF
-file does not: a process that loads one must call `install`, else the model moves without hydrodynamics.
-
-An engine plugin with the same function would cost the same and is no remedy. An MJB stores a plugin's number, not its
-name, so where the plugin is missing MuJoCo crashes or runs another one. `MjSpec.attach` drops plugins silently.
+The callbacks belong to the process. A pickled model installs them where it is unpickled, and a file
+where `MjModel.from_xml_path`, `from_xml_string` or `from_binary_path` loads it after this module was
+imported, as in a spawned worker that imports what it runs. `MjSpec.compile` installs nothing: use
+`compile`. A process that has imported MuJoCo alone refuses our MJCF by this module's name
+(`uuv.models.water.native_mark`). It reads an MJB and moves it dry: nothing in that file can stop it.
 """
 
 import math

@@ -21,6 +21,7 @@ import mujoco
 import numpy as np
 from numpy.typing import ArrayLike
 
+from uuv.models.water.native_mark import mark
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import Array, number, readonly
 
@@ -90,6 +91,9 @@ def attach(spec: mujoco.MjSpec, gears: Mapping[str, GearFriction]) -> None:
         joint = joints[name]
         if np.any(joint.userdata) and not _carries(joint.userdata):
             raise ConfigurationError(f"gear friction {name!r}: the user data of its joint is taken by something else")
+
+        # In a process without the callback the gears would slide without stiction.
+        mark(spec)
         joint.frictionloss = gear.coulomb
         joint.solref_friction = [2.0 * spec.option.timestep, 1.0]
         joint.solimp_friction = [_HARD, _HARD, 0.001, 0.5, 2.0]

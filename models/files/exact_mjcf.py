@@ -1,27 +1,12 @@
-"""MJCF text of a spec with every digit, and MuJoCo's C library, which can write it."""
+"""MJCF text of a spec with every digit, which MuJoCo's C library can write."""
 
 import ctypes
-from pathlib import Path
 
 import mujoco
 
-from uuv.sim.interfaces.errors import HydrodynamicsError
+from uuv.models.water.mujoco_library import library
 
 _DIGITS = 17  # with which a double survives being written
-
-
-def library() -> ctypes.CDLL:
-    """MuJoCo's C library, as loaded by the Python package.
-
-    Raises:
-        HydrodynamicsError: No library file was found.
-    """
-    folder = Path(str(mujoco.__file__)).parent
-    patterns = ("libmujoco.so.*", "libmujoco.*.dylib", "mujoco.dll")
-    found = [path for pattern in patterns for path in folder.glob(pattern)]
-    if not found:
-        raise HydrodynamicsError(f"no MuJoCo library in {folder}; looked for {', '.join(patterns)}")
-    return ctypes.CDLL(str(found[0]))
 
 
 def exact_xml(spec: mujoco.MjSpec) -> str:

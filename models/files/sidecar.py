@@ -34,6 +34,7 @@ from uuv.models.hydrodynamics import BodyHydrodynamics
 from uuv.models.water import thrusters
 from uuv.models.water.bounds import LARGEST
 from uuv.models.water.forms import CrossTerms, FadingDamping, Form, LiftDrag, MunkFactor, PlanarStrip
+from uuv.models.water.native_mark import without_mark
 from uuv.models.water.thrusters import Thruster
 from uuv.sim.interfaces.documents import checked, inside, named, yaml_of, yaml_text
 from uuv.sim.interfaces.errors import ConfigurationError, did_you_mean
@@ -247,7 +248,7 @@ def xml_with_elements(spec: mujoco.MjSpec) -> str:
     lines = [_numeric(_WATER + _DENSITY, [tree[_DENSITY]])]
     for section, prefix in (("bodies", _WATER), ("thrusters", _THRUSTER)):
         lines += [_numeric(prefix + name, numbers) for name, numbers in _leaves(tree.get(section, {}))]
-    head, end, _ = xml_without_water(spec).rpartition("</mujoco>")
+    head, end, _ = _bare_xml(spec).rpartition("</mujoco>")
     return f"{head}  <custom>\n" + "".join(f"    {line}\n" for line in lines) + f"  </custom>\n{end}\n"
 
 
@@ -255,7 +256,12 @@ def xml_without_water(spec: mujoco.MjSpec) -> str:
     """MJCF of `spec` without the user data of its water and thrusters, for a sidecar to stand beside.
 
     Their reaction torques are taken out of the gears, where reading the thrusters puts them again.
+    MuJoCo alone reads it: it is the vehicle in air.
     """
+    return without_mark(_bare_xml(spec))
+
+
+def _bare_xml(spec: mujoco.MjSpec) -> str:
     bare = spec.copy()
     for body in bare.bodies:
         if hydrodynamics.carries(body.userdata):

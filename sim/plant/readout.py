@@ -11,7 +11,7 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
-from uuv.models.files.exact_mjcf import library
+from uuv.models.water.mujoco_library import library
 from uuv.sim.interfaces.errors import HydrodynamicsError
 from uuv.sim.interfaces.kernels import kernel
 from uuv.sim.interfaces.spatial import Array

@@ -1,17 +1,20 @@
 """Models that reach a process without being compiled there bring the callbacks that they need.
 
-A pickled model installs them where it is unpickled, and an MJB where it is loaded. MuJoCo tells
+A pickled model installs them where it is unpickled, and a file where it is loaded. MuJoCo tells
 nobody of a model that is loaded, and cannot compile one while a callback in Python waits for it;
-therefore its reader of MJB is replaced, once this module is imported.
+therefore its readers of MJB and MJCF are replaced, once this module is imported.
 """
 
 import copyreg
+from collections.abc import Callable
 from functools import wraps
-from typing import Any
+from typing import Any, ParamSpec
 
 import mujoco
 
 from uuv.sim.water import process_callbacks
+
+P = ParamSpec("P")
 
 
 def _reduced(stored: Any) -> Any:
@@ -29,16 +32,20 @@ def _restored(kind: Any, state: Any) -> Any:
     return stored
 
 
-@wraps(mujoco.MjModel.from_binary_path)
-def _from_binary_path(*args: Any, **kwargs: Any) -> mujoco.MjModel:
-    """A model from an MJB, with the callbacks that it needs."""
-    model = _load_binary(*args, **kwargs)
-    if process_callbacks.needed_by(model):
-        process_callbacks.install()
-    return model
+def _bringing(load: Callable[P, mujoco.MjModel]) -> Any:
+    """A function of MuJoCo that loads a model, and installs the callbacks that it needs."""
+
+    @wraps(load)
+    def loaded(*args: P.args, **kwargs: P.kwargs) -> mujoco.MjModel:
+        model = load(*args, **kwargs)
+        if process_callbacks.needed_by(model):
+            process_callbacks.install()
+        return model
+
+    return staticmethod(loaded)
 
 
-_load_binary = mujoco.MjModel.from_binary_path
-mujoco.MjModel.from_binary_path = staticmethod(_from_binary_path)
+for _name in ("from_binary_path", "from_xml_path", "from_xml_string"):
+    setattr(mujoco.MjModel, _name, _bringing(getattr(mujoco.MjModel, _name)))
 copyreg.pickle(mujoco.MjModel, _reduced)
 copyreg.pickle(mujoco.MjData, _reduced)

@@ -18,8 +18,8 @@ import mujoco
 from numba.core import event
 
 from uuv.models.arms.gear_friction import has_curves
-from uuv.models.files.exact_mjcf import library
 from uuv.models.hydrodynamics import is_wet
+from uuv.models.water.mujoco_library import library
 from uuv.sim.interfaces.errors import HydrodynamicsError
 from uuv.sim.water import actuator_dynamics, mujoco_layout, passive_callback, thruster_force
 
@@ -133,7 +133,7 @@ def needed_by(model: mujoco.MjModel) -> bool:
 
 
 def left_out(model: mujoco.MjModel) -> str:
-    """What a model has that does not act and why, for messages: "hydrodynamics but moves dry: ..."."""
+    """What a model has that does not act, and why: "hydrodynamics but moves dry: ..."."""
     reason = missing()
     what = "gear friction but its gears have Coulomb friction alone"
     if is_wet(model):

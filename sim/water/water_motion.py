@@ -121,7 +121,7 @@ def current(model: mujoco.MjModel, data: mujoco.MjData | Array) -> WaterMotion:
 
 
 def place_of(model: mujoco.MjModel) -> int:
-    """Index in `data.userdata` of the current of a simulation, -1 if the model has no place for it."""
+    """Index in `data.userdata` of the current of a simulation, -1 if there is no place for it."""
     row = model.body_user[0]
     if not carries(row):
         return -1

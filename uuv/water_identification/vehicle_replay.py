@@ -13,7 +13,7 @@ import mujoco
 import numpy as np
 
 from uuv.calib.water.parameters import VehicleWater
-from uuv.models.files.exact_mjcf import library
+from uuv.models.water.mujoco_library import library
 from uuv.models.hydrodynamics import LAYOUT, world_row
 from uuv.models.vehicle import Vehicle
 from uuv.models.water import thrusters

@@ -20,6 +20,7 @@ import numpy as np
 from uuv.models.naming import TIP_SITE, TOOL_FACE_SITE
 from uuv.models.site.seabed import Seabed
 from uuv.models.site.soil import Soil, SoilTool, pull_resistance, push_resistance, side_resistance
+from uuv.models.water.native_mark import mark
 from uuv.models.water.thrusters import HEADER, STAMP
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import Array
@@ -77,6 +78,7 @@ def attach(spec: mujoco.MjSpec, ground: Seabed, soil: Soil, tool: SoilTool) -> N
         raise ConfigurationError(f"soil acts on a tool: {lacking}")
     if any(numeric.name == NAME for numeric in spec.numerics):
         raise ConfigurationError(f"the scene has a custom element {NAME!r} already")
+    mark(spec)
     numbers = pack(ground, soil, tool)
     spec.add_numeric(name=NAME, data=numbers, size=len(numbers))
 

@@ -24,6 +24,7 @@ import mujoco
 import numpy as np
 from numpy.typing import ArrayLike
 
+from uuv.models.water.native_mark import mark
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import Array, number
 
@@ -252,6 +253,8 @@ def attach(spec: mujoco.MjSpec, table: Mapping[str, Thruster]) -> None:
         actuator.actdim = ACTIVATIONS
         actuator.ctrllimited = mujoco.mjtLimited.mjLIMITED_TRUE
         actuator.ctrlrange = [-1.0, 1.0]
+    if table:
+        mark(spec)
     # All rows must have one length; absent values compile to zero, which decodes as "no thruster".
     spec.nuser_actuator = max(spec.nuser_actuator, *(len(a.userdata) for a in spec.actuators), HEADER)
 

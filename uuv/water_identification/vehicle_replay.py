@@ -13,10 +13,10 @@ import mujoco
 import numpy as np
 
 from uuv.calib.water.parameters import VehicleWater
-from uuv.models.water.mujoco_library import library
 from uuv.models.hydrodynamics import LAYOUT, world_row
 from uuv.models.vehicle import Vehicle
 from uuv.models.water import thrusters
+from uuv.models.water.mujoco_library import library
 from uuv.models.water.thruster_curves import thrust_in_flow
 from uuv.models.water.thrusters import INFLOW_LOSS, SLEW_RATE, TIME_CONSTANT, curves, inflow_levers
 from uuv.sim import hydrodynamics

@@ -22,11 +22,10 @@ Limits of MuJoCo:
 - `mj_setConst` replaces the contact weights by those of the dry mass; call `set_constants` after it.
 - The integrator "implicit" takes velocity terms of the bodies implicitly, those of the water explicitly.
 
-The callbacks belong to the process. A pickled model installs them where it is unpickled, and a file
-where `MjModel.from_xml_path`, `from_xml_string` or `from_binary_path` loads it after this module was
-imported, as in a spawned worker that imports what it runs. `MjSpec.compile` installs nothing: use
+The callbacks belong to the process. A pickled model installs them where it is unpickled. So does a
+file that `MjModel.from_...` loads after this module was imported. `MjSpec.compile` does not: use
 `compile`. A process that has imported MuJoCo alone refuses our MJCF by this module's name
-(`uuv.models.water.native_mark`). It reads an MJB and moves it dry: nothing in that file can stop it.
+(`uuv.models.water.native_mark`). It moves an MJB dry: nothing in that file can stop it.
 """
 
 import math
@@ -59,7 +58,7 @@ from uuv.sim.interfaces.errors import ConfigurationError, HydrodynamicsError, Ph
 from uuv.sim.interfaces.spatial import Array, shown, skew
 from uuv.sim.water import arriving_models as arriving_models  # imported for what it does
 from uuv.sim.water import energy, passive_callback, process_callbacks
-from uuv.sim.water.water_motion import WaterMotion, compiled_with_place, current, set_current
+from uuv.sim.water.water_motion import FLOW, WaterMotion, current, set_current, take_last
 from uuv.sim.water.wet_inertia import BlockSums, WetInertia
 
 __all__ = ["WaterMotion", "current", "set_current"]  # of a simulation, from `water_motion`
@@ -106,11 +105,9 @@ def is_installed() -> bool:
 def check_installed(model: mujoco.MjModel) -> bool:
     """Return True if water and gears of `model` act correctly; otherwise warn and return False.
 
-    RuntimeWarning, in one line, if a callback that a model needs is not installed, and for one with
-    coefficients in these cases:
-
-    - Its options are ones that `check` refuses, such as `opt.density`.
-    - Its contact weights are those of the dry mass: compiled without `compile`, or reset by `mj_setConst`.
+    RuntimeWarning, in one line: a callback that it needs is not installed, its options are ones that
+    `check` refuses, or its contact weights are those of the dry mass (compiled without `compile`, or
+    reset by `mj_setConst`).
     """
     if process_callbacks.needed_by(model) and not is_installed():
         problem = f"this model carries {process_callbacks.left_out(model)}"
@@ -159,11 +156,8 @@ def check_motion(model: mujoco.MjModel, data: mujoco.MjData) -> None:
             "call uuv.sim.hydrodynamics.set_constants() after changing coefficients: it checks them"
         )
     if new & NO_CURRENT:
-        raise HydrodynamicsError(
-            "data.userdata holds other numbers than a current from index "
-            f"{int(water[LAYOUT.flow]) - 1} on, behind the user's own; write currents by "
-            "uuv.sim.hydrodynamics.set_current()"
-        )
+        first = int(water[LAYOUT.flow]) - 1
+        raise HydrodynamicsError(f"data.userdata holds no current from index {first} on; use set_current()")
     for kind, what in ((kinds.mjWARN_BADQPOS, "qpos"), (kinds.mjWARN_BADQVEL, "qvel"), (kinds.mjWARN_BADQACC, "qacc")):
         if data.warning[kind].number:
             index = int(data.warning[kind].lastinfo)
@@ -303,16 +297,20 @@ def compile(spec: mujoco.MjSpec) -> mujoco.MjModel:  # noqa: A001 (always called
     """
     if not isinstance(spec, mujoco.MjSpec):
         raise ConfigurationError(f"compile: expected a mujoco.MjSpec, got {spec!r}")
+    users = spec.nuserdata
     if any(thrusters.carries(actuator.userdata) for actuator in spec.actuators):
         install()
     if any(carries(body.userdata) for body in spec.bodies):
         install()
         attach(spec, {})
-        model = compiled_with_place(spec)
-    else:
+        spec.nuserdata += FLOW.size  # behind the user's numbers; the spec keeps his alone
+    try:
         model = spec.compile()
-        if process_callbacks.needed_by(model):  # for its gears
-            install()
+    finally:
+        spec.nuserdata = users
+    take_last(model, users + FLOW.size)
+    if process_callbacks.needed_by(model):  # also for gears alone
+        install()
     _refuse_unread_elements(model)
     if not carries_hydrodynamics(model):
         return model

@@ -138,19 +138,6 @@ def users_numbers(model: mujoco.MjModel, data: mujoco.MjData) -> Array:
     return data.userdata[:first] if first >= 0 else data.userdata
 
 
-def compiled_with_place(spec: mujoco.MjSpec) -> mujoco.MjModel:
-    """Compile a wet spec with room for the current of a simulation behind the user's `userdata`."""
-    users = spec.nuserdata
-    spec.nuserdata = users + FLOW.size
-    try:
-        model = spec.compile()
-    finally:
-        # The spec, and MJCF written from it, keep no more than the user's.
-        spec.nuserdata = users
-    take_last(model, users + FLOW.size)
-    return model
-
-
 def take_last(model: mujoco.MjModel, total: int) -> None:
     """Give the last numbers of `userdata` in a compiled model to the current of each simulation.
 

@@ -1,7 +1,7 @@
 """The part of a scan that may show the object, thinned for ICP, and how well a pose agrees with it."""
 
 from dataclasses import dataclass, replace
-from functools import cache, cached_property, lru_cache
+from functools import cache, cached_property
 
 import numpy as np
 from scipy import fft, ndimage
@@ -9,6 +9,7 @@ from scipy import fft, ndimage
 from uuv.perception.clouds.nearest_point import NearestPoint
 from uuv.perception.clouds.scan import Scan, SensorModel, facing_normals, hashed_subset, voxel_means
 from uuv.perception.registration.model_surface import ModelSurface
+from uuv.sim.interfaces.remembered import remembered
 from uuv.sim.interfaces.spatial import Array, transform_points
 
 MODEL_TOLERANCE = 0.001  # [m] accuracy of the model
@@ -101,7 +102,7 @@ class Evidence:
         return _thinned(self, step, points)
 
 
-@lru_cache(maxsize=4)  # the search and that of the model's mirror image begin with the same
+@remembered(4)  # the search and that of the model's mirror image begin with the same
 def _thinned(evidence: Evidence, step: int, points: int) -> Evidence:
     every = (slice(None, None, step), slice(None, None, step))
     few = max(1, -(-len(evidence.points) // points))
@@ -246,7 +247,7 @@ def explained(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> np.ndar
     return _explained(evidence, surface, X_ST.tobytes())
 
 
-@lru_cache(maxsize=4)  # the accepted pose is judged by the check and by its score
+@remembered(4)  # the accepted pose is judged by the check and by its score
 def _explained(evidence: Evidence, surface: ModelSurface, pose_bytes: bytes) -> np.ndarray:
     X_ST = np.frombuffer(pose_bytes).reshape(4, 4)
     visible = surface.visible(X_ST, evidence.scan, _GRAZING)  # an echo there is not expected, but may come

@@ -7,7 +7,6 @@ the scan share that the model explains.
 """
 
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -15,9 +14,10 @@ from scipy import ndimage
 
 from uuv.models.meshes.closed_shells import sphere
 from uuv.perception.clouds.scan import Scan, SensorModel, connected_surfaces, facing_normals, voxel_means
-from uuv.perception.registration.model_surface import ModelSurface
+from uuv.perception.registration.model_surface import MODELS, ModelSurface
 from uuv.perception.registration.point_pairs import point_pair_poses
 from uuv.sim.interfaces.kernels import kernel
+from uuv.sim.interfaces.remembered import remembered
 from uuv.sim.interfaces.spatial import Array, exp_so3, rotation_from_z, transform_points
 
 _SPINS = 12  # rotations about the line of sight, for each view
@@ -99,7 +99,7 @@ class _Picture(NamedTuple):
     pitch_y: float  # from row to row
 
 
-@lru_cache(maxsize=16)
+@remembered(16, owners=MODELS)
 def _views(surface: ModelSurface, max_incidence: float) -> _Views:
     every = max(1, len(surface.points) // _MODEL_POINTS)
     points, normals = surface.points[::every], surface.normals[::every]

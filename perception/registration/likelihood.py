@@ -1,12 +1,12 @@
 """Likelihood of a scan, given the pose of a known model: what ranks poses, and what the best is compared with."""
 
 from collections.abc import Sequence
-from functools import lru_cache
 
 import numpy as np
 
 from uuv.perception.registration.evidence import Evidence
 from uuv.perception.registration.model_surface import ModelSurface
+from uuv.sim.interfaces.remembered import remembered
 from uuv.sim.interfaces.spatial import Array, transform_points
 
 OCCLUDER = 0.06  # [m] in front of the model: nearer pixels show something else, not the object, fouled or not
@@ -46,7 +46,7 @@ def log_likelihood(evidence: Evidence, surface: ModelSurface, X_ST: Array, pixel
     return _weighed(evidence, surface, X_ST.tobytes(), pixels)
 
 
-@lru_cache(maxsize=64)  # a pose is weighed when it is fitted, as the start of the next fit, and when it is judged
+@remembered(64)  # a pose is weighed when it is fitted, as the start of the next fit, and when it is judged
 def _weighed(evidence: Evidence, surface: ModelSurface, pose_bytes: bytes, pixels: int) -> float:
     return _compared(evidence, surface, np.frombuffer(pose_bytes).reshape(4, 4), pixels)
 

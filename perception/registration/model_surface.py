@@ -2,7 +2,7 @@
 
 import hashlib
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
+from functools import cached_property
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -12,16 +12,19 @@ from uuv.models.meshes.ray_casting import OneSidedScene, RayScene
 from uuv.models.objects.mesh_symmetry import mesh_symmetry
 from uuv.models.objects.target_model import Symmetry, TargetModel
 from uuv.perception.clouds.scan import Scan
+from uuv.sim.interfaces.remembered import remembered
 from uuv.sim.interfaces.spatial import Array, inverse, transform_points
 
 _AT_BORDER = 2.0  # [spacings of the cloud] from its border, within which an edge is the border's
+
+MODELS = 2  # latest surfaces whose symmetries, views, ... are kept for those of the same content
 
 
 @dataclass(frozen=True, eq=False)
 class ModelSurface:
     """A target's surface prepared for ICP: sampled points K_q with normals, and a ray caster, all in T.
 
-    Surfaces of the same content are equal, so that what is worked out for a model is worked out once a process.
+    Surfaces of the same content are equal, so that what is worked out for one of the latest models serves the next run.
     """
 
     target: TargetModel
@@ -127,7 +130,7 @@ class ModelSurface:
         Returns:
             Mask (m,).
         """
-        return _visible(self, X_ST.tobytes(), scan, max_incidence, step)
+        return _visible(scan, self, X_ST.tobytes(), max_incidence, step)
 
     def exposed(
         self, origin: Array, max_incidence: float, step: int = 1, among: np.ndarray | None = None
@@ -191,7 +194,7 @@ class ModelSurface:
         return self.scene.distance(X_TS[:3, 3], rays @ X_TS[:3, :3].T)
 
 
-@lru_cache(maxsize=16)
+@remembered(16, owners=MODELS)
 def _thinned(surface: ModelSurface, points: int) -> ModelSurface:
     share = len(surface.points) / points
     if share <= 1.0:
@@ -212,8 +215,8 @@ def _hull(vertices: Array) -> Array:
     return vertices[np.unique((vertices @ sphere(2)[0].T).argmax(axis=0))]
 
 
-@lru_cache(maxsize=8)  # one pose is judged several times: by its score, by ICP and by the check
-def _visible(surface: ModelSurface, pose_bytes: bytes, scan: Scan, max_incidence: float, step: int) -> np.ndarray:
+@remembered(8)  # one pose is judged several times: by its score, by ICP and by the check
+def _visible(scan: Scan, surface: ModelSurface, pose_bytes: bytes, max_incidence: float, step: int) -> np.ndarray:
     X_ST = np.frombuffer(pose_bytes).reshape(4, 4)
     in_view = scan.pixels(transform_points(X_ST, surface.points[::step]))[2]
     mask = surface.exposed(inverse(X_ST)[:3, 3], max_incidence, step, in_view)

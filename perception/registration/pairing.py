@@ -1,7 +1,6 @@
 """Pairs of scan and visible model in one round of ICP: points with planes, and depth edges; their normal equations."""
 
 from dataclasses import dataclass, fields
-from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -14,6 +13,7 @@ from uuv.perception.registration.evidence import Evidence
 from uuv.perception.registration.likelihood import OCCLUDER
 from uuv.perception.registration.model_surface import ModelSurface
 from uuv.sim.interfaces.kernels import kernel
+from uuv.sim.interfaces.remembered import remembered
 from uuv.sim.interfaces.spatial import Array, inverse, transform_points
 
 SHARP_EDGE = np.cos(np.deg2rad(70.0))  # where a surface turns away more slowly the sensor fails, it has no edge
@@ -476,7 +476,7 @@ def _refined(surface: ModelSurface, X_ST: Array, part: Scan, found: Contour) -> 
     return middle + part.pitches * at[:, None] * found.steps
 
 
-@lru_cache(maxsize=32)
+@remembered(8)
 def _scan_edges(evidence: Evidence, step: int) -> tuple[_Outline, _Outline]:
     """Depth edges of the scan on a grid of pixels: where the surface ends, and where the depth behind it begins."""
     around = round(_BAND) + 2 * step

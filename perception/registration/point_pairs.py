@@ -6,13 +6,13 @@ common first point votes for the model's points and turns that lay such a pair o
 segmentation: pairs across two objects vote for nothing in particular.
 """
 
-from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
 
-from uuv.perception.registration.model_surface import ModelSurface, one_per_cube
+from uuv.perception.registration.model_surface import MODELS, ModelSurface, one_per_cube
 from uuv.sim.interfaces.kernels import kernel
+from uuv.sim.interfaces.remembered import remembered
 from uuv.sim.interfaces.spatial import Array
 
 _MODEL_POINTS = 500  # of the model that are paired, about
@@ -59,7 +59,7 @@ def point_pair_poses(points: Array, normals: Array, surface: ModelSurface) -> Ar
     return X.reshape(-1, 4, 4)[np.argsort(-votes.ravel(), kind="stable")]
 
 
-@lru_cache(maxsize=16)
+@remembered(16, owners=MODELS)
 def _model_pairs(surface: ModelSurface) -> _Pairs:
     thinned = surface.thinned(_MODEL_POINTS)
     points, frames = thinned.points, _frames(thinned.normals)

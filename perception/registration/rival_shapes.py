@@ -1,7 +1,6 @@
 """Other shapes as rivals of a model: its mirror image and other sizes may fit nearly as well, and are other objects."""
 
 from dataclasses import dataclass, replace
-from functools import lru_cache
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -11,9 +10,10 @@ from uuv.models.objects.target_model import Symmetry, TargetModel
 from uuv.perception.registration.evidence import Evidence
 from uuv.perception.registration.initialiser import Expected, initial_poses
 from uuv.perception.registration.likelihood import difference, log_likelihood
-from uuv.perception.registration.model_surface import ModelSurface
+from uuv.perception.registration.model_surface import MODELS, ModelSurface
 from uuv.perception.registration.pose_search import Found, likeliest_of, weighed_again
 from uuv.perception.registration.symmetry import ambiguous_poses
+from uuv.sim.interfaces.remembered import remembered
 from uuv.sim.interfaces.spatial import Array, inverse, pose, readonly
 
 MIN_HAND = 3.0  # [nat] of log likelihood above that of the mirror image: odds of 20
@@ -113,7 +113,7 @@ def resized_log_likelihood(evidence: Evidence, surface: ModelSurface, size: floa
     return likeliest_of(evidence, rival, starts, log_likelihood(evidence, surface, found.X_ST)).log_likelihood
 
 
-@lru_cache(maxsize=16)
+@remembered(16, owners=MODELS)
 def resized(surface: ModelSurface, size: float) -> ModelSurface:
     """The model scaled by `size` about the origin of T."""
     target, symmetry = surface.target, surface.symmetry
@@ -131,7 +131,7 @@ def resized(surface: ModelSurface, size: float) -> ModelSurface:
     )
 
 
-@lru_cache(maxsize=16)
+@remembered(16, owners=MODELS)
 def mirror_image(surface: ModelSurface) -> ModelSurface | None:
     """The model reflected in the plane x = 0 of T; None if it has a plane of symmetry."""
     vertices, triangles = surface.target.vertices, surface.target.triangles
@@ -156,7 +156,7 @@ def mirror_image(surface: ModelSurface) -> ModelSurface | None:
     )
 
 
-@lru_cache(maxsize=16)
+@remembered(16, owners=MODELS)
 def _turns(surface: ModelSurface) -> tuple[Array, ...]:
     """Poses (4, 4) of the mirror image in T that lie on the model: reflected in each of its principal planes."""
     middle, axes = _principal(surface)

@@ -11,7 +11,6 @@ better than at every other angle.
 """
 
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 from scipy.linalg import expm
@@ -20,7 +19,8 @@ from scipy.spatial import cKDTree
 from uuv.models.objects.target_model import Symmetry
 from uuv.perception.clouds.nearest_point import NearestPoint
 from uuv.perception.registration.evidence import Evidence
-from uuv.perception.registration.model_surface import ModelSurface
+from uuv.perception.registration.model_surface import MODELS, ModelSurface
+from uuv.sim.interfaces.remembered import remembered
 from uuv.sim.interfaces.spatial import Array, exp_so3, inverse, pose, skew, transform_points
 
 # Near symmetry
@@ -56,7 +56,7 @@ _AGREE = 0.7  # [-] least share of the pixels changed by the parts (2 sigma or m
 _OTHER = np.deg2rad(15.0)  # [rad] beyond which two angles count as different
 
 
-@lru_cache(maxsize=16)
+@remembered(16, owners=MODELS)
 def ambiguous_poses(surface: ModelSurface) -> tuple[Array, ...]:
     """Poses G (4, 4) in T such that the model at X G looks nearly as at X, most similar first; may be empty.
 
@@ -140,7 +140,7 @@ def _shifts(surface: ModelSurface, points: Array, tree: cKDTree) -> list[Array]:
     return found[:_TRIED]
 
 
-@lru_cache(maxsize=16)
+@remembered(16, owners=MODELS)
 def slipping_twist(surface: ModelSurface) -> Array | None:
     """Twist (6,) [1, 1/m] in T about the model's centre that the surface resists least [Gelfand 2004].
 
@@ -160,7 +160,7 @@ def slipping_twist(surface: ModelSurface) -> Array | None:
     return np.concatenate([linear, angular]) / motion
 
 
-@lru_cache(maxsize=128)
+@remembered(128, owners=MODELS)
 def slipped(surface: ModelSurface, by: float) -> Array:
     """Pose G (4, 4) in T by which the model has slipped: a motion of its surface by `by` [m] along `slipping_twist`."""
     twist = slipping_twist(surface)
@@ -196,7 +196,7 @@ def _is_another(symmetry: Symmetry, G: Array, others: list[Array]) -> bool:
     return bool(np.all(symmetry.cosines(G[:3, :3], np.array(others)[:, :3, :3]) < np.cos(_DIFFERENT)))
 
 
-@lru_cache(maxsize=16)
+@remembered(16, owners=MODELS)
 def asymmetric_parts(surface: ModelSurface) -> Array:
     """Points (n, 3) [m] in T of parts that the declared rotations do not map onto the mesh; none without an axis."""
     symmetry, points = surface.symmetry, surface.points

@@ -52,7 +52,6 @@ from uuv.models.hydrodynamics import (
     water_density,
     world_row,
 )
-from uuv.models.water import thrusters
 from uuv.models.water.bounds import LARGEST
 from uuv.sim.interfaces.errors import ConfigurationError, HydrodynamicsError, PhysicsWarning
 from uuv.sim.interfaces.spatial import Array, shown, skew
@@ -286,8 +285,8 @@ def compile(spec: mujoco.MjSpec) -> mujoco.MjModel:  # noqa: A001 (always called
     given by `dampratio`.
 
     A spec without coefficients is compiled as it is. If only bodies carry water data (the spec came from MJCF, or was
-    attached to this one), the world body gets its row from them. A model with water or with gear
-    friction installs the process's callbacks.
+    attached to this one), the world body gets its row from them. A model with water, gear
+    friction, thrusters or soil installs the process's callbacks.
     PhysicsWarning for each of its `doubts`. The cost is linear in the number of kinematic trees.
 
     Raises:
@@ -298,8 +297,6 @@ def compile(spec: mujoco.MjSpec) -> mujoco.MjModel:  # noqa: A001 (always called
     if not isinstance(spec, mujoco.MjSpec):
         raise ConfigurationError(f"compile: expected a mujoco.MjSpec, got {spec!r}")
     users = spec.nuserdata
-    if any(thrusters.carries(actuator.userdata) for actuator in spec.actuators):
-        install()
     if any(carries(body.userdata) for body in spec.bodies):
         install()
         attach(spec, {})
@@ -309,7 +306,7 @@ def compile(spec: mujoco.MjSpec) -> mujoco.MjModel:  # noqa: A001 (always called
     finally:
         spec.nuserdata = users
     take_last(model, users + FLOW.size)
-    if process_callbacks.needed_by(model):  # also for gears alone
+    if process_callbacks.needed_by(model):
         install()
     _refuse_unread_elements(model)
     if not carries_hydrodynamics(model):

@@ -15,10 +15,13 @@ from typing import Any, Protocol
 
 import llvmlite.binding
 import mujoco
+import numpy as np
 from numba.core import event
 
 from uuv.models.arms.gear_friction import has_curves
 from uuv.models.hydrodynamics import is_wet
+from uuv.models.site import soil_bed
+from uuv.models.water import thrusters
 from uuv.models.water.mujoco_library import library
 from uuv.sim.interfaces.errors import HydrodynamicsError
 from uuv.sim.water import actuator_dynamics, mujoco_layout, passive_callback, thruster_force
@@ -128,14 +131,25 @@ def uninstall() -> None:
 
 
 def needed_by(model: mujoco.MjModel) -> bool:
-    """Return True if a model has what the callbacks do: water, or gear friction."""
-    return is_wet(model) or has_curves(model)
+    """Return True if a model has what the callbacks do: water, gear friction, thrusters or soil."""
+    return is_wet(model) or has_curves(model) or _has_user_actuators(model)
+
+
+def _has_user_actuators(model: mujoco.MjModel) -> bool:
+    """Return True if an actuator of a model is a thruster, or the state of its soil."""
+    rows = np.asarray(model.actuator_user)
+    if rows.shape[1] < thrusters.HEADER:
+        return False
+    ours = thrusters.STAMP_VALUE, soil_bed.STAMP_VALUE
+    return bool(np.isin(rows[:, thrusters.STAMP], ours).any())
 
 
 def left_out(model: mujoco.MjModel) -> str:
     """What a model has that does not act, and why: "hydrodynamics but moves dry: ..."."""
     reason = missing()
     what = "gear friction but its gears have Coulomb friction alone"
+    if not has_curves(model):
+        what = "thrusters or soil but they give no force"
     if is_wet(model):
         what = f"hydrodynamics but {'moves' if reason else 'moved'} dry"
     return f"{what}: {reason or 'MuJoCo was kept from calling its callback'}"

@@ -77,3 +77,18 @@ def test_what_is_missing_is_put_back():
     hydrodynamics.install()
     assert hydrodynamics.is_installed()
     assert mujoco.get_mjcb_passive() is passive
+
+
+def test_a_model_with_thrusters_alone_installs_them_and_names_what_it_lacks():
+    spec = mujoco.MjSpec.from_string("""
+    <mujoco>
+      <worldbody> <body> <freejoint/> <geom size=".1"/> <site name="screw"/> </body> </worldbody>
+      <actuator> <motor name="screw" site="screw"/> </actuator>
+    </mujoco>""")
+    thrusters.attach(spec, {"screw": Thruster(forward=THRUST, reverse=THRUST)})
+    model = hydrodynamics.compile(spec)
+    assert hydrodynamics.is_installed()
+    assert hydrodynamics.check_installed(model)
+    hydrodynamics.uninstall()
+    with pytest.warns(RuntimeWarning, match="carries thrusters or soil but they give no force: call"):
+        assert not hydrodynamics.check_installed(model)

@@ -15,7 +15,7 @@ from uuv.sim.interfaces.messages import Command, Measurement, ObjectMotion, Refe
 class Sensor(Protocol):
     """Simulated sensor: maps the true state to one measurement, or to None if no message is sent.
 
-    `truth` is `uuv.sim.plant.plant.Truth`; only `sim` may read it.
+    `truth` is `uuv.sim.plant.truth.Truth`; only `sim` may read it.
     """
 
     @property

@@ -64,7 +64,7 @@ class Moment:
     """Snapshot of one step for observers: truth, estimate, set points and command."""
 
     tick: int
-    truth: Any  # uuv.sim.plant.plant.Truth; live views
+    truth: Any  # uuv.sim.plant.truth.Truth; live views
     estimate: StateEstimate
     target: Target | None
     reference: Reference

@@ -14,7 +14,7 @@ def true_estimate(truth: Any, tau: Array | None = None) -> StateEstimate:
     """Estimate that equals the truth, in arrays of its own.
 
     Args:
-        truth: `uuv.sim.plant.plant.Truth`.
+        truth: `uuv.sim.plant.truth.Truth`.
         tau: Torques (n,) [N m] at the gear outputs, which no truth holds; None: they read zero.
     """
     R_BW = truth.R_WB.T

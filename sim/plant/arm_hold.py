@@ -4,7 +4,7 @@ import numpy as np
 
 from uuv.models.vehicle import Vehicle
 from uuv.sim.interfaces.spatial import Array
-from uuv.sim.plant.plant import Truth
+from uuv.sim.plant.truth import Truth
 
 HOLD_ANGLE = 0.05  # [rad] error that asks for the whole torque of a drive, which is the maximum
 HOLD_TIME = 0.03  # [s] damping over stiffness

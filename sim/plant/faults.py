@@ -24,7 +24,8 @@ from uuv.sim.interfaces.protocols import Sensor, TargetFinder
 from uuv.sim.interfaces.spatial import Array, checked, exp_so3, readonly
 from uuv.sim.plant.compiled_step import PlantRecord
 from uuv.sim.plant.onset import Onset
-from uuv.sim.plant.plant import NO_HOOKS, Plant, PlantHooks, PlantState, Truth
+from uuv.sim.plant.plant import NO_HOOKS, Plant, PlantHooks, PlantState
+from uuv.sim.plant.truth import Truth
 
 # -- sensors -----------------------------------------------------------------------------------------------------------
 

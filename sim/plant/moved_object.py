@@ -21,7 +21,8 @@ from uuv.sim.interfaces.spatial import (
 )
 from uuv.sim.plant.compiled_step import PlantRecord
 from uuv.sim.plant.onset import Onset
-from uuv.sim.plant.plant import NO_HOOKS, Plant, PlantHooks, Truth
+from uuv.sim.plant.plant import NO_HOOKS, Plant, PlantHooks
+from uuv.sim.plant.truth import Truth
 
 # Displacement (3,) [m] and rotation vector (3,) [rad] in W, by time [s].
 Motion = Callable[[float], tuple[Array, Array]]

@@ -4,7 +4,7 @@ import copy
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Self
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -20,127 +20,12 @@ from uuv.sim.interfaces.spatial import Array, checked_pose, fitting, quat_wxyz_f
 from uuv.sim.plant.compiled_step import PlantRecord, Watch, next_flow, verdict
 from uuv.sim.plant.driven_water import DrivenWater, check_current
 from uuv.sim.plant.reaction_wrench import ReactionWrench
-from uuv.sim.plant.readout import CONTACTS, FORCE, Readout, gears_and_contacts, places_of
+from uuv.sim.plant.readout import CONTACTS, Readout, gears_and_contacts, places_of
 from uuv.sim.plant.soil_contact import SoilContact, feel_soil
 from uuv.sim.plant.thrusters import Drive, command_thrusters, read_thrusters
+from uuv.sim.plant.truth import Truth, spacing
 from uuv.sim.water.current import Current
 from uuv.sim.water.passive_callback import WET_MARK
-
-
-class Truth:
-    """True state at the start of the plant's step. Live views: read them before the next step, keep none.
-
-    Positions and velocities are those of `time`. Accelerations and torques are those of the preceding physics step, at
-    which a sensor would have sampled them. Contact covers all substeps of the preceding step of the plant.
-    """
-
-    __slots__ = (
-        "R_WB",
-        "R_WG",
-        "acceleration",
-        "arm_wrench_B",
-        "armature",
-        "collided",
-        "collision",
-        "contact_force_W",
-        "contact_least",
-        "contact_most",
-        "contact_normal",
-        "current_W",
-        "joint_damping",
-        "p_WB",
-        "p_WG",
-        "p_pad",
-        "propeller_speed",
-        "q",
-        "qd",
-        "qdd",
-        "saturated",
-        "tau_drive",
-        "tau_friction",
-        "thrust",
-        "time",
-        "v_WB_W",
-        "vehicle",
-        "w_WB_B",
-        "xmat",
-        "xpos",
-        "xquat",
-    )
-
-    time: float  # [s]
-    xpos: Array  # (nbody, 3) [m] body origins in W
-    xquat: Array  # (nbody, 4) wxyz
-    xmat: Array  # (nbody, 9)
-    p_WB: Array  # (3,) [m]
-    R_WB: Array  # (3, 3)
-    v_WB_W: Array  # (3,) [m/s], world axes
-    w_WB_B: Array  # (3,) [rad/s], hull axes
-    acceleration: Array  # (6,) of the free joint: linear in W, angular in B [m/s^2, rad/s^2]
-    q: Array  # (n,) [rad]
-    qd: Array  # (n,) [rad/s]
-    qdd: Array  # (n,) [rad/s^2]
-    tau_drive: Array  # (n,) [N m] of the motors
-    tau_friction: Array  # (n,) [N m] of dry friction in the gears, on the joint
-    armature: Array  # (n,) [kg m^2]
-    joint_damping: Array  # (n,) [N m s/rad]
-    propeller_speed: Array  # (m,) normalised, lags the commands
-    thrust: Array  # (m,) [N] in the last physics step
-    saturated: bool  # a thruster command was at its limit
-    current_W: Array  # (3,) [m/s]
-    arm_wrench_B: Array  # (6,) [N, N m] of the arm on the hull, at its origin; NaN if the plant does not measure it
-    p_WG: Array  # (3,) [m] tip of the rigid tool; without an arm, the hull
-    R_WG: Array  # (3, 3) tool axes
-    p_pad: Array  # (3,) [m] face of the pad, which moves along the tool axis on its spring
-    contact_normal: float  # [N] sum of the normal forces on the pad, mean over the substeps
-    contact_least: float  # [N] smallest sum of a substep
-    contact_most: float  # [N] largest sum of a substep
-    contact_force_W: Array  # (3,) [N] of the world on the pad, mean over the substeps
-    collision: bool  # another part of the vehicle touched the world in any substep
-    collided: Array  # (3,) geoms of vehicle and world that did so first, and when [s]; negative: none did yet
-    vehicle: Vehicle
-
-    @classmethod
-    def of(cls, data: mujoco.MjData, vehicle: Vehicle, drive: Drive, contacts: Array, pad_site: int) -> Self:
-        """Truth whose arrays are views, made once to avoid lookups in the loop.
-
-        Args:
-            data: state of the simulation.
-            vehicle: the vehicle in it.
-            drive: its thrusters.
-            contacts: (CONTACTS,) sums of `uuv.sim.plant.readout`.
-            pad_site: site of the pad's face, -1 for none.
-
-        Returns:
-            The truth; its numbers are set by the plant.
-        """
-        truth = cls()
-        truth.vehicle = vehicle
-        truth.xpos, truth.xquat, truth.xmat = data.xpos, data.xquat, data.xmat
-        truth.p_WB = data.xpos[vehicle.hull]
-        truth.R_WB = data.xmat[vehicle.hull].reshape(3, 3)
-        dof = vehicle.hull_dof
-        truth.v_WB_W = data.qvel[dof : dof + 3]
-        truth.w_WB_B = data.qvel[dof + 3 : dof + 6]
-        truth.acceleration = data.qacc[dof : dof + 6]
-        truth.q, truth.qd, truth.qdd = (
-            _view(data.qpos, vehicle.qpos),
-            _view(data.qvel, vehicle.dof),
-            _view(data.qacc, vehicle.dof),
-        )
-        truth.tau_friction = np.zeros(len(vehicle.joints))
-        truth.tau_drive = _view(data.qfrc_actuator, vehicle.dof)
-        truth.armature, truth.joint_damping = vehicle.armature, vehicle.damping_in(data.model)
-        truth.propeller_speed, truth.thrust = drive.speed, drive.thrust
-        truth.current_W = np.zeros(3)
-        truth.arm_wrench_B = np.full(6, np.nan)
-        armed = vehicle.tip >= 0
-        truth.p_WG = data.site_xpos[vehicle.tip] if armed else truth.p_WB
-        truth.R_WG = data.site_xmat[vehicle.tip].reshape(3, 3) if armed else truth.R_WB
-        truth.p_pad = data.site_xpos[pad_site] if pad_site >= 0 else truth.p_WB
-        truth.contact_force_W = contacts[FORCE : FORCE + 3]
-        truth.collided = np.full(3, -1.0)
-        return truth
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -409,7 +294,7 @@ class Plant:
 
     def spans(self) -> str:
         """Why the compiled stages of `uuv.sim.plant.compiled_step` cannot advance this plant; empty if they can."""
-        if _spacing(self.vehicle.dof) > 1:
+        if spacing(self.vehicle.dof) > 1:
             return "the arm's joints have others between them"
         return ""
 
@@ -502,26 +387,6 @@ def _rows_of_friction(model: mujoco.MjModel, vehicle: Vehicle) -> np.ndarray:
     dry = np.asarray(model.dof_frictionloss) > 0.0
     rows = np.where(dry, np.cumsum(dry) - 1, -1)[vehicle.dof]
     return rows if np.any(rows >= 0) else np.zeros(0, dtype=np.int64)
-
-
-def _view(array: Array, addresses: np.ndarray) -> Array:
-    """Slice of `array` at `addresses`, which must be evenly spaced so that it stays a view."""
-    if not len(addresses):
-        return np.zeros(0)
-    first, step = int(addresses[0]), _spacing(addresses)
-    if not step:
-        raise ConfigurationError(
-            "between the driven joints of the arm there must be equally many others, none or one after each"
-        )
-    return array[first : first + step * len(addresses) : step]
-
-
-def _spacing(addresses: np.ndarray) -> int:
-    """Difference of neighbouring `addresses`; 0 if it is not the same for all, or not positive."""
-    steps = np.diff(addresses)
-    if not len(steps):
-        return 1
-    return int(steps[0]) if np.all(steps == steps[0]) and steps[0] > 0 else 0
 
 
 def _block(addresses: np.ndarray) -> slice | np.ndarray:

@@ -20,7 +20,7 @@ from uuv.sim.interfaces.messages import (
     VisionNoise,
 )
 from uuv.sim.interfaces.spatial import GRAVITY, Array, checked, number
-from uuv.sim.plant.plant import Truth
+from uuv.sim.plant.truth import Truth
 
 SEA_LEVEL = 101325.0  # [Pa] standard atmosphere
 _MOST_JOINTS = 64  # largest number of joints of an arm

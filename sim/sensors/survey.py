@@ -9,7 +9,7 @@ from uuv.models.site.sliding_contact import TARGET_BODY
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.messages import SurveyedPose
 from uuv.sim.interfaces.spatial import pose, readonly, rotation_from_quat_wxyz
-from uuv.sim.plant.plant import Truth
+from uuv.sim.plant.truth import Truth
 
 
 class Survey:

@@ -6,7 +6,7 @@ import numpy as np
 
 from uuv.sim.interfaces.messages import TorqueMeasurement
 from uuv.sim.interfaces.spatial import Array, finite_number
-from uuv.sim.plant.plant import Truth
+from uuv.sim.plant.truth import Truth
 from uuv.sim.sensors.proprioception import FastState, JointTorqueSensors
 
 

@@ -29,7 +29,7 @@ _CLUSTER = 16  # smallest number of triangles in a cluster
 
 
 class BodyPoses(Protocol):
-    """World poses of all bodies: `uuv.sim.plant.plant.Truth`, or an MjData after `mj_kinematics`."""
+    """World poses of all bodies: `uuv.sim.plant.truth.Truth`, or an MjData after `mj_kinematics`."""
 
     @property
     def time(self) -> float:

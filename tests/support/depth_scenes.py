@@ -15,7 +15,7 @@ DEFAULT_NOISE = StereoNoise()
 
 @dataclass(frozen=True)
 class Poses:
-    """Bodies' poses of one instant, as `uuv.sim.plant.plant.Truth` holds them."""
+    """Bodies' poses of one instant, as `uuv.sim.plant.truth.Truth` holds them."""
 
     time: float
     xpos: Array

@@ -22,7 +22,7 @@ from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.messages import Command, Reference, StateEstimate, WorkState
 from uuv.sim.interfaces.spatial import Array, exp_so3, fitting, log_so3, shown
 from uuv.sim.plant.arm_hold import ArmHold
-from uuv.sim.plant.plant import Truth
+from uuv.sim.plant.truth import Truth
 
 _ZERO = np.zeros(3)
 

@@ -19,7 +19,7 @@ from uuv.models.objects.target_model import TargetModel
 from uuv.sim.evaluation.bounds import DAMAGE
 from uuv.sim.evaluation.insertion_metrics import InsertionBounds, TrueHole
 from uuv.sim.interfaces.spatial import Array, pose, readonly
-from uuv.sim.plant.plant import Truth
+from uuv.sim.plant.truth import Truth
 from uuv.tasks.surface_work import work_bounds
 
 STANDOFF = 0.06  # [m] of the tool off the surface at the start

@@ -35,7 +35,8 @@ from uuv.sim.interfaces.errors import ConfigurationError, HydrodynamicsError, Ph
 from uuv.sim.interfaces.messages import Command
 from uuv.sim.interfaces.protocols import Sensor
 from uuv.sim.interfaces.spatial import Array, checked_pose, finite_number, fitting, pose, quat_wxyz_from_rotation, shown
-from uuv.sim.plant.plant import Plant, Truth
+from uuv.sim.plant.plant import Plant
+from uuv.sim.plant.truth import Truth
 from uuv.sim.sensors.arm_camera import beside_tool
 from uuv.sim.water.current import Current
 from uuv.sim.water.water_motion import FLOW, take_last
@@ -331,7 +332,7 @@ class VehicleEntity(composer.Entity):
 
     @property
     def truth(self) -> Truth:
-        """True state, as `uuv.sim.plant.plant.Truth` says; live views."""
+        """True state, as `uuv.sim.plant.truth.Truth` says; live views."""
         return self.plant.truth
 
     def names(self) -> PartNames:

@@ -13,7 +13,7 @@ from uuv.environments.sensing import FARTHEST
 from uuv.environments.vehicle_task import SITE_DEPTH, Random, VehicleTask, near
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import Array, exp_so3, inverse, log_so3, pose, readonly
-from uuv.sim.plant.plant import Truth
+from uuv.sim.plant.truth import Truth
 
 START_OFFSET = 0.5  # [m] largest per axis, from the pose to hold
 START_TURN = 0.3  # [rad] largest, about the vertical

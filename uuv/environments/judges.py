@@ -16,7 +16,7 @@ from uuv.sim.evaluation.insertion_metrics import InsertionBounds, TrueHole
 from uuv.sim.evaluation.running import RunningForce, place_on_path
 from uuv.sim.interfaces.messages import ToolPath
 from uuv.sim.interfaces.spatial import inverse, transform_points
-from uuv.sim.plant.plant import Truth
+from uuv.sim.plant.truth import Truth
 
 
 class Judge(Protocol):

@@ -20,7 +20,7 @@ from uuv.sim.interfaces.messages import Measurement
 from uuv.sim.interfaces.protocols import Sensor
 from uuv.sim.interfaces.spatial import Array
 from uuv.sim.loop.rollout import ticks_per_period
-from uuv.sim.plant.plant import Truth
+from uuv.sim.plant.truth import Truth
 
 FARTHEST = 100.0  # [m] bound of positions; an episode ends long before
 FARTHEST_TURN = 2.0 * np.pi  # [rad] bound of rotation vectors

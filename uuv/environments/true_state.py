@@ -7,7 +7,7 @@ import numpy as np
 from uuv.sim.interfaces.messages import StateEstimate
 from uuv.sim.interfaces.spatial import Array, pose
 from uuv.sim.loop.true_estimate import true_estimate
-from uuv.sim.plant.plant import Truth
+from uuv.sim.plant.truth import Truth
 from uuv.sim.sensors.proprioception import JointTorqueSensors
 
 _EXACT = JointTorqueSensors(noise=0.0, bias=0.0)

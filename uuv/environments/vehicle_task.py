@@ -17,7 +17,7 @@ from uuv.environments.sensing import BoundedNumbers
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import Array, exp_so3, finite_number, fitting, pose
 from uuv.sim.loop.rollout import ticks_per_period
-from uuv.sim.plant.plant import Truth
+from uuv.sim.plant.truth import Truth
 
 CONTROL_PERIOD = 0.02  # [s] between actions
 SITE_DEPTH = 5.0  # [m] below the surface of the sea, z = 0, at which the suite's tasks happen

@@ -28,7 +28,8 @@ from uuv.scenario import PlacedTask, Scenario, Task, VehicleSetup
 from uuv.sim.interfaces.messages import Command, Reference, StateEstimate, Target, WorkState
 from uuv.sim.interfaces.spatial import Array, rotation_angle, skew
 from uuv.sim.loop.rollout import Moment
-from uuv.sim.plant.plant import Plant, Truth
+from uuv.sim.plant.plant import Plant
+from uuv.sim.plant.truth import Truth
 from uuv.site import OpenWater, Site
 
 FELT_LAG = 0.012  # [s] time constant of the felt force

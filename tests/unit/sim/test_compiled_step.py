@@ -15,8 +15,9 @@ from uuv.sim.interfaces.messages import Command
 from uuv.sim.interfaces.spatial import Array
 from uuv.sim.plant import compiled_step, faults
 from uuv.sim.plant.moved_object import MovedObjectPlant, swing
-from uuv.sim.plant.plant import Plant, Truth
+from uuv.sim.plant.plant import Plant
 from uuv.sim.plant.readout import DATA, MODEL, STEP1, STEP2
+from uuv.sim.plant.truth import Truth
 from uuv.sim.water.current import _BLOCK, Current
 from uuv.sim.water.native_memory import call_physics
 

@@ -10,7 +10,7 @@ from uuv.perception.navigation.strapdown_filter import Navigation, NavigationSta
 from uuv.sim.interfaces.messages import DvlMeasurement, StateEstimate, VisionMeasurement
 from uuv.sim.interfaces.records import EstimateRecord, estimate_record, state_estimate
 from uuv.sim.interfaces.spatial import Array, exp_so3
-from uuv.sim.plant.plant import Truth
+from uuv.sim.plant.truth import Truth
 from uuv.sim.sensors import proprioception
 from uuv.sim.sensors.proprioception import encode, sense_motion, transmit
 

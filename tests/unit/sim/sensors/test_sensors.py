@@ -12,7 +12,7 @@ from uuv.sim.interfaces.messages import Command, Reference, StateEstimate, WorkS
 from uuv.sim.interfaces.protocols import Sensor
 from uuv.sim.interfaces.spatial import GRAVITY, exp_so3, log_so3
 from uuv.sim.loop.rollout import Parts, rollout
-from uuv.sim.plant.plant import Truth
+from uuv.sim.plant.truth import Truth
 from uuv.sim.sensors import proprioception
 
 SAMPLES = 20_000  # one sigma of a standard deviation is 0.5 %, less where axes are taken together

@@ -93,7 +93,7 @@ def test_the_tick_of_the_controller_calls_it(rng):
 
 def test_what_cannot_be_compiled_is_refused_in_one_line():
     def opens(*_):
-        open("a file")
+        return float(open("a file").read())
 
     with pytest.raises(ConfigurationError, match=r"^contact estimator opens: numba cannot compile it: [^\n]*$"):
         KernelContact(OWN, opens)

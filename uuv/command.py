@@ -18,6 +18,7 @@ from uuv.check.preflight import preflight
 from uuv.controllers.tuning import table
 from uuv.kinds import SURVEY, TRUST
 from uuv.models.meshes import ray_casting
+from uuv.outcome import RunResult
 from uuv.runner import Run, SignalStop, assessed, rehearse, run_through, to_rehearse
 from uuv.scenario import Scenario
 from uuv.scenario_file import SCENARIO_FILE, as_dict, flat, names_of_code, write_scenario
@@ -109,11 +110,7 @@ def command(
         with signals(stop.ask):
             with bar:
                 result = run_through(assembly, recorder, observers, longest, stop=stop)
-            if result.part_by_part:
-                console.print(f"no compiled ticks, which are faster: {result.part_by_part}", highlight=False)
-            elif result.slow_parts:
-                named = ", ".join(result.slow_parts)
-                console.print(f"in Python at every tick, where a kernel is faster: {named}", highlight=False)
+            _say_what_is_slow(result, console)
             assessment = assessed(assembly, result).made_by(made_by).started(start)
             assessment.write(folder / "metrics.json")  # before the log, which is slow to close
             if log is not None:
@@ -170,6 +167,19 @@ def _report(run: Run, folder: Path, title: str) -> None:
         bounds=run.assembly.placed.bounds,
         again=f"uuv replay {shlex.quote(str(folder))}{f' {TRUST}' if any(names_of_code(tables)) else ''}",
     )
+
+
+def _say_what_is_slow(result: RunResult, console: Console) -> None:
+    """What of the loop ran in plain Python at every tick."""
+    notes = []
+    if result.part_by_part:
+        notes.append(f"no compiled ticks, which are faster: {result.part_by_part}")
+    if result.slow_parts:
+        parts = ", ".join(result.slow_parts)
+        notes.append(f"in Python at every tick, where a kernel is faster: {parts}")
+
+    for note in notes:
+        console.print(note, highlight=False)
 
 
 def _say(assessment: Assessment, console: Console) -> None:

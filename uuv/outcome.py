@@ -22,7 +22,7 @@ class RunResult:
     last: Moment
     wall_s: float
     part_by_part: str = ""  # why every tick was taken part by part; empty: compiled ticks where nothing slow was due
-    slow_parts: tuple[str, ...] = ()  # parts of the controller in plain Python that every compiled tick called
+    slow_parts: tuple[str, ...] = ()  # in plain Python, called by every compiled tick
 
 
 @dataclass(frozen=True, slots=True)

@@ -29,13 +29,19 @@ from uuv.sim.interfaces.kernels.slots import Slot, empty_slot
 from uuv.sim.interfaces.messages import Reference
 from uuv.sim.interfaces.spatial import Array
 
-# Entries of `ComplianceState.numbers` behind the offset [m], W, which is the first three
-GENTLE = 3  # not 0: the offset is that of a tool which stands on a surface
-NUMBERS = 4  # number of entries
+# Entry of `ComplianceState.numbers` behind the offset (3,) [m], W: not 0 where that is the offset of
+# a tool that stands on a surface
+GENTLE = 3
+# Number of entries
+NUMBERS = 4
 
-# Entries of the values of a slot for a displacement across the tool axis
-FORCE, AXIS, DT, CONTROLLED, COMPLIANT, STANDING = 0, 3, 6, 7, 8, 9  # (3,) [N], W; (3,), W; [s]; flags of `Reference`
-OFFSET = 10  # (3,) [m], W: its answer
+# Entries of the values of a slot for a displacement across the tool axis: force (3,) [N] and axis
+# (3,), W, time [s] since the last step, flags of `Reference`; the answer is the offset (3,) [m], W
+FORCE, AXIS, DT = 0, 3, 6
+CONTROLLED, COMPLIANT, STANDING = range(7, 10)
+# The answer
+OFFSET = 10
+# Number of entries
 VALUES = 13
 
 

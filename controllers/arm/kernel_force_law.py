@@ -1,4 +1,4 @@
-"""Force law of one's own as a kernel: the tick of the drives calls it by its address, without Python."""
+"""Force law of one's own as a kernel: the tick of the drives calls it by its address."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -31,15 +31,15 @@ from uuv.sim.interfaces.kernels.slots import FINE, Slot, call, slot_function
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class KernelForceLaw(ForceDisplacement):
-    """Force law from a plain function, which is compiled: the loop calls it at its own rate, without Python.
+    """Force law from a plain function, which is compiled: the tick calls it without Python.
 
-    Its displacement is limited by `speed` and `limit` and released like that of `ForceDisplacement`; the other gains do
-    not count.
+    Its displacement is limited by `speed` and `limit` and released like that of
+    `ForceDisplacement`; the other gains do not count.
     """
 
     law: Callable[..., float]  # law(memory, set_force, felt, servo_compliance, dt), see `step`: the displacement [m]
     numbers: int = 1  # length of its memory, which is zero whenever the loop closes
-    _compiled: Any = field(init=False, repr=False, compare=False)  # kept alive: `slot` points into it
+    _compiled: Any = field(init=False, repr=False, compare=False)  # kept alive: `slot` calls it
 
     def __post_init__(self) -> None:
         """Compile the law.
@@ -80,7 +80,7 @@ class KernelForceLaw(ForceDisplacement):
             The displacement k [m] along the tool axis, positive into the surface.
         """
         slot = self.slot(state)
-        slot.values[[ASKED, MEASURED, SOFT, LASTING, LOOP]] = set_force, felt, servo_compliance, dt, CLOSED
+        slot.values[:ANSWER] = set_force, felt, servo_compliance, dt, CLOSED
         call(slot)
         return float(slot.values[ANSWER])
 
@@ -89,22 +89,23 @@ def _of_pointers(law: Any, size: int, speed: float, limit: float) -> Callable[[A
     """Function of a slot: the law, its limits, and its release."""
 
     def limited(memory: Any, values: Any) -> int:
-        numbers, given = carray(memory, NUMBERS + size), carray(values, VALUES)
-        most = speed * given[LASTING]
-        if given[LOOP] != CLOSED:
-            given[ANSWER] = let_go(numbers, most, given[LOOP] == INWARDS)
+        numbers = carray(memory, NUMBERS + size)
+        asked = carray(values, VALUES)
+        most = speed * asked[LASTING]
+        if asked[LOOP] != CLOSED:
+            asked[ANSWER] = let_go(numbers, most, asked[LOOP] == INWARDS)
             return FINE
 
         # The law, from a memory of zeros whenever the loop closes.
         kept = numbers[NUMBERS:]
         if np.isnan(numbers[SET_FORCE]):
             kept[:] = 0.0
-        numbers[SET_FORCE] = given[ASKED]
-        k = law(kept, given[ASKED], given[MEASURED], given[SOFT], given[LASTING])
+        numbers[SET_FORCE] = asked[ASKED]
+        k = law(kept, asked[ASKED], asked[MEASURED], asked[SOFT], asked[LASTING])
 
         # Its limits.
         k = min(max(k, numbers[K] - most), numbers[K] + most)
-        given[ANSWER] = numbers[K] = min(max(k, -limit), limit)
+        asked[ANSWER] = numbers[K] = min(max(k, -limit), limit)
         return FINE
 
     return limited

@@ -36,12 +36,11 @@ COMPLIANCE = 7  # [m/N] of the surface, as identified
 SUMS = 8  # (5,) weight [s], means of F [N] and k [m], central moments FF [N^2] and Fk [N m]
 NUMBERS = 13  # number of entries
 
-# Entries of the values of a slot for a force law
-ASKED, MEASURED, SOFT, LASTING = 0, 1, 2, 3  # [N] set force; [N] measured; [m/N] of the arm's servo; [s] since the last
-LOOP = 4  # CLOSED, or how the displacement returns to zero: INWARDS too, or only OUTWARDS
-ANSWER = 5  # [m] the displacement k
-VALUES = 6
-CLOSED, INWARDS, OUTWARDS = 0, 1, 2
+# Entries of the values of a slot for a force law: set force [N], measured force [N], compliance
+# [m/N] of the arm's servo, time [s] since the last step, whether the LOOP is CLOSED or the
+# displacement returns to zero, INWARDS too or only OUTWARDS; the answer is the displacement k [m]
+ASKED, MEASURED, SOFT, LASTING, LOOP, ANSWER, VALUES = range(7)
+CLOSED, INWARDS, OUTWARDS = range(3)
 
 
 def _open_loop() -> Array:
@@ -246,12 +245,14 @@ class NominalStiffness(ForceDisplacement):
 @cache
 def _nominal(stiffness: float, speed: float) -> Any:
     def law(memory: Any, values: Any) -> int:
-        numbers, given = carray(memory, NUMBERS), carray(values, VALUES)
-        if given[LOOP] == CLOSED:
-            numbers[K] = given[ASKED] / stiffness
+        numbers = carray(memory, NUMBERS)
+        asked = carray(values, VALUES)
+        if asked[LOOP] == CLOSED:
+            numbers[K] = asked[ASKED] / stiffness
         else:
-            let_go(numbers, speed * given[LASTING], given[LOOP] == INWARDS)
-        given[ANSWER] = numbers[K]
+            let_go(numbers, speed * asked[LASTING], asked[LOOP] == INWARDS)
+
+        asked[ANSWER] = numbers[K]
         return FINE
 
     return slot_function(law)

@@ -7,7 +7,8 @@ arm, a yaw joint and three parallel pitch joints with joints 5 and 6 at zero, th
 
 import numpy as np
 
-from uuv.controllers.estimation.tip_force_estimator import PRIOR, ContactState, DriveState, TorqueSensors
+from uuv.controllers.estimation.tip_force_estimator import ContactState, DriveState, TorqueSensors
+from uuv.controllers.estimation.tip_force_kernels import PRIOR
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.messages import ContactEstimate, StateEstimate
 from uuv.sim.interfaces.spatial import Array

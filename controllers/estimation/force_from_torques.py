@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from uuv.controllers.estimation.tip_force_estimator import PRIOR
+from uuv.controllers.estimation.tip_force_kernels import PRIOR
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import Array
 

@@ -1,4 +1,4 @@
-"""Contact estimator of one's own as a kernel: the tick of the drives calls it by its address, without Python."""
+"""Contact estimator of one's own as a kernel: the tick of the drives calls it by its address."""
 
 from collections.abc import Callable
 from typing import Any
@@ -8,7 +8,8 @@ import numpy as np
 from numba.np.numpy_support import carray
 
 from uuv.controllers.arm.inverse_dynamics import ArmDynamics
-from uuv.controllers.estimation.tip_force_estimator import ContactState, DriveState, TorqueSensors, feel_by_slot
+from uuv.controllers.estimation.tip_force_estimator import ContactState, DriveState, TorqueSensors
+from uuv.controllers.estimation.tip_force_kernels import feel_by_slot
 from uuv.controllers.tuning import ArmTuning
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.kernels import kernel
@@ -17,10 +18,10 @@ from uuv.sim.interfaces.messages import StateEstimate
 
 
 class KernelContact(TorqueSensors):
-    """Contact force from a plain function, which is compiled, in the place of the least squares of `TorqueSensors`.
+    """Contact force from a plain function, which is compiled, in the place of least squares.
 
-    Motion of arm and hull, tare and payload are those of `TorqueSensors`, and its force and friction are what the
-    function starts from.
+    Motion of arm and hull, tare and payload are those of `TorqueSensors`, and its force and
+    friction are what the function starts from.
     """
 
     def __init__(
@@ -37,24 +38,27 @@ class KernelContact(TorqueSensors):
 
         Args:
             model: believed model, compiled.
-            function: function(memory, joints, torques, J_B, f_B, friction, dt). `joints` (3, n) are angles [rad],
-                speeds and accelerations; `torques` (3, n) [N m] those measured, those of the motors, and the external
-                ones less their tare; `J_B` (3, n) [m] moves the tip, hull axes; dt is in s. It writes the force of the
-                world on the tip `f_B` (3,) [N], hull axes, and the dry friction of the gears `friction` (n,) [N m].
+            function: function(memory, joints, torques, J_B, f_B, friction, dt). `joints` (3, n) are
+                angles [rad], speeds and accelerations; `torques` (3, n) [N m] those measured, those
+                of the motors, and the external ones less their tare; `J_B` (3, n) [m] moves the
+                tip, hull axes; dt is in s. It writes the force of the world on the tip `f_B` (3,)
+                [N], hull axes, and the dry friction of the gears `friction` (n,) [N m].
             numbers: length of its memory, which is zero at first.
             arm: believed dynamics of the arm; None reads them from `model`.
             tuning: filters and noise.
-            water_error: [-] share by which added masses and drags are wrong; only where `arm` is None.
+            water_error: [-] share by which added masses and drags are wrong; only where `arm` is
+                None.
 
         Raises:
             ConfigurationError: numba cannot compile it, or `numbers` is below 1.
         """
         super().__init__(model, arm=arm, tuning=tuning, water_error=water_error)
         if numbers < 1:
-            raise ConfigurationError(f"numbers of the contact estimator: must be at least 1, got {numbers}")
-        self._numbers, n = numbers, self._arm.n
+            name = "numbers of the contact estimator"
+            raise ConfigurationError(f"{name}: must be at least 1, got {numbers}")
+        self._numbers = numbers
         name = getattr(function, "__name__", repr(function))
-        of_pointers = _of_pointers(kernel(function), numbers, n, self.timing.period)
+        of_pointers = _of_pointers(kernel(function), numbers, self._arm.n, self.timing.period)
         self._compiled = slot_function(of_pointers, f"contact estimator {name}")
 
     def init(self, estimate: StateEstimate) -> ContactState:
@@ -76,17 +80,22 @@ class KernelContact(TorqueSensors):
             drives: what they were last asked for.
         """
         super().sense(state, estimate, drives)
-        e = estimate
-        feel_by_slot(self.slot(state), (e.X_WB, e.q, e.qd, e.tau), drives.tau, state.record)
+        seen = estimate.X_WB, estimate.q, estimate.qd, estimate.tau
+        feel_by_slot(self.slot(state), seen, drives.tau, state.record)
 
 
 def _of_pointers(function: Any, size: int, n: int, dt: float) -> Callable[[Any, Any], int]:
     """Function of a slot, whose values are those of `feel_by_slot`."""
 
     def of_pointers(memory: Any, values: Any) -> int:
-        given = carray(values, 10 * n + 3)
-        joints, torques = given[: 3 * n].reshape(3, n), given[3 * n : 6 * n].reshape(3, n)
-        J_B, f_B, friction = given[6 * n : 9 * n].reshape(3, n), given[9 * n : 9 * n + 3], given[9 * n + 3 :]
+        packed = carray(values, 10 * n + 3)
+        joints = packed[: 3 * n].reshape(3, n)
+        torques = packed[3 * n : 6 * n].reshape(3, n)
+        J_B = packed[6 * n : 9 * n].reshape(3, n)
+
+        # What it changes.
+        f_B = packed[9 * n : 9 * n + 3]
+        friction = packed[9 * n + 3 :]
         function(carray(memory, size), joints, torques, J_B, f_B, friction, dt)
         return FINE
 

@@ -23,13 +23,8 @@ import numpy as np
 
 from uuv.controllers.arm.believed_friction import dry_friction, dry_friction_sigma
 from uuv.controllers.arm.inverse_dynamics import ArmDynamics, ArmParameters, JointMotion, newton_euler, workspace
-from uuv.controllers.estimation.tip_force_estimator import (
-    ContactState,
-    DriveState,
-    TorqueResidual,
-    force_from_external_torques,
-    force_sigma,
-)
+from uuv.controllers.estimation.tip_force_estimator import ContactState, DriveState, TorqueResidual
+from uuv.controllers.estimation.tip_force_kernels import force_from_external_torques, force_sigma
 from uuv.controllers.tuning import DRIVE_PERIOD, ArmTuning
 from uuv.models.arms.gear_friction import DryFriction
 from uuv.models.vehicle import Vehicle

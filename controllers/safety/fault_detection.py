@@ -94,6 +94,11 @@ class FaultDetectionState:
         """True if a fault of this kind, on the part with this index, has been found."""
         return any(fault.kind is kind and fault.index == index for fault in self.faults)
 
+    def add(self, fault: Fault) -> None:
+        """Register a fault, unless its part has been found faulty already."""
+        if not self.has(fault.kind, fault.index):
+            self.faults.append(fault)
+
 
 class FaultDetection:
     """Fault detection for one vehicle; explicit state, one step per controller period."""
@@ -107,8 +112,8 @@ class FaultDetection:
             limits: thresholds; None takes the defaults.
         """
         self._vehicle = vehicle = Vehicle.of(model)
-        self._period, self.limits = period, limits or FaultLimits.of_mass(float(model.body_subtreemass[0]))
-        limits = self.limits
+        self._period = period
+        self.limits = limits = limits or FaultLimits.of_mass(float(model.body_subtreemass[0]))
         self.joints = JointResidualModel(
             armature=np.array(vehicle.armature),
             damping=np.array(vehicle.joint_damping),
@@ -189,20 +194,13 @@ class FaultDetection:
     def judge(
         self, state: FaultDetectionState, estimate: StateEstimate, command: Command, *, suspect: bool
     ) -> tuple[Fault, ...]:
-        """Verdicts on one sample, whose residuals of the joints' sensors are in `state`; all faults found so far.
-
-        Args:
-            state: of the detection; changed in place.
-            estimate: of the vehicle now.
-            command: that followed from it.
-            suspect: a residual of the joints' sensors needs evaluation.
-        """
+        """All faults after a sample; `suspect`: the residuals of the joints need evaluation."""
         if suspect:
             self.judge_joints(state, estimate.time)
         if not estimate.vision_age > self.limits.vision_age:  # also where the age is unknown (nan)
             state.faults = [fault for fault in state.faults if fault.kind is not FaultKind.VISION]
         else:
-            self._add(state, FaultKind.VISION, "", -1, estimate.time)
+            state.add(Fault(kind=FaultKind.VISION, part="", index=-1, time=estimate.time))
         self.judge_hull(state, estimate, command)
         return tuple(state.faults)
 
@@ -255,7 +253,8 @@ class FaultDetection:
 
     def _go_on_probing(self, state: FaultDetectionState, probe: ProbeState, time: float, dt: float) -> None:
         """Take the balance into the probe, and register its thruster as lost if it does not answer."""
-        i, hull = probe.thruster, state.hull
+        i = probe.thruster
+        hull = state.hull
         missing = self._along(hull, i)
         thrust = float(hull.thrust[i])
         share = self._probe.step(probe, time, dt, float(state.asked[i]), float(hull.inflow[i]), thrust, missing)
@@ -276,7 +275,8 @@ class FaultDetection:
             state: of the detection, with the residuals of now; changed in place.
             time: [s] of the readings.
         """
-        limits, joints = self.limits, state.joints
+        limits = self.limits
+        joints = state.joints
         least = np.round(np.array([[limits.frozen_time], [limits.frozen_encoder_time]]) / self._period)
         frozen = joints.same > np.maximum(least, limits.frozen_factor * joints.longest)
         torque = frozen[0] | (joints.beyond > limits.torque_confirm)
@@ -288,7 +288,8 @@ class FaultDetection:
                 said = (
                     f"stood still for {still[0]:.0f} ms" if frozen[0, j] else f"{torque_off[j]:+.3g} N m off its motor"
                 )
-                self._add(state, FaultKind.TORQUE_SENSOR, name, j, time, said)
+                kind = FaultKind.TORQUE_SENSOR
+                state.add(Fault(kind=kind, part=name, index=j, time=time, figures=said))
             if encoder[j]:
                 said = (
                     f"stood still for {still[1]:.0f} ms"
@@ -296,7 +297,8 @@ class FaultDetection:
                     else f"{1e3 * encoder_off[j]:+.3g} mrad off the integral of its speed, "
                     f"{1e3 * limits.encoder_slip:g} are allowed"
                 )
-                self._add(state, FaultKind.ENCODER, name, j, time, said)
+                kind = FaultKind.ENCODER
+                state.add(Fault(kind=kind, part=name, index=j, time=time, figures=said))
 
     def blame_torque_sensors(self, state: FaultDetectionState, wrong: np.ndarray, time: float) -> None:
         """Register torque sensors with readings that are not finite as faulty.
@@ -307,22 +309,8 @@ class FaultDetection:
             time: [s] of the readings.
         """
         for j in np.flatnonzero(wrong).tolist():
-            self._add(state, FaultKind.TORQUE_SENSOR, self._vehicle.joint_names[j], j, time, "no number")
-
-    @staticmethod
-    def _add(
-        state: FaultDetectionState,
-        kind: FaultKind,
-        part: str,
-        index: int,
-        time: float,
-        figures: str = "",
-        *,
-        thrust: float = 0.0,
-    ) -> None:
-        if not state.has(kind, index):
-            fault = Fault(kind=kind, part=part, index=index, time=time, figures=figures, thrust=thrust)
-            state.faults.append(fault)
+            kind, name = FaultKind.TORQUE_SENSOR, self._vehicle.joint_names[j]
+            state.add(Fault(kind=kind, part=name, index=j, time=time, figures="no number"))
 
     def _fail(
         self, state: FaultDetectionState, thruster: int, time: float, figures: str, thrust: float, missed: float
@@ -330,9 +318,8 @@ class FaultDetection:
         """Register a thruster that was to give `thrust` [N] and of which `missed` [N] are missing."""
         gives = thrust - missed
         gives = 0.0 if abs(gives) < _DEAD * abs(thrust) else float(np.clip(gives, *self._hull.ends[thruster]))
-        self._add(
-            state, FaultKind.THRUSTER, self._vehicle.thruster_names[thruster], thruster, time, figures, thrust=gives
-        )
+        kind, name = FaultKind.THRUSTER, self._vehicle.thruster_names[thruster]
+        state.add(Fault(kind=kind, part=name, index=thruster, time=time, figures=figures, thrust=gives))
 
     def _learning(self, state: FaultDetectionState, time: float, dt: float) -> float:
         """Weight of a sample of `dt` [s] in the averages: a plain mean at first, then of the learning time."""

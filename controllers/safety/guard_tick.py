@@ -1,7 +1,8 @@
-"""Tick of the safety wrapper: a controller by its address, between the checks of what it sees and of what it commands.
+"""Tick of the safety wrapper: a controller by its address, between checks of what it sees and does.
 
-`SafetyWrapper.step` and the compiled ticks of the loop both call it. What a sound tick needs stands here; verdicts on
-residuals and on the hull are a slot in Python, which is called where there is something to judge.
+`SafetyWrapper.step` and the compiled ticks of the loop both call it. What a sound tick needs stands
+here; verdicts on residuals and on the hull are a slot in Python, which is called where there is
+something to judge.
 """
 
 from typing import NamedTuple
@@ -21,7 +22,7 @@ FRESH = 1  # not 0: the time of the estimate has advanced
 SUSPECT = 2  # not 0: a residual of the joints' sensors needs evaluation
 FAULTY = 3  # not 0: a fault has been found
 JUDGED = 4  # steps of the hull that were judged
-NUMBERS = 5
+NUMBERS = 5  # number of entries
 
 
 class GuardLimits(NamedTuple):
@@ -63,10 +64,14 @@ def guard_tick(box, estimate):
     Returns:
         FINE or STOPPED; UNSOUND, BROKEN, or what the wrapped controller answered.
     """
-    guard, e = box.record, estimate.record
+    guard = box.record
     limits, command, numbers = guard.limits, guard.command, guard.numbers
-    if e.ages[2] > limits.old_imu or not finite(e.X_WB, e.v_WB_B, e.w_WB_B, e.a_WB_B, e.q, e.qd, e.time[0]):
+    e = estimate.record
+    sound = finite(e.X_WB, e.v_WB_B, e.w_WB_B, e.a_WB_B, e.q, e.qd, e.time[0])
+    if not sound or e.ages[2] > limits.old_imu:
         return UNSOUND
+
+    # The controller.
     answer = call_control(guard.inner, guard.memory, guard.estimate)
     if answer not in (FINE, STOPPED):
         return answer
@@ -107,7 +112,8 @@ def finite(X_WB, v_B, w_B, a_B, q, qd, time):
     """
     total = 0.0 * time
     for i in range(3):
-        total += 0.0 * (v_B[i] + w_B[i] + a_B[i] + X_WB[i, 0] + X_WB[i, 1] + X_WB[i, 2] + X_WB[i, 3])
+        row = X_WB[i, 0] + X_WB[i, 1] + X_WB[i, 2] + X_WB[i, 3]
+        total += 0.0 * (v_B[i] + w_B[i] + a_B[i] + row)
     for j in range(q.shape[0]):
         total += 0.0 * (q[j] + qd[j])
     return total == 0.0

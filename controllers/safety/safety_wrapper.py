@@ -82,7 +82,7 @@ class SafetyWrapperState:
     balance: HullBalance = field(default_factory=HullBalance)
     lost: tuple[int, ...] = ()  # thrusters not to be used, by index
     departure: tuple[DepartureStage, ...] = ()  # from the stop on
-    numbers: Array = field(default_factory=lambda: np.zeros(NUMBERS))  # of `uuv.controllers.safety.guard_tick`
+    numbers: Array = field(default_factory=lambda: np.zeros(NUMBERS))  # of `GuardRecord`
     alone: Unsaved["GuardTick"] = field(default_factory=Unsaved)  # tick of `SafetyWrapper.step`
 
 
@@ -106,13 +106,15 @@ class SafetyWrapper:
             limits: thresholds of fault detection; None takes the defaults.
         """
         self.period = controller.period
-        self.controller, self._patience = controller, patience
+        self.controller = controller
+        self._patience = patience
         vehicle = Vehicle.of(model)
         self._limits = np.array(vehicle.torque_limits)
         self._armed = vehicle.joints.size > 0
         self._arm = ArmDynamics(model) if self._armed else None
         self._departure = _departure(model, vehicle, self._arm)
-        self._armature, self._damping = np.array(vehicle.armature), np.array(vehicle.joint_damping)
+        self._armature = np.array(vehicle.armature)
+        self._damping = np.array(vehicle.joint_damping)
         self.health = FaultDetection(model, period=controller.period, limits=limits)
         self._thrusters = len(vehicle.thruster_names)
 
@@ -180,50 +182,15 @@ class SafetyWrapper:
         """The tick of `state`, which sees `inputs`; None before the first sound estimate."""
         return None if state.health is None else GuardTick(self, state, inputs)
 
-    def record(self, state: SafetyWrapperState, inner: ControlTick, inputs: Inputs, judge: int) -> GuardRecord:
-        """The state as the kernel takes it.
+    def follow(self, state: SafetyWrapperState, command: Command, reference: Reference, time: float) -> None:
+        """Keep what a blind departure would need.
 
         Args:
-            state: with fault detection begun.
-            inner: tick of the wrapped controller.
-            inputs: what it sees.
-            judge: address of the slot of verdicts.
-        """
-        health, limits = state.health, self.health.limits
-        assert health is not None
-        state.numbers[BEGAN] = health.began
-        return GuardRecord(
-            limits=GuardLimits(SAFETY.old_imu, limits.vision_age, limits.warm_up),
-            model=self.health.joints,
-            inner=inner.address,
-            memory=inner.memory,
-            estimate=inputs.address,
-            command=inner.command,
-            residuals=health.joints,
-            judge=empty_slot()._replace(address=judge),
-            numbers=state.numbers,
-        )
-
-    def judge(self, state: SafetyWrapperState, estimate: StateEstimate, command: Command, reference: Reference) -> bool:
-        """Verdicts on a tick, where there is something to judge; True if a fault is known.
-
-        Args:
-            state: of the wrapper, with the residuals of now; changed in place.
-            estimate: of the vehicle now.
+            state: of the wrapper; changed in place.
             command: of the wrapped controller, finite.
             reference: of the planner.
+            time: [s] of it.
         """
-        health = state.health
-        assert health is not None
-        suspect = bool(state.numbers[SUSPECT])
-        faults = self.health.judge(health, estimate, command, suspect=suspect)
-        self._follow(state, command, reference, estimate.time)
-        state.thrusters[:] = self.health.sent(health, command.thrusters)
-        state.numbers[FAULTY] = bool(faults)
-        return bool(faults)
-
-    def _follow(self, state: SafetyWrapperState, command: Command, reference: Reference, time: float) -> None:
-        """Keep what a blind departure would need."""
         if self._departure is not None:
             self._departure.follow(state.balance, command, reference, time)
             state.lost = reference.lost_thrusters
@@ -242,13 +209,14 @@ class SafetyWrapper:
         Returns:
             The command with the faults; drives with a faulty encoder only bear the arm's weight.
         """
-        health, fresh = state.health, bool(state.numbers[FRESH])
+        health = state.health
+        fresh = bool(state.numbers[FRESH])
         assert health is not None
         if reference.abort is not None:
             command = replace(command, joint_torque=self._gentle(command.joint_torque, estimate))
             if fresh:
                 health.joints.tau_motor[:] = command.joint_torque
-        self._follow(state, command, reference, estimate.time)
+        self.follow(state, command, reference, estimate.time)
         if health.probe is not None:
             command = replace(command, thrusters=self.health.sent(health, command.thrusters))
         state.sound, state.command, state.blind_for = estimate, command, 0.0 if fresh else state.blind_for + self.period
@@ -362,15 +330,21 @@ class SafetyWrapper:
 
 
 class GuardTick:
-    """Tick of a `SafetyWrapper`, bound to the arrays of a state (`uuv.sim.interfaces.kernels.control.ControlTick`)."""
+    """Tick of a `SafetyWrapper`, bound to the arrays of a state (`ControlTick`)."""
 
     def __init__(self, wrapper: SafetyWrapper, state: SafetyWrapperState, inputs: Inputs) -> None:
-        self._wrapper, self._state, self.inputs = wrapper, state, inputs
+        self._wrapper = wrapper
+        self._state = state
+        self.inputs = inputs
+
+        # Parts in Python are those of the wrapped controller.
         self._inner = inner = self._wrapped(inputs)
-        self.slots, self.slow = inner.slots, inner.slow
+        self.slots = inner.slots
+        self.slow = inner.slow
+
+        # The record, and how a kernel finds it.
         self.command = inner.command._replace(thrusters=state.thrusters)
-        record = wrapper.record(state, inner, inputs, self.slots.add(self._judge))
-        self.box = guard_box(as_annotated(record))
+        self.box = guard_box(as_annotated(self._record()))
         self.memory: int = address_of_box(self.box)
         self.address = address_of_kernel(guard_tick, self.box, inputs.box)
 
@@ -387,7 +361,8 @@ class GuardTick:
 
     def done(self, estimate: StateEstimate, reference: Reference, answer: int) -> Command:
         """Command of the last tick."""
-        wrapper, state = self._wrapper, self._state
+        wrapper = self._wrapper
+        state = self._state
         state.time = estimate.time
         if answer in (UNSOUND, BROKEN):
             kind = FaultKind.ESTIMATE if answer == UNSOUND else FaultKind.CONTROLLER
@@ -396,22 +371,60 @@ class GuardTick:
         return command if answer == REFUSED else wrapper.passed(state, estimate, command, reference)
 
     def _wrapped(self, inputs: Inputs) -> ControlTick:
-        controller, state = self._wrapper.controller, self._state
+        controller = self._wrapper.controller
+        state = self._state
         tick = controller.tick_on(state.inner, inputs) if has_tick(controller) else None
         if tick is not None:
             return tick
 
         def step(estimate: StateEstimate, reference: Reference) -> Command:
-            state.inner, command = self._wrapper.controller.step(state.inner, estimate, reference)
+            inner = self._wrapper.controller
+            state.inner, command = inner.step(state.inner, estimate, reference)
             return command
 
         return PythonControl(step, inputs, state.commanded, type(controller).__name__)
 
+    def _record(self) -> GuardRecord:
+        """The state as the kernel takes it."""
+        state, inner = self._state, self._inner
+        assert state.health is not None
+        state.numbers[BEGAN] = state.health.began
+
+        health = self._wrapper.health
+        limits = health.limits
+        return GuardRecord(
+            limits=GuardLimits(SAFETY.old_imu, limits.vision_age, limits.warm_up),
+            model=health.joints,
+            inner=inner.address,
+            memory=inner.memory,
+            estimate=self.inputs.address,
+            command=inner.command,
+            residuals=state.health.joints,
+            judge=empty_slot()._replace(address=self.slots.add(self._judge)),
+            numbers=state.numbers,
+        )
+
     def _judge(self) -> int:
-        estimate, reference, state = self.inputs.seen(), self.inputs.reference, self._state
-        state.numbers[JUDGED] = self._inner.command.hull_steps[0]
+        """Verdicts on a tick, where there is something to judge."""
+        wrapper = self._wrapper
+        state = self._state
+        health = state.health
+        assert health is not None
+
+        estimate = self.inputs.seen()
+        reference = self.inputs.reference
         command = self._inner.done(estimate, reference, FINE)
-        return STOPPED if self._wrapper.judge(state, estimate, command, reference) else FINE
+
+        # Sensors and hull.
+        state.numbers[JUDGED] = self._inner.command.hull_steps[0]
+        suspect = bool(state.numbers[SUSPECT])
+        faults = wrapper.health.judge(health, estimate, command, suspect=suspect)
+        state.numbers[FAULTY] = bool(faults)
+
+        # What a departure would need, and the doublet of a probe.
+        wrapper.follow(state, command, reference, estimate.time)
+        state.thrusters[:] = wrapper.health.sent(health, command.thrusters)
+        return STOPPED if faults else FINE
 
 
 def _departure(model: mujoco.MjModel, vehicle: Vehicle, arm: ArmDynamics | None) -> BlindDeparture | None:

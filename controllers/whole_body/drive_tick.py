@@ -1,8 +1,8 @@
 """Tick of the position-force controller: all that it does at the rate of the drives, as one kernel.
 
-`WorkController.step` and the compiled ticks of the loop both call it, on the record that is the controller's state.
-What can be replaced is a slot (`uuv.sim.interfaces.kernels.slots`): contact estimator, the parts of the tool
-(`tool_tick`), and what comes at the rate of the hull.
+`WorkController.step` and the compiled ticks of the loop both call it, on the record that is the
+controller's state. What can be replaced is a slot (`uuv.sim.interfaces.kernels.slots`): contact
+estimator, the parts of the tool (`tool_tick`), and what comes at the rate of the hull.
 """
 
 from typing import NamedTuple
@@ -11,7 +11,7 @@ import numpy as np
 
 from uuv.controllers.arm.inverse_dynamics import ArmParameters
 from uuv.controllers.arm.joint_servo import BorneLoad, Drives, JointTarget, SeenArm, SoftAxis, servo_joints
-from uuv.controllers.estimation.tip_force_estimator import (
+from uuv.controllers.estimation.tip_force_kernels import (
     ArmReadings,
     ContactRecord,
     FeelGains,
@@ -32,7 +32,7 @@ class DriveGains(NamedTuple):
     """Constants of the controller."""
 
     feel: FeelGains
-    feels: bool  # the tick senses the arm by its torque sensors, before the estimator's slot; False: that does
+    feels: bool  # the tick senses the arm before it calls the estimator's slot; False: that does
     closed_loop: bool  # the force law controls the estimated force
     drives: Drives
     softness: float  # [-] share of the stiffness that force control removes along the tool axis
@@ -121,7 +121,8 @@ def _feel(record, e):
 @kernel
 def _drive(record, e, since):
     """Joint torques, `since` ticks after the last motion of the tool."""
-    gains, motion, sensed, reference = record.gains, record.tool.motion, record.contact.sensed, record.reference
+    gains, reference = record.gains, record.reference
+    motion, sensed = record.tool.motion, record.contact.sensed
     controlled = reference.flags[CONTROLLED]
     presses = controlled and gains.closed_loop
 

@@ -1,7 +1,8 @@
 """Tool control: force loop, lateral compliance, drift correction and inverse kinematics give the joints' motion.
 
-Two corrections of the tool's reference [Konoplin 2022, section 3]: a displacement k along the tool axis from the force
-error, and the drift of the hull, p*_C = R^T (p*_O - r). MKPS gives the joint angles.
+Two corrections of the tool's reference [Konoplin 2022, section 3]: a displacement k along the tool
+axis from the force error, and the drift of the hull, p*_C = R^T (p*_O - r). MKPS gives the joint
+angles.
 """
 
 from dataclasses import dataclass, field
@@ -17,7 +18,8 @@ from uuv.controllers.arm.compliance import OFFSET, LateralCompliance
 from uuv.controllers.arm.inverse_dynamics import ArmDynamics
 from uuv.controllers.arm.position_force import ANSWER, CLOSED, INWARDS, ForceDisplacement
 from uuv.controllers.arm.tool_motion import ToolMotion, ToolTracking
-from uuv.controllers.estimation.tip_force_estimator import ContactState, SensedArm
+from uuv.controllers.estimation.tip_force_estimator import ContactState
+from uuv.controllers.estimation.tip_force_kernels import SensedArm
 from uuv.controllers.mkps import Chain, solve
 from uuv.controllers.tuning import ArmTuning
 from uuv.controllers.whole_body.tool_tick import (
@@ -158,8 +160,9 @@ class ToolControlState:
     force: Any  # of the force law
     compliance: Any  # of the displacement across the tool axis
     motion: ToolMotion
-    X_AG: Array = field(default_factory=lambda: np.eye(4))  # (4, 4) tool pose last asked for, in the arm's base
-    numbers: Array = field(default_factory=lambda: np.zeros(NUMBERS))  # of `uuv.controllers.whole_body.tool_tick`
+    # (4, 4) tool pose last asked for, in the arm's base; numbers of `ToolRecord`
+    X_AG: Array = field(default_factory=lambda: np.eye(4))
+    numbers: Array = field(default_factory=lambda: np.zeros(NUMBERS))
     ticks: np.ndarray = field(default_factory=lambda: np.zeros(1, dtype=np.int64))
     alone: Unsaved["ToolTick"] = field(default_factory=Unsaved)  # tick of `ToolControl.step`
 
@@ -282,9 +285,9 @@ class ToolControl:
         values = np.zeros(position_force.VALUES)
 
         def displace() -> None:
-            _, felt, soft, dt, loop, _ = values.tolist()
+            asked, felt, soft, dt, loop, _ = values.tolist()
             if loop == CLOSED:
-                values[ANSWER] = law.step(state.force, values.item(position_force.ASKED), felt, soft, dt)
+                values[ANSWER] = law.step(state.force, asked, felt, soft, dt)
             else:
                 values[ANSWER] = law.release(state.force, dt, inwards=loop == INWARDS)
 
@@ -319,7 +322,7 @@ class ToolControl:
         return Slot(slots.add(place), np.zeros(0), values)
 
     def _find_servo_compliance(self, state: ToolControlState, seen: EstimateRecord, sensed: SensedArm) -> None:
-        """Leave the compliance [m/N] of the servoed arm at the tip along the tool axis in `state`."""
+        """Leave the compliance [m/N] of the servoed tip along the tool axis in `state`."""
         inertia = self._arm.inertia(seen.q) + np.diag(self._armature)
         along = sensed.J_B[:3].T @ sensed.X_BG[:3, 2]
         state.numbers[SERVO_COMPLIANCE] = float(along @ np.linalg.solve(inertia, along)) / (
@@ -332,6 +335,7 @@ class ToolTick:
 
     def __init__(self, control: ToolControl, state: ToolControlState, contact: ContactState) -> None:
         n = len(state.motion.q)
-        self.inputs, self.slots, self.reference = Inputs(estimate_record(n)), PythonSlots(), reference_record(n)
+        self.inputs, self.slots = Inputs(estimate_record(n)), PythonSlots()
+        self.reference = reference_record(n)
         tool = control.record(state, self.inputs, self.slots, contact.sensed)
         self.box: Any = tool_box(as_annotated(ToolWork(tool, contact.record, self.reference)))

@@ -1,6 +1,7 @@
-"""Tick of the tool: force law, displacement across the axis, drift correction and inverse kinematics, as one kernel.
+"""Tick of the tool as one kernel: force law, displacement aside, drift and inverse kinematics.
 
-What can be replaced is a slot (`uuv.sim.interfaces.kernels.slots`); an empty one stands for the part named here.
+What can be replaced is a slot (`uuv.sim.interfaces.kernels.slots`); an empty one stands for the
+part named here.
 """
 
 from typing import NamedTuple
@@ -12,7 +13,7 @@ from uuv.controllers.arm.compliance import OFFSET, ComplianceGains, come_back, g
 from uuv.controllers.arm.joint_servo import ToolTarget
 from uuv.controllers.arm.position_force import CLOSED, INWARDS, OUTWARDS, ForceLoopGains, displace, let_go
 from uuv.controllers.arm.tool_motion import ToolMotion, ToolTracking, hold_joints, track_tool
-from uuv.controllers.estimation.tip_force_estimator import ContactRecord
+from uuv.controllers.estimation.tip_force_kernels import ContactRecord
 from uuv.sim.interfaces.kernels import kernel
 from uuv.sim.interfaces.kernels.control import NO_POSE
 from uuv.sim.interfaces.kernels.record_box import new_box
@@ -20,13 +21,13 @@ from uuv.sim.interfaces.kernels.slots import FINE, Slot, call
 from uuv.sim.interfaces.records import COMPLIANT, CONTROLLED, FOLLOWS, STANDING, ReferenceRecord
 from uuv.sim.interfaces.spatial import Array
 
-# Entries of `ToolRecord.numbers`
-K, SERVO_COMPLIANCE = 0, 1  # [m] displacement along the tool axis; [m/N] of the servoed tip along it, 0: not known
-NUMBERS = 2
+# Entries of `ToolRecord.numbers`: displacement [m] along the tool axis; compliance [m/N] of the
+# servoed tip along it, 0: not known; their number
+K, SERVO_COMPLIANCE, NUMBERS = range(3)
 
 # Entries of the values of a slot for a drift correction: poses X_WB (4, 4), row by row
 SEEN, HELD, PLACED = 0, 16, 32  # estimated; to hold; the answer, by which the arm places the tool
-DRIFT_VALUES = 48
+DRIFT_VALUES = 3 * 16
 
 
 class ToolGains(NamedTuple):
@@ -81,7 +82,8 @@ def move_tool(tool, contact, e, reference):
         values = tool.drift.values
         for i in range(4):
             for j in range(4):
-                values[SEEN + 4 * i + j], values[HELD + 4 * i + j] = e.X_WB[i, j], reference.X_WB[i, j]
+                values[SEEN + 4 * i + j] = e.X_WB[i, j]
+                values[HELD + 4 * i + j] = reference.X_WB[i, j]
         answer = call(tool.drift)
         if answer != FINE:
             return answer
@@ -100,7 +102,7 @@ def move_tool(tool, contact, e, reference):
 
 @kernel
 def _displace(tool, contact, reference):
-    """Displacement of the tool along its axis, into `numbers`, and across it, into the values of the slot."""
+    """Displacement of the tool along its axis into `numbers`, across it into the slot's values."""
     gains, numbers, dt = tool.gains, tool.numbers, tool.gains.tracking.period
     follows = reference.flags[FOLLOWS]
     closed = follows and reference.flags[CONTROLLED]
@@ -111,8 +113,11 @@ def _displace(tool, contact, reference):
 
     # Along the axis.
     force, law = tool.force.values, tool.force.memory
-    force[position_force.ASKED], force[position_force.MEASURED] = reference.set_force[0], contact.felt[0]
-    force[position_force.SOFT], force[position_force.LASTING] = numbers[SERVO_COMPLIANCE], dt
+    asked, felt, soft = reference.set_force[0], contact.felt[0], numbers[SERVO_COMPLIANCE]
+    force[position_force.ASKED] = asked
+    force[position_force.MEASURED] = felt
+    force[position_force.SOFT] = soft
+    force[position_force.LASTING] = dt
     force[position_force.LOOP] = CLOSED if closed else OUTWARDS if follows else INWARDS
     if tool.force.address:
         answer = call(tool.force)
@@ -120,7 +125,7 @@ def _displace(tool, contact, reference):
             return answer
         numbers[K] = force[position_force.ANSWER]
     elif closed:
-        numbers[K] = displace(gains.force, law, reference.set_force[0], contact.felt[0], numbers[SERVO_COMPLIANCE], dt)
+        numbers[K] = displace(gains.force, law, asked, felt, soft, dt)
     else:
         numbers[K] = let_go(law, gains.force.speed * dt, not follows)
 

@@ -1,9 +1,12 @@
 """Position-force controller of contact work: composes contact estimator, tool control, joint servo and hull control.
 
 One step at the rate of the drives [Konoplin 2022, section 3]:
-  1. Inverse dynamics give the joint torques without contact. The residual of the measured torques is the contact;
-     J^T maps it to the force on the tool, without a force sensor (`uuv.controllers.estimation.tip_force_estimator`).
-  2. The tool's reference is displaced by the force error and corrected by the drift of the hull; MKPS gives the joint
+  1. Inverse dynamics give the joint torques without contact. The residual of the measured torques
+  is the contact;
+     J^T maps it to the force on the tool, without a force sensor
+     (`uuv.controllers.estimation.tip_force_estimator`).
+  2. The tool's reference is displaced by the force error and corrected by the drift of the hull;
+  MKPS gives the joint
      angles (`uuv.controllers.whole_body.tool_control`).
   3. The drives get the inverse dynamics of the wanted motion, with the contact force
   (`uuv.controllers.arm.joint_servo`).
@@ -42,7 +45,7 @@ from uuv.sim.interfaces.spatial import Array
 
 @dataclass(slots=True, eq=False)
 class WorkControllerState:
-    """State of the controller: that of its parts, and the arrays that they share; changed in place."""
+    """State of the controller: that of its parts, and the arrays that they share; in place."""
 
     contact: ContactState
     tool: ToolControlState
@@ -61,7 +64,8 @@ class WorkControllerState:
 class WorkController:
     """Position-force controller of a hovering vehicle with an arm (`uuv.sim.interfaces.protocols.Controller`).
 
-    It has no state of its own: one controller may step any number of states, also in several threads.
+    It has no state of its own: one controller may step any number of states, also in several
+    threads.
     """
 
     period = DRIVE_PERIOD
@@ -146,7 +150,8 @@ class WorkController:
         Returns:
             The state, and the command with what the controller estimated.
         """
-        tick = state.alone.get(lambda: self.tick_on(state, Inputs(estimate_record(len(estimate.q)))))
+        n = len(estimate.q)
+        tick = state.alone.get(lambda: self.tick_on(state, Inputs(estimate_record(n))))
         tick.refer(reference)
         tick.inputs.take(estimate)
         answer = tick.slots.check(drive_tick(tick.box, tick.inputs.box))
@@ -197,7 +202,8 @@ class WorkController:
         )
 
         def feel() -> None:
-            drives = DriveState(tau=state.command.tau, qd_wanted=state.tool.motion.qd, current_W=state.current_W)
+            tau, qd = state.command.tau, state.tool.motion.qd
+            drives = DriveState(tau=tau, qd_wanted=qd, current_W=state.current_W)
             estimator.step(contact, inputs.seen(), inputs.reference, drives)
 
         def follow_up() -> None:
@@ -207,11 +213,12 @@ class WorkController:
             self.step_hull(state, inputs.seen(), inputs.reference)
 
         none = empty_slot()
+        by_slot = feeling.slot(contact) if by_sensors else none._replace(address=slots.add(feel))
         return DriveRecord(
             gains=gains,
             arm=contact.arm,
             contact=contact.record,
-            estimator=feeling.slot(contact) if by_sensors else none._replace(address=slots.add(feel)),
+            estimator=by_slot,
             follow_up=none._replace(address=slots.add(follow_up)),
             tool=self.tool.record(state.tool, inputs, slots, contact.sensed),
             reference=state.reference,
@@ -225,7 +232,7 @@ class WorkController:
 
 
 class WorkTick:
-    """Tick of a `WorkController`, bound to the arrays of a state (`uuv.sim.interfaces.kernels.control.ControlTick`)."""
+    """Tick of a `WorkController`, bound to the arrays of a state (`ControlTick`)."""
 
     def __init__(self, controller: WorkController, state: WorkControllerState, inputs: Inputs) -> None:
         self._controller, self._state, self.inputs = controller, state, inputs

@@ -223,7 +223,7 @@ class Navigation:
             state.estimate.object_moved_W[:] = watch.moved_W
 
     def records(self, state: NavigationState) -> NavigationState:
-        """The arrays that `filter_kernel.take_sample` and `put_out` work on: those of the state itself."""
+        """The arrays that `take_sample` and `put_out` work on: those of the state itself."""
         return state
 
     def step(

@@ -1,4 +1,4 @@
-"""Records of arrays that the loop writes in place at the rate of the drives; messages are made of copies.
+"""Records of arrays that the loop writes at the rate of the drives; messages are made of copies.
 
 Compiled functions take these records as they are. The arrays stay the same over a run, only their contents change.
 """
@@ -83,41 +83,59 @@ def estimate_record(joints: int) -> EstimateRecord:
     unknown, ages = np.full(1, math.nan), np.zeros(4)
     joint = joint_record(joints)
     off = gyro, attitude, np.zeros(joints)
-    return EstimateRecord(np.zeros(1), np.eye(4), v, w, a, *joint, sigma, unknown, ages, moved, *off)
+    beside = sigma, unknown, ages, moved, *off
+    return EstimateRecord(np.zeros(1), np.eye(4), v, w, a, *joint, *beside)
 
 
 def reference_record(joints: int) -> ReferenceRecord:
     """Record for so many joints, to be filled by `take_reference`."""
-    v, w = np.zeros((2, 3))
-    q, qd = np.zeros((2, joints))
-    return ReferenceRecord(np.zeros(1), np.eye(4), np.eye(4), v, w, q, qd, np.zeros(1), np.zeros(5, np.bool_))
+    return ReferenceRecord(
+        time=np.zeros(1),
+        X_WB=np.eye(4),
+        X_WG=np.eye(4),
+        v_WG_W=np.zeros(3),
+        w_WG_W=np.zeros(3),
+        q=np.zeros(joints),
+        qd=np.zeros(joints),
+        set_force=np.zeros(1),
+        flags=np.zeros(5, np.bool_),
+    )
 
 
 def take_estimate(record: EstimateRecord, estimate: StateEstimate) -> None:
     """Write the fields of a message into `record`."""
     e = estimate
-    record.time[0], record.attitude_sigma[0] = e.time, e.attitude_sigma
+    record.time[0] = e.time
+    record.attitude_sigma[0] = e.attitude_sigma
     record.ages[:] = e.vision_age, e.dvl_age, e.imu_age, e.imu_jump_age
     record.tau_doubt[:] = 0.0 if e.tau_doubt is None else e.tau_doubt
+
+    # The arrays of the same names.
     for name in _ARRAYS:
         getattr(record, name)[:] = getattr(e, name)
 
 
-_ARRAYS = tuple(
-    name for name in EstimateRecord._fields if name not in ("time", "attitude_sigma", "ages", "tau_doubt")
-)  # equal in record and message
+_OTHER = "time", "attitude_sigma", "ages", "tau_doubt"
+_ARRAYS = tuple(name for name in EstimateRecord._fields if name not in _OTHER)
 
 
 def take_reference(record: ReferenceRecord, reference: Reference) -> None:
     """Write the set points of a message into `record`."""
     r = reference
-    record.time[0], record.set_force[0] = r.time, r.set_force
+    record.time[0] = r.time
     record.flags[:] = r.X_WG is not None, r.force_control, r.tare, r.compliant, r.standing
+    record.X_WB[:] = r.X_WB
+
+    # Tool.
     if r.X_WG is not None:
         record.X_WG[:] = r.X_WG
-    record.X_WB[:] = r.X_WB
-    record.v_WG_W[:], record.w_WG_W[:] = r.v_WG_W, r.w_WG_W
-    record.q[:], record.qd[:] = r.q, r.qd
+    record.v_WG_W[:] = r.v_WG_W
+    record.w_WG_W[:] = r.w_WG_W
+    record.set_force[0] = r.set_force
+
+    # Joints.
+    record.q[:] = r.q
+    record.qd[:] = r.qd
 
 
 def state_estimate(record: EstimateRecord) -> StateEstimate:

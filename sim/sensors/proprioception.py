@@ -173,6 +173,7 @@ class Encoders:
         """Measure joint angles and velocities."""
         n = len(truth.q)
         q, qd = np.empty(n), np.empty(n)
+
         encode(state.draw(n), truth.q, truth.qd, q, qd)
         return state, EncoderMeasurement(time=truth.time, q=q, qd=qd)
 
@@ -189,6 +190,7 @@ def encode(record, q, qd, q_read, qd_read):
         qd_read: (n,) [rad/s] result.
     """
     sensor = record[0]
+
     for j in range(len(q)):
         q_read[j] = _in_steps(q[j] + sensor.bias[j], sensor.resolution)
         noise = sensor.rate_noise * sensor.drawn[sensor.used + j]

@@ -11,7 +11,7 @@ from uuv import models
 from uuv.controllers.arm.inverse_dynamics import ArmDynamics, JointMotion
 from uuv.controllers.arm.joint_servo import resolve_tool_motion
 from uuv.controllers.estimation import force_from_torques
-from uuv.controllers.estimation.tip_force_estimator import (
+from uuv.controllers.estimation.tip_force_kernels import (
     SensedArm,
     TorqueErrors,
     estimate_tip_force,

@@ -1,13 +1,14 @@
-"""Compiled ticks of the loop: everything that happens at the rate of the drives, several ticks in one call.
+"""Compiled ticks of the loop: all that happens at the rate of the drives, several in one call.
 
     ticks = CompiledTicks(plant, recorder)
     rollout(plant, parts, compiled=ticks.bind, ...)
 
-Only this room may wire plant, sensors, navigation and controller. Each of them gives a record of its arrays, and the
-compiled functions that its own step in Python calls too; the two ways therefore give the same bits. The controller is
-a slot, called by its address: a kernel, or plain Python through a trampoline, which takes its time at every tick
-(`slow_parts`). The planner is called between two compiled stretches. Ticks at which something else is due run part by
-part: fixes, frames. So does a whole run with a plant, sensor or estimator without a kernel; `reason` names it.
+Only this room may wire plant, sensors, navigation and controller. Each of them gives a record of
+its arrays, and the compiled functions that its own step in Python calls too; the two ways therefore
+give the same bits. The controller is a slot, called by its address: a kernel, or plain Python
+through a trampoline, which takes its time at every tick (`slow_parts`). The planner is called
+between two compiled stretches. Ticks at which something else is due run part by part: fixes,
+frames. So does a whole run with a plant, sensor or estimator without a kernel; `reason` names it.
 """
 
 from collections.abc import Sequence
@@ -74,7 +75,7 @@ class World(NamedTuple):
     joints: JointRecord
     estimate: EstimateRecord
     sound: EstimateRecord  # that of the last tick completed
-    control: np.ndarray  # (3,) addresses of the controller's tick, of its memory, and of the box of the estimate
+    control: np.ndarray  # (3,) addresses: of the controller's tick, its memory, the estimate's box
     command: Commanded
     rows: RecorderRecord
     referred: np.ndarray  # (1,) index of the present reference in the recording
@@ -97,7 +98,8 @@ def run_ticks(box, first, ticks, begun, onward):
         box: `RecordBox` of a `World`.
         first: number of the first one in the run.
         ticks: number of ticks to be completed.
-        begun: stage that the first one has reached; _PLANNED: its estimate is made, and the planner has seen it.
+        begun: stage that the first one has reached; _PLANNED: its estimate is made, and the planner
+            has seen it.
         onward: stage that the tick after the last one shall reach.
 
     Returns:
@@ -178,7 +180,8 @@ def _copy(one, other):
         for j in range(4):
             other.X_WB[i, j] = one.X_WB[i, j]
     for i in range(3):
-        other.v_WB_B[i], other.w_WB_B[i], other.a_WB_B[i] = one.v_WB_B[i], one.w_WB_B[i], one.a_WB_B[i]
+        other.v_WB_B[i], other.w_WB_B[i] = one.v_WB_B[i], one.w_WB_B[i]
+        other.a_WB_B[i] = one.a_WB_B[i]
         other.position_sigma[i], other.ages[i] = one.position_sigma[i], one.ages[i]
         other.object_moved_W[i] = one.object_moved_W[i]
         other.gyro_off_B[i], other.attitude_off_B[i] = one.gyro_off_B[i], one.attitude_off_B[i]
@@ -253,7 +256,7 @@ def sensed_by(plant: Plant, states: Sequence[Any]) -> Sensed:
 
 
 class CompiledTicks:
-    """Compiled ticks of one run (`uuv.sim.loop.rollout.Ticks`), for which `reason` finds none against."""
+    """Compiled ticks (`uuv.sim.loop.rollout.Ticks`) of a run that `reason` has none against."""
 
     def __init__(self, plant: Plant, recorder: Recorder) -> None:
         """Take what the ticks change beside the parts.
@@ -263,11 +266,12 @@ class CompiledTicks:
             recorder: the only observer that needs every tick.
         """
         self._plant, self._recorder, self._slow_ticks = plant, recorder, frozenset[int]()
-        self.slow_parts: tuple[str, ...] = ()  # of the controller, in plain Python, called at every tick
+        self.slow_parts: tuple[str, ...] = ()  # in plain Python, called at every tick
 
     def bind(self, run: Rollout) -> "CompiledTicks":
         """The ticks of `run`, which has taken its first step."""
-        self._slow_ticks = frozenset(ticks for each in run.observers for ticks in getattr(each, "slow_ticks", ()))
+        rates = [getattr(observer, "slow_ticks", ()) for observer in run.observers]
+        self._slow_ticks = frozenset(ticks for rate in rates for ticks in rate)
         self._watching = [each for each in run.observers if not hasattr(each, "slow_ticks")]
         self._present = np.zeros(1, dtype=np.int64)
         states = dict(zip(map(_channel, run.parts.sensors), run.sensor_states, strict=True))
@@ -290,7 +294,8 @@ class CompiledTicks:
         controller, truth = run.parts.controller, self._plant.truth
 
         def step(estimate: StateEstimate, reference: Reference) -> Command:
-            run.controller_state, command = controller.step(run.controller_state, estimate, reference)
+            state = run.controller_state
+            run.controller_state, command = controller.step(state, estimate, reference)
             return command
 
         command = commanded(len(truth.q), len(truth.thrust))
@@ -316,7 +321,7 @@ class CompiledTicks:
         return control.slots.add(watch)
 
     def _control(self, run: Rollout, reference: Reference) -> ControlTick:
-        """The controller's tick: its kernel where that is ready, else the whole controller in Python."""
+        """The controller's tick: its kernel where that is ready, else all of it in Python."""
         controller = run.parts.controller
         if self._compiled is None and has_tick(controller):
             self._compiled = controller.tick_on(run.controller_state, self._inputs)
@@ -381,14 +386,15 @@ class CompiledTicks:
         return tick
 
     def _stretch(self, run: Rollout, tick: int, end: int) -> tuple[int, int]:
-        """Number of ticks from `tick` on that may run at once, and the stage that the one after them shall reach."""
+        """Number of ticks from `tick` on that may run at once, and the stage of the one after them."""
         observed = (-tick % every for every in self._slow_ticks)
         planned = run.planner_ticks - tick % run.planner_ticks
         most = min(min(run.next_due(tick + 1), end) - tick, self._plant.ready())
         ticks = min(most, planned, *observed)
         if ticks == 0:  # `run` completes the tick after its command, with plant and observers
             return 0, _COMMANDED
-        return ticks, _PLANNED if planned == ticks < most else _NEW  # the planner's estimate in the same call
+        # Where the planner comes next, its estimate is made in the same call.
+        return ticks, _PLANNED if planned == ticks < most else _NEW
 
     def _plan(self, run: Rollout, tick: int) -> bool:
         """Estimate and planner of a tick; True if its rest may run compiled."""

@@ -1,4 +1,4 @@
-"""Compiled kernels: the decorators that compile them, and the store on disk that keeps the machine code.
+"""Compiled kernels: the decorators that compile them, and the store that keeps the machine code.
 
     from uuv.sim.interfaces.kernels import kernel
 
@@ -8,8 +8,9 @@
     @kernel(error_model="numpy", nogil=True)
     def solve(A, b, x): ...
 
-`stamps` says what machine code depends on, `store` keeps it in the user's cache folder, and `stored` joins both to
-numba. Every clone, worktree, environment and process of a user shares the one store.
+`stamps` says what machine code depends on, `store` keeps it in the user's cache folder, and `stored`
+joins both to numba. Every clone, worktree, environment and process of a user shares the one store.
+`slots` calls kernels and plain Python by address, `control` a whole controller so.
 """
 
 from uuv.sim.interfaces.kernels.stored import c_function, is_stored, kernel

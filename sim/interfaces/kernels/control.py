@@ -1,7 +1,7 @@
-"""A controller as the outermost slot of a tick: called by its address, a kernel and plain Python alike.
+"""A controller as the outermost slot of a tick, called by its address: kernel or Python.
 
-A controller with a kernel has `tick_on(state, inputs)`, which gives its `ControlTick`; one without is called through
-`PythonControl`. Both leave their command in the arrays of `Commanded`.
+A controller with a kernel has `tick_on(state, inputs)`, which gives its `ControlTick`; one without
+is called through `PythonControl`. Both leave their command in the arrays of `Commanded`.
 """
 
 from collections.abc import Callable
@@ -9,8 +9,9 @@ from typing import Any, Generic, NamedTuple, Protocol, TypeGuard, TypeVar
 
 import numpy as np
 
+from uuv.sim.interfaces.kernels import slots
 from uuv.sim.interfaces.kernels.record_box import new_box
-from uuv.sim.interfaces.kernels.slots import FINE, PythonSlots, address_of_box, call_at, gives_kernel
+from uuv.sim.interfaces.kernels.slots import FINE, PythonSlots, address_of_box, call_at
 from uuv.sim.interfaces.kernels.stored import kernel
 from uuv.sim.interfaces.messages import Command, Reference, StateEstimate
 from uuv.sim.interfaces.records import EstimateRecord, state_estimate, take_estimate
@@ -39,8 +40,13 @@ class Commanded(NamedTuple):
 
 def commanded(joints: int, thrusters: int) -> Commanded:
     """Nothing commanded yet, nothing felt."""
-    counts = np.zeros(1, dtype=np.int64)
-    return Commanded(np.zeros(joints), np.zeros(thrusters), np.full(3, np.nan), np.full(1, np.nan), counts)
+    return Commanded(
+        tau=np.zeros(joints),
+        thrusters=np.zeros(thrusters),
+        f_W=np.full(3, np.nan),
+        felt=np.full(1, np.nan),
+        hull_steps=np.zeros(1, dtype=np.int64),
+    )
 
 
 @kernel
@@ -51,7 +57,7 @@ def estimate_box(record):
 
 @kernel
 def call_control(address, memory, estimate):
-    """Call a controller's tick; the arguments are those of `ControlTick`, and the address of an `estimate_box`."""
+    """Call a controller's tick, of `ControlTick`, on the address of an `estimate_box`."""
     return call_at(address, memory, estimate)
 
 
@@ -66,7 +72,8 @@ class Inputs:
         self._complete = complete
         self.box = estimate_box(record)
         self.address: int = address_of_box(self.box)
-        self.message: StateEstimate | None = None  # of which `record` was made; None: of the record itself
+        # Of which `record` was made, or which was made of it.
+        self.message: StateEstimate | None = None
         self._reference: Reference | None = None
 
     @property
@@ -98,16 +105,16 @@ class Inputs:
 
 
 class Unsaved(Generic[Made]):
-    """What a state keeps beside its arrays, made on first use: a copy of the state makes its own."""
+    """What a state keeps beside its arrays, made on first use; a copy makes its own."""
 
     def __init__(self) -> None:
-        self.made: Made | None = None
+        self._content: Made | None = None
 
     def get(self, make: Callable[[], Made]) -> Made:
-        """What was made, or what `make` makes now."""
-        if self.made is None:
-            self.made = make()
-        return self.made
+        """The content; `make` makes it at the first call."""
+        if self._content is None:
+            self._content = make()
+        return self._content
 
     def __reduce__(self) -> tuple[Any, tuple[()]]:
         return Unsaved, ()
@@ -131,7 +138,7 @@ class ControlTick(Protocol):
         ...
 
     def done(self, estimate: StateEstimate, reference: Reference, answer: int) -> Command:
-        """Command of the last tick, whose `answer` this was; leaves the state as `Controller.step` would."""
+        """Command of the last tick, whose `answer` this was; the state is as after `step`."""
         ...
 
 
@@ -144,8 +151,11 @@ class HasTick(Protocol):
 
 
 def has_tick(controller: object) -> TypeGuard[HasTick]:
-    """True if `controller` gives its tick as a kernel (`uuv.sim.interfaces.kernels.slots.gives_kernel`)."""
-    return gives_kernel(controller, "tick_on")
+    """True if `controller` gives its tick as a kernel (`gives_kernel`)."""
+    return slots.gives_kernel(controller, "tick_on")
+
+
+Step = Callable[[StateEstimate, Reference], Command]  # of a controller, which keeps its state
 
 
 class PythonControl:
@@ -153,20 +163,25 @@ class PythonControl:
 
     memory = 0
 
-    def __init__(
-        self, step: Callable[[StateEstimate, Reference], Command], inputs: Inputs, command: Commanded, name: str
-    ) -> None:
+    def __init__(self, step: Step, inputs: Inputs, command: Commanded, name: str) -> None:
         """Make a trampoline.
 
         Args:
-            step: of the controller, which keeps its state.
+            step: of the controller.
             inputs: what it sees.
             command: where its commands go.
             name: of the controller.
         """
-        self.command, self.slots, self.slow = command, PythonSlots(), (name,)
+        self._step = step
+        self._inputs = inputs
+
+        # As `ControlTick` has them.
+        self.command = command
+        self.slots = PythonSlots()
+        self.slow = (name,)
         self.address = self.slots.add(self._called)
-        self._step, self._inputs = step, inputs
+
+        # The last command, as a message.
         self.last: Command | None = None
 
     def refer(self, reference: Reference) -> None:
@@ -186,14 +201,22 @@ class PythonControl:
 
     def load(self, command: Command) -> bool:
         """Take over a command; False if it has another shape than the vehicle."""
-        before, out, load = self.last, self.command, command.hull_load
-        self.last = command
-        if load is None or before is None or load is not before.hull_load:
+        out = self.command
+        before = None if self.last is None else self.last.hull_load
+        if command.hull_load is None or command.hull_load is not before:
             out.hull_steps[0] += 1
-        if np.shape(command.joint_torque) != out.tau.shape or np.shape(command.thrusters) != out.thrusters.shape:
+        self.last = command
+
+        # The plant refuses another shape.
+        if np.shape(command.joint_torque) != out.tau.shape:
             return False
-        out.tau[:], out.thrusters[:] = command.joint_torque, command.thrusters
-        out.f_W[:], out.felt[0] = command.contact.force_W, command.contact.normal
+        if np.shape(command.thrusters) != out.thrusters.shape:
+            return False
+
+        out.tau[:] = command.joint_torque
+        out.thrusters[:] = command.thrusters
+        out.f_W[:] = command.contact.force_W
+        out.felt[0] = command.contact.normal
         return True
 
     def _called(self) -> int:

@@ -1,6 +1,7 @@
-"""Box of a record: hands a whole record to a compiled function in less than a microsecond, whatever its size.
+"""Box of a record: hands it to a compiled function in less than a microsecond, whatever its size.
 
-Numba takes each array of a tuple apart at every call from Python. A box is taken apart once, when it is made.
+Numba takes each array of a tuple apart at every call from Python. A box is taken apart once, when
+it is made.
 """
 
 from typing import Any
@@ -11,7 +12,7 @@ from numba.extending import overload
 
 
 @structref.register
-class RecordBoxType(types.StructRef):  # pyright: ignore[reportGeneralTypeIssues, reportAttributeAccessIssue]
+class RecordBoxType(types.StructRef):  # pyright: ignore
     """Numba's type of a box."""
 
     def preprocess_fields(self, fields: Any) -> Any:
@@ -27,7 +28,7 @@ structref.define_boxing(RecordBoxType, RecordBox)
 
 
 def as_annotated(record: Any) -> Any:
-    """`record`, a NamedTuple, with its numbers as float, int or bool as it annotates them, and so within.
+    """`record`, a NamedTuple, with its numbers as float, int or bool as it and its parts annotate them.
 
     A whole number given for a float would else compile everything anew.
     """
@@ -45,10 +46,11 @@ def as_annotated(record: Any) -> Any:
 
 
 def new_box(record: Any) -> Any:
-    """Compiled code only: a box of `record`, a NamedTuple of arrays, numbers and such tuples; the arrays are shared.
+    """Compiled code only: box of `record`, a NamedTuple of arrays, which are shared, and numbers.
 
-    The function that calls it stands in the module of the record's type: numba's cache of a function names the types of
-    its arguments, and a type that cannot be imported later would make the whole cache of that function unreadable.
+    The function that calls it stands in the module of the record's type: numba's cache of a function
+    names the types of its arguments, and a type that cannot be imported later would make the whole
+    cache of that function unreadable.
     """
     raise NotImplementedError
 
@@ -58,8 +60,8 @@ def _overload_new_box(record: Any) -> Any:
     box = RecordBoxType([("record", types.unliteral(record))])
 
     def new(record: Any) -> Any:
-        made = structref.new(box)  # pyright: ignore[reportCallIssue]
-        made.record = record
-        return made
+        filled = structref.new(box)  # pyright: ignore[reportCallIssue]
+        filled.record = record
+        return filled
 
     return new

@@ -1,9 +1,10 @@
 """Slots: parts of a compiled tick that it calls by address, kernels and plain Python alike.
 
-A slot is a C function `int64 slot(double* memory, double* values)`. `memory` is what the part keeps from tick to tick,
-`values` what it is given and what it answers. A part without a kernel gets a trampoline of ctypes, which takes the GIL
-by itself and works on the same arrays; compiled code knows no difference. What it raises is kept: the kernel returns
-RAISED, and its caller in Python raises the exception itself (`PythonSlots.check`).
+A slot is a C function `int64 slot(double* memory, double* values)`. `memory` is what the part keeps
+from tick to tick, `values` what it is given and what it answers. A part without a kernel gets a
+trampoline of ctypes, which takes the GIL by itself and works on the same arrays; compiled code
+knows no difference. What it raises is kept: the kernel returns RAISED, and its caller in Python
+raises the exception itself (`PythonSlots.check`).
 """
 
 import ctypes
@@ -24,7 +25,7 @@ from uuv.sim.interfaces.kernels.stored import c_function, kernel
 from uuv.sim.interfaces.spatial import Array
 
 # What a slot answers. A kernel that fails inside prints why, and numba then returns 0.
-FAILED, FINE, RAISED = 0, 1, 2
+FAILED, FINE, RAISED = range(3)
 
 SLOT = types.int64(types.CPointer(types.float64), types.CPointer(types.float64))  # of `c_function`
 _Trampoline = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_int64, ctypes.c_int64)
@@ -54,7 +55,8 @@ def _call(_typing: Any, _address: Any, _memory: Any, _values: Any) -> Any:
     return types.int64(types.intp, types.intp, types.intp), codegen
 
 
-call_at = cast(Any, intrinsic(_call))  # compiled code only: call_at(address, memory, values), three addresses
+# In compiled code only: call_at(address, memory, values), three addresses.
+call_at = cast(Any, intrinsic(_call))
 
 
 @kernel
@@ -78,7 +80,7 @@ _address_in = cast(Any, intrinsic(_address))
 
 @kernel
 def address_of_box(box):
-    """Address by which a kernel takes `box`, a `RecordBox`, as an argument when it is called at its own address."""
+    """Address by which a kernel that is called at its own address takes `box`, a `RecordBox`."""
     return _address_in(box)
 
 
@@ -112,14 +114,14 @@ def slot_function(function: Callable[[Any, Any], int], part: str = "") -> Any:
 
 
 class PythonSlots:
-    """Slots in plain Python of one record, and what they have raised; it must live as long as their addresses."""
+    """Slots in plain Python, and what they raised; lives as long as their addresses."""
 
     def __init__(self) -> None:
         self._callbacks: list[Any] = []
         self._raised: list[BaseException] = []
 
     def add(self, function: Callable[[], int | None]) -> int:
-        """Address of a slot that calls `function()`; what it returns is the answer, None for FINE."""
+        """Address of a slot that calls `function()`, whose result is the answer; None: FINE."""
 
         def guarded(_memory: int, _values: int) -> int:
             try:
@@ -163,18 +165,23 @@ def has_slot(part: object) -> TypeGuard[HasSlot]:
 
 
 def gives_kernel(part: object, name: str) -> bool:
-    """True if a part has the method `name`, and no other method was overridden since that one was written.
+    """True if a part has the method `name`, and no other was overridden since that was written.
 
-    A class that inherits a kernel and overrides what it stands for runs in Python, until it gives one of its own.
+    A class that inherits a kernel and overrides what it stands for runs in Python, until it gives
+    one of its own.
     """
     classes = type(part).__mro__
-    giver = next((row for row, each in enumerate(classes) if name in vars(each)), None)
+    giver = next((row for row, kind in enumerate(classes) if name in vars(kind)), None)
     if giver is None:
         return False
-    methods = {word for each in classes[giver:] for word, value in vars(each).items() if _is_method(word, value)}
-    later = {word for each in classes[:giver] for word in vars(each)} | set(getattr(part, "__dict__", ()))
-    return methods.isdisjoint(later)
+    bodies = [item for kind in classes[giver:] for item in vars(kind).items()]
+    methods = {word for word, value in bodies if _is_method(word, value)}
+    later = {word for kind in classes[:giver] for word in vars(kind)}
+    return methods.isdisjoint(later | set(getattr(part, "__dict__", ())))
+
+
+_METHODS = FunctionType, property, classmethod, staticmethod
 
 
 def _is_method(name: str, value: Any) -> bool:
-    return not name.startswith("__") and isinstance(value, (FunctionType, property, classmethod, staticmethod))
+    return not name.startswith("__") and isinstance(value, _METHODS)

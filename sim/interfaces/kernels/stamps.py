@@ -1,4 +1,4 @@
-"""What the machine code of a kernel depends on, as a hash: its byte code, and all that this takes from elsewhere.
+"""What the machine code of a kernel depends on, as a hash: byte code, and what that takes elsewhere.
 
 Numba translates byte code, so comments, docstrings and line numbers do not count. Followed are the globals that a
 kernel names, its closure and its defaults, through every compiled function that it calls. An edit therefore changes

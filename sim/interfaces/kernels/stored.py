@@ -1,4 +1,4 @@
-"""Joins numba to the store: kernels whose machine code is loaded from there, and kept there once it is compiled."""
+"""Joins numba to the store: machine code of kernels is loaded from there, and kept there."""
 
 import atexit
 import json

@@ -6,7 +6,7 @@ import pytest
 
 from uuv import models
 from uuv.controllers.estimation.force_from_torques import force_covariance, tip_force, tip_force_closed_form, tip_wrench
-from uuv.controllers.estimation.tip_force_estimator import Tare, add_to_tare, force_sigma
+from uuv.controllers.estimation.tip_force_kernels import Tare, add_to_tare, force_sigma
 from uuv.models.naming import TIP_SITE
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import Array

@@ -10,7 +10,7 @@ from uuv import models
 from uuv.controllers.arm.inverse_dynamics import ArmDynamics, JointMotion, newton_euler, workspace
 from uuv.controllers.estimation.force_from_torques import tip_force
 from uuv.controllers.estimation.load_observer import LoadObserver, momentum
-from uuv.controllers.estimation.tip_force_estimator import SensedArm, force_from_external_torques
+from uuv.controllers.estimation.tip_force_kernels import SensedArm, force_from_external_torques
 from uuv.models import hydrodynamics as water
 from uuv.models.hydrodynamics import BodyHydrodynamics
 from uuv.models.vehicle import Vehicle

@@ -10,6 +10,7 @@ from uuv.sim.plant.compiled_step import Flow
 from uuv.sim.water.current import Current
 from uuv.sim.water.water_motion import FLOW, place_of, set_current
 
+_UNIFORM = float(FLOW.uniform)
 _HOOK = "water of your own goes in by `on_water` of a perturbation, or by site.flow"
 
 
@@ -39,14 +40,15 @@ class DrivenWater:
         self._model_wind = model.opt.wind
         self._model_flow = water[LAYOUT.current_acceleration :][:6]
         if self._in_data:
-            self._row = data.userdata[place : place + FLOW.size]
-            self._wind = self._row[FLOW.velocity :][:3]
-            self._acceleration = self._row[FLOW.acceleration :][:3]
+            row = data.userdata[place : place + FLOW.size]
+            self._head = row[FLOW.kind : FLOW.velocity + 3]
+            self._wind = row[FLOW.velocity :][:3]
+            self._acceleration = row[FLOW.acceleration :][:3]
         else:
             self._wind = self._model_wind
             self._acceleration = self._model_flow[:3]
         self._current_W = current_W
-        self._defaults: list[float] = []  # of the model, at the start
+        self._defaults = b""  # numbers of the model, at the start
         self.current = Current(np.zeros(3))
 
     def start(self, current: Current) -> Flow:
@@ -78,14 +80,20 @@ class DrivenWater:
         Raises:
             ConfigurationError: The next step would overwrite it, or it has no effect.
         """
+        velocity = self._current_W.tolist()
         if not self._in_data:
-            if self._differs():
+            if self._wind.tolist() != velocity:
                 raise _overwritten("opt.wind", self._wind)
-        elif self._row[FLOW.kind] != 0.0:  # else MuJoCo has reset the data: see `check_reset`
-            if self._differs() or self._row[FLOW.kind] != FLOW.uniform:
-                raise _overwritten("the current in its data", self._wind)
-            if self._of_model() != self._defaults:
-                raise self._without_effect()
+            return
+
+        # MuJoCo has reset the data if they have no kind of motion: see `check_reset`.
+        kind, *written = self._head.tolist()
+        if kind == 0.0:
+            return
+        if kind != _UNIFORM or written != velocity:
+            raise _overwritten("the current in its data", self._wind)
+        if self._of_model() != self._defaults:
+            raise self._without_effect()
 
     def check_reset(self) -> None:
         """Refuse data that have been reset since the start, and their current with them.
@@ -93,15 +101,11 @@ class DrivenWater:
         Raises:
             ConfigurationError: They have.
         """
-        if self._in_data and self._row[FLOW.kind] == 0.0:
+        if self._in_data and self._head[0] == 0.0:
             raise ConfigurationError("plant: its data was reset, and the current in it; call its reset() or start()")
 
-    def _differs(self) -> bool:
-        """True if the water is not what was written."""
-        return self._wind.tolist() != self._current_W.tolist()
-
-    def _of_model(self) -> list[float]:
-        return [*self._model_wind.tolist(), *self._model_flow.tolist()]
+    def _of_model(self) -> bytes:
+        return self._model_wind.tobytes() + self._model_flow.tobytes()
 
     def _without_effect(self) -> ConfigurationError:
         acceleration = shown(self._model_flow[:3])

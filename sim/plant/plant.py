@@ -17,7 +17,7 @@ from uuv.sim.interfaces.errors import ConfigurationError, PhysicsWarning
 from uuv.sim.interfaces.messages import Command
 from uuv.sim.interfaces.spatial import Array, checked_pose, cross, fitting, quat_wxyz_from_rotation
 from uuv.sim.plant.compiled_step import Drive, PlantRecord, Watch, drive, end_step, verdict
-from uuv.sim.plant.driven_water import DrivenWater, check_current
+from uuv.sim.plant.driven_water import DrivenWater, WithWater, check_current
 from uuv.sim.plant.reaction_wrench import ReactionWrench
 from uuv.sim.plant.readout import CONTACTS, FORCE, NORMAL, Readout, gears_and_contacts, places_of
 from uuv.sim.plant.soil_contact import SoilForce
@@ -153,7 +153,7 @@ class PlantState:
     soil: tuple[Array, np.ndarray] | None
 
 
-class Plant:
+class Plant(WithWater):
     """Vehicle and its world, advanced by commands one `timestep` [s] at a time, in `substeps` steps of the physics."""
 
     def __init__(

@@ -3,8 +3,8 @@
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field, is_dataclass, replace
-from typing import TYPE_CHECKING, Literal, Self
+from dataclasses import MISSING, dataclass, field, fields, is_dataclass, replace
+from typing import TYPE_CHECKING, Any, Literal, Self
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.options import DEGREE, MILLIMETRE, option
 from uuv.sim.interfaces.spatial import Array, checked_pose, exp_so3, finite_number, pose, shown
 from uuv.sim.interfaces.tables import TableReader
-from uuv.sim.water.flow_field import FlowField, checked_flow
+from uuv.sim.water.flow_field import FlowField, checked_flow, total_velocity
 
 if TYPE_CHECKING:
     from uuv.models.objects.manifold import Manifold as ManifoldBlock
@@ -31,6 +31,7 @@ SHORTEST_LINE = 0.05  # [m]
 BESIDE = 41  # places across an object at which a path over it is tried
 OVER = "over"  # path that is laid over an object
 _HIGHEST = 1.0  # [m] largest growth or dents
+_FLOW_TIMES = (0.0, 3.0, 10.0, 30.0, 100.0)  # [s] at which a flow field is asked
 _PATCHES = 3  # patches of growth or dents on an object
 Pose = tuple[tuple[float, float, float, float], ...]  # 4 rows
 
@@ -311,8 +312,18 @@ def flow_of(name: str) -> FlowField:
     Raises:
         ConfigurationError: There is none, or a key has no default.
     """
-    key = "site.flow"
-    return TableReader().made(FLOWS.class_of(name, FlowField, f"[{key}]"), {}, key)
+    where = "site.flow"
+    kind: Any = FLOWS.class_of(name, FlowField, f"[{where}]")
+
+    # Keys without a default can only be given beside the kind.
+    free = {MISSING}
+    keys = [key for key in fields(kind) if key.init]
+    needs = [key.name for key in keys if {key.default, key.default_factory} == free]
+    if needs:
+        first = f"--set {where}.kind={name} --set {where}.{needs[0]}=..."
+        lacks = ", ".join(needs)
+        raise ConfigurationError(f"{where}: {name} needs {lacks}; give kind and keys by {first}")
+    return TableReader().made(kind, {}, where)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -346,6 +357,17 @@ class Site:
             if not is_dataclass(self.flow):
                 needs = "must be a dataclass, whose fields are keys of a scenario"
                 raise ConfigurationError(f"site.flow: {needs}, got {shown(self.flow)}")
+
+    def strongest_water(self, p_W: Array) -> Array:
+        """Velocity (3,) [m/s] of current and flow field at a place (3,) [m], when it is largest.
+
+        Waves and gusts are left out, and a field is asked at a few times of a run.
+        """
+        current = np.array(self.current, dtype=np.float64)
+        if self.flow is None:
+            return current
+        velocities = [current + total_velocity((self.flow,), p_W, time) for time in _FLOW_TIMES]
+        return max(velocities, key=lambda velocity: float(np.linalg.norm(velocity)))
 
     def pose(self, rng: np.random.Generator) -> Array:
         """True pose X_WT (4, 4) of the object; drawn even if it is set, so that later draws stay the same."""

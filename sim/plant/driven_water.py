@@ -2,12 +2,15 @@
 
 import mujoco
 import numpy as np
+from numpy.typing import ArrayLike
 
 from uuv.models.hydrodynamics import LAYOUT, is_wet, world_row
+from uuv.models.vehicle import Vehicle
 from uuv.sim.interfaces.errors import ConfigurationError
-from uuv.sim.interfaces.spatial import Array, shown
-from uuv.sim.plant.compiled_step import Flow
+from uuv.sim.interfaces.spatial import Array, checked, shown
+from uuv.sim.plant.compiled_step import Flow, Watch
 from uuv.sim.water.current import Current
+from uuv.sim.water.flow_field import total_velocity
 from uuv.sim.water.water_motion import FLOW, place_of, set_current
 
 _UNIFORM = float(FLOW.uniform)
@@ -74,6 +77,26 @@ class DrivenWater:
         self._acceleration[:] = acceleration
         self._current_W[:] = velocity
 
+    def at(self, p_W: Array, p_WB: Array, time: float) -> Array:
+        """Velocity (3,) [m/s] at a place in the present step.
+
+        That at the hull was written for this step; elsewhere the flow fields differ from it.
+
+        Args:
+            p_W: Place (3,) [m].
+            p_WB: Place (3,) [m] of the hull's origin.
+            time: [s] since the start of the run.
+        """
+        current = self.current
+        velocity = self._current_W.copy()
+        if not current.flows:
+            return velocity
+
+        # What is the same everywhere cancels.
+        share = 1.0 if current.profile is None else current.profile(time)[0]
+        here = total_velocity(current.flows, p_WB, time)
+        return velocity + share * (total_velocity(current.flows, p_W, time) - here)
+
     def check(self) -> None:
         """Refuse water that something else has written.
 
@@ -120,6 +143,43 @@ class DrivenWater:
 def _overwritten(what: str, velocity_W: Array) -> ConfigurationError:
     why = "which the plant did not write and overwrites at every step"
     return ConfigurationError(f"plant: {what} is {shown(velocity_W)} m/s, {why}; {_HOOK}")
+
+
+class WithWater:
+    """Base of a plant: what may be asked of its water, which is not its own to replace."""
+
+    _water: DrivenWater
+    _watch: Watch
+    data: mujoco.MjData
+    timestep: float
+    vehicle: Vehicle
+
+    @property
+    def current(self) -> Current:
+        """The current of the run, as `on_water` of the perturbations left it."""
+        return self._water.current
+
+    @current.setter
+    def current(self, value: object) -> None:
+        raise ConfigurationError(
+            f"plant.current: cannot be set, got {shown(value)}; the current of a run is what "
+            "`on_water(current)` of a perturbation returns (docs/own_current.md)"
+        )
+
+    def water_at(self, p_W: ArrayLike) -> Array:
+        """Velocity (3,) [m/s] of the water at a place in W now, by all that moves it.
+
+        Changes nothing, so that it may be asked as often as one likes.
+
+        Args:
+            p_W: Place (3,) [m].
+
+        Raises:
+            ConfigurationError: It is no place, or a flow field gives no velocity there.
+        """
+        at = self.vehicle.hull_qpos
+        p_WB = np.array(self.data.qpos[at : at + 3])
+        return self._water.at(checked(p_W, (3,), "p_W [m]"), p_WB, int(self._watch.tick[0]) * self.timestep)
 
 
 def check_current(current: Current, timestep: float) -> None:

@@ -18,7 +18,7 @@ from uuv.sim.interfaces.kernels.slots import RAISED, PythonSlots, Slot, empty_sl
 from uuv.sim.interfaces.messages import Command
 from uuv.sim.interfaces.spatial import Array, checked_pose, fitting, quat_wxyz_from_rotation
 from uuv.sim.plant.compiled_step import PlantRecord, Watch, next_flow, verdict
-from uuv.sim.plant.driven_water import DrivenWater, check_current
+from uuv.sim.plant.driven_water import DrivenWater, WithWater, check_current
 from uuv.sim.plant.reaction_wrench import ReactionWrench
 from uuv.sim.plant.readout import CONTACTS, Readout, gears_and_contacts, places_of
 from uuv.sim.plant.soil_contact import SoilContact, feel_soil
@@ -49,7 +49,7 @@ class PlantState:
     current: dict[str, Any]
 
 
-class Plant:
+class Plant(WithWater):
     """Vehicle and its world, advanced by commands one `timestep` [s] at a time, in `substeps` steps of the physics."""
 
     def __init__(

@@ -33,6 +33,7 @@ from uuv.models.vehicle import Vehicle
 from uuv.own_vehicle import vehicle_spec
 from uuv.sim import hydrodynamics
 from uuv.sim.interfaces.errors import HydrodynamicsError, PhysicsWarning, UuvError
+from uuv.sim.water.flow_field import FlowField
 from uuv.tasks.surface_work import SurfaceWorkTask
 
 _OF_ARM = ("motor", "thruster-rank", "timestep")  # faults that leave station keeping to its simulation
@@ -45,6 +46,7 @@ def check_vehicle(
     tool: str | None = None,
     jobs: Sequence[str] = JOBS,
     forces: Sequence[float] = (),
+    flow: FlowField | None = None,
 ) -> VehicleCheck:
     """Check a vehicle: its parts, figures and doubts, and which jobs it can begin.
 
@@ -54,6 +56,7 @@ def check_vehicle(
         tool: Tool of `uuv.models.tools.tools.TOOLS` on its tip; None: its own.
         jobs: Names of `uuv.check.checked_jobs.JOBS` for which a verdict is wanted.
         forces: [N] set forces in place of the jobs' own.
+        flow: Flow field on top of the jobs' current.
 
     Returns:
         The check. A spec that cannot be compiled has one finding of level "fault".
@@ -65,7 +68,7 @@ def check_vehicle(
     file = None if parts_file is None else str(parts_file)
     if isinstance(vehicle, str | Path):
         name = str(vehicle)
-        arm_jobs = ArmJobs(name, tool=tool, parts=file, forces=forces)
+        arm_jobs = ArmJobs(name, tool=tool, parts=file, forces=forces, flow=flow)
         return _Check(name, vehicle_spec(name, tool, file), arm_jobs, given=False).run(jobs)
     if tool is not None:
         TOOLS.load(tool)  # or the refusal, which is none of the spec
@@ -76,7 +79,7 @@ def check_vehicle(
         said = " ".join(str(error).split())
         code = "inertia" if "inertia" in said else "contract"
         return VehicleCheck(vehicle=name, findings=(VehicleFinding(code=code, level="fault", said=said),))
-    return _Check(name, spec, ArmJobs(name, tool=None, parts=None, forces=forces), given=True).run(jobs)
+    return _Check(name, spec, ArmJobs(name, tool=None, parts=None, forces=forces, flow=flow), given=True).run(jobs)
 
 
 class _Check:

@@ -34,6 +34,7 @@ from uuv.sim import hydrodynamics
 from uuv.sim.interfaces.errors import ConfigurationError, ReachError, StrongCurrentError, UuvError
 from uuv.sim.interfaces.messages import Target, ToolPath
 from uuv.sim.interfaces.spatial import Array, transform_points
+from uuv.sim.water.flow_field import FlowField
 from uuv.tasks.insertion import PlacedInsertion
 from uuv.tasks.seabed_sampling import PlacedSampling, sonar_on_hull
 from uuv.tasks.start_place import check_start, folded_at
@@ -90,7 +91,15 @@ def restless(name: str, model: mujoco.MjModel, current: tuple[float, float, floa
 class ArmJobs:
     """Verdicts on the jobs of one vehicle's arm."""
 
-    def __init__(self, vehicle: str, *, tool: str | None, parts: str | None, forces: Sequence[float] = ()) -> None:
+    def __init__(
+        self,
+        vehicle: str,
+        *,
+        tool: str | None,
+        parts: str | None,
+        forces: Sequence[float] = (),
+        flow: FlowField | None = None,
+    ) -> None:
         """Take a vehicle by its name or file.
 
         Args:
@@ -98,8 +107,9 @@ class ArmJobs:
             tool: As --tool.
             parts: As --parts.
             forces: [N] set forces in place of the jobs' own.
+            flow: Flow field on top of the jobs' current.
         """
-        self._vehicle, self._tool = vehicle, tool
+        self._vehicle, self._tool, self._flow = vehicle, tool, flow
         self._parts, self.forces = parts, tuple(forces)
         self._rest: dict[Any, JobVerdict | None] = {}  # by tools and current: station keeping is simulated once
 
@@ -110,7 +120,8 @@ class ArmJobs:
             given["forces"] = self.forces
         scenario = ARM_JOBS[name](**given)
         tool = self._tool if scenario.task.tool is None else None  # a job with a tool of its own brings it
-        return replace(scenario, vehicle=replace(scenario.vehicle, parts=self._parts, tool=tool))
+        site = replace(scenario.site, flow=self._flow) if self._flow is not None else scenario.site
+        return replace(scenario, site=site, vehicle=replace(scenario.vehicle, parts=self._parts, tool=tool))
 
     def verdict(self, name: str, blocked: float, given: mujoco.MjSpec | None = None) -> JobVerdict:
         """Verdict on a job.
@@ -135,9 +146,10 @@ class ArmJobs:
                 return _refused(name, *refused)
             if (hidden := _view(name, scenario, blocked)) is not None:
                 return hidden
-            key = setup.tool, task.tool, scenario.site.current
+            water = tuple(scenario.site.strongest_water(np.zeros(3)).tolist())  # the hull is about there
+            key = setup.tool, task.tool, water
             if key not in self._rest:
-                self._rest[key] = restless(name, hydrodynamics.compile(spec.copy()), scenario.site.current)
+                self._rest[key] = restless(name, hydrodynamics.compile(spec.copy()), water)
             if (moving := self._rest[key]) is not None:
                 return replace(moving, job=name)
             return _planned(name, scenario, own, spec)
@@ -174,7 +186,7 @@ def _planned(name: str, scenario: Scenario, own: OwnVehicle, spec: mujoco.MjSpec
         check_start(scene, Vehicle.of(scene), placed.X_WB)
     except ConfigurationError as error:
         return _refused(name, "start", str(error))
-    current = np.array(scenario.site.current)
+    current = scenario.site.strongest_water(placed.X_WB[:3, 3])
     speed = float(np.linalg.norm(current))
     try:
         placement, share, gap = _stand(placed, current)

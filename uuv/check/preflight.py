@@ -1,9 +1,13 @@
 """The cheap part of a vehicle's check, before a job starts: what refuses it, and what is doubtful."""
 
+import mujoco
+import numpy as np
+
 from uuv.check import doubts
 from uuv.check.ready_force import BEYOND, VIEW, ReadyForce, looks_by_camera
-from uuv.check.statics import trim_of, weight_of
+from uuv.check.statics import AXES, authority, strongest_current, trim_of, weight_of
 from uuv.models.completing.postures import PostureSearch
+from uuv.models.vehicle import Vehicle
 from uuv.own_vehicle import OwnVehicle
 from uuv.scenario import Scenario
 from uuv.sim import hydrodynamics
@@ -55,9 +59,24 @@ def preflight(scenario: Scenario, own: OwnVehicle) -> list[str]:
     if (weak := ready.refusal(scenario)) is not None:
         lines.append(weak[1])
     if _wet(own):
+        lines += _water_doubts(scenario, model, vehicle)
         lines += [each.said for each in doubts.trim_doubts(trim_of(model, vehicle), weight_of(model, vehicle))]
     return [f"doubtful: {line}" for line in lines]
 
 
 def _wet(own: OwnVehicle) -> bool:
     return hydrodynamics.is_installed() and hydrodynamics.carries_hydrodynamics(own.model)
+
+
+def _water_doubts(scenario: Scenario, model: mujoco.MjModel, vehicle: Vehicle) -> list[str]:
+    """Water at the hull, about the origin, that is faster than the thrusters hold it against."""
+    lines = []
+    for axis, speed in enumerate(scenario.site.strongest_water(np.zeros(3))):
+        # Along one axis of the level hull.
+        limit = strongest_current(model, vehicle, axis, min(authority(vehicle, axis)))
+        if abs(speed) > limit:
+            way = f"{abs(speed):.2f} m/s along {AXES[axis]}"
+            held = f"the thrusters hold it against {limit:.2f} m/s"
+            lines.append(f"the water at the hull moves at {way}, {held}")
+
+    return lines

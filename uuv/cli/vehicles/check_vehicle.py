@@ -36,6 +36,8 @@ class CheckOptions:
     """Tool on the tip: a name of `uuv list tools`."""
     forces: tuple[float, ...] = ()
     """Set forces [N] in place of the jobs' own."""
+    flow: str | None = None
+    """Flow field at the jobs' site: a kind, or MODULE:CLASS (docs/own_current.md)."""
     jobs: tuple[str, ...] = JOBS
     """Jobs for which a verdict is wanted."""
     json: bool = False
@@ -56,6 +58,7 @@ def main(verb: str, args: Sequence[str]) -> int:
     from uuv.check.check import check_vehicle
     from uuv.check.table import print_check
     from uuv.sim.runs.terminal import console
+    from uuv.site import flow_of
 
     first_start.build()
     verdicts = check_vehicle(
@@ -64,6 +67,7 @@ def main(verb: str, args: Sequence[str]) -> int:
         tool=options.tool,
         jobs=options.jobs,
         forces=options.forces,
+        flow=None if options.flow is None else flow_of(options.flow),
     )
     if options.json:
         print_json(verdicts.as_dict())

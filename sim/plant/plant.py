@@ -324,6 +324,17 @@ class Plant(WithWater):
             flowed=self._hooked(beyond),
         )
 
+    def slow_parts(self, outermost: Any) -> tuple[str, ...]:
+        """Names of what is called in plain Python at every compiled step: wrappers up to `outermost`, the current."""
+        names: list[str] = []
+        while outermost is not self:
+            names.append(type(outermost).__name__)
+            outermost = outermost.plant
+        current = self._water.current
+        if current.beyond_rows():
+            names.append(type(current.flows[0] if current.flows else current).__name__)
+        return tuple(names)
+
     def _hooked(self, functions: tuple[Callable[[], None], ...]) -> Slot:
         """Slot that calls functions one after another; empty without any."""
         if not functions:

@@ -272,6 +272,7 @@ class CompiledTicks:
         """The ticks of `run`, which has taken its first step."""
         rates = [getattr(observer, "slow_ticks", ()) for observer in run.observers]
         self._slow_ticks = frozenset(ticks for rate in rates for ticks in rate)
+        self._in_plant = self._plant.slow_parts(run.plant)
         self._watching = [each for each in run.observers if not hasattr(each, "slow_ticks")]
         self._present = np.zeros(1, dtype=np.int64)
         states = dict(zip(map(_channel, run.parts.sensors), run.sensor_states, strict=True))
@@ -302,7 +303,8 @@ class CompiledTicks:
         return PythonControl(step, self._inputs, command, type(controller).__name__)
 
     def _name_slow_parts(self, control: ControlTick) -> None:
-        self.slow_parts = (*control.slow, *(type(each).__name__ for each in self._watching))
+        watching = (type(each).__name__ for each in self._watching)
+        self.slow_parts = (*self._in_plant, *control.slow, *watching)
 
     def _watch(self, run: Rollout, control: ControlTick) -> int:
         """Address of the slot of observers that see every tick; 0 without one."""

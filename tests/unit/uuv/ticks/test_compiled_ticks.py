@@ -67,18 +67,20 @@ def test_a_recording_that_outgrows_its_table_has_the_same_bits(monkeypatch):
 
 
 @pytest.mark.parametrize(
-    "perturbation",
+    ("perturbation", "slow"),
     [
-        ThrusterFailure(thruster="sway", share=0.3, at=0.4),
-        ThrusterFailure(thruster="sway", stuck=True, at=0.4),
-        MovingObject(amplitude=(0.0, 0.02, 0.0), frequency=0.5),
-        Wake(),
+        (ThrusterFailure(thruster="sway", share=0.3, at=0.4), "FaultyPlant"),
+        (ThrusterFailure(thruster="sway", stuck=True, at=0.4), "FaultyPlant"),
+        (MovingObject(amplitude=(0.0, 0.02, 0.0), frequency=0.5), "MovedObjectPlant"),
+        (Wake(), "CylinderWake"),
     ],
     ids=["weak thruster", "stuck thruster", "swinging object", "wake"],
 )
-def test_a_plant_with_parts_in_python_has_the_same_bits(perturbation):
-    one, other = digests(replace(jobs.clean_barrel(quick=True), perturbations=(perturbation,)), 1.5)
+def test_a_plant_with_parts_in_python_has_the_same_bits(perturbation, slow):
+    scenario = replace(jobs.clean_barrel(quick=True), perturbations=(perturbation,))
+    one, other = digests(scenario, 1.5)
     assert one == other
+    assert run_through(assemble(scenario), longest=0.05).slow_parts == (slow,)
 
 
 def test_lost_vision_is_found_at_the_same_tick():

@@ -228,9 +228,13 @@ def _drive(spec: mujoco.MjSpec, joints: Mapping[str, float | None], name: str) -
     carried = next((body.find_all(mujoco.mjtObj.mjOBJ_JOINT) for body in spec.bodies if body.name == HULL_BODY), [])
     locked = [each for each in carried if each.type in _TURNING and each.name not in joints and not each.stiffness[0]]
     if locked:
+        # A keyframe keeps the values of the joints that stay.
         with keyframes_kept(spec):
+            names = ", ".join([joint.name or "without a name" for joint in locked])
             for joint in locked:
                 _lock(spec, joint)
+        note(spec, [f"joints held at 0, which the mapping does not list: {names}"])
+
     for wanted, limit in joints.items():
         _add_motor(spec, there[wanted], limit, name)
 

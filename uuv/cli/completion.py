@@ -7,7 +7,7 @@ from typing import Annotated, Any, get_type_hints
 
 from tyro.conf import Positional, arg
 
-from uuv import jobs
+from uuv import jobs, models
 from uuv.catalogue import SHELVES
 from uuv.cli.main import VERBS, Verb, objects_of
 from uuv.cli.past.past_runs import Run
@@ -18,6 +18,8 @@ from uuv.sim.interfaces.errors import ConfigurationError, did_you_mean
 from uuv.sim.runs.command_line import parse
 
 _SHELLS = ("bash", "zsh")
+_OF_VEHICLES = ("--vehicle",)  # options whose value may be the name of a vehicle
+_ON_VEHICLES = ("check", "models")  # verbs that take one first
 _ZSH = "autoload -U +X compinit && compinit\nautoload -U +X bashcompinit && bashcompinit\n"
 _MARK = getattr(Positional[str], "__metadata__")[0]  # noqa: B009  of what has no -- before it
 _SCRIPT = """_uuv() {{
@@ -30,6 +32,9 @@ _SCRIPT = """_uuv() {{
     "2 completion "*) words="{shells}" ;;
 {by_job}
 {by_verb}
+    esac
+    case "${{COMP_WORDS[COMP_CWORD-1]}}" in
+    {vehicle_options}) words="{vehicles}" ;;
     esac
     case "$word" in
     -*) COMPREPLY=($(compgen -W "$words" -- "$word")) ;;
@@ -73,6 +78,8 @@ def script() -> str:
         jobs=" ".join(names),
         skeletons=" ".join(SKELETONS),
         shells=" ".join(_SHELLS),
+        vehicles=" ".join(models.available()),
+        vehicle_options="|".join(_OF_VEHICLES),
         by_job=_cases((f'*" run "{job}', words) for job, words in by_job.items()),
         by_verb=_cases((_pattern(name), words_of(name, verb)) for name, verb in VERBS.items()),
     )
@@ -87,6 +94,8 @@ def words_of(name: str, verb: Verb) -> list[str]:
     names = list(jobs.JOBS.names()) if takes_runs else []  # the latest run of a job
     if name == "list":
         names = [shelf.kind for shelf in SHELVES]
+    if name in _ON_VEHICLES:
+        names = list(models.available())
     return [*names, *options_in(kind)]
 
 

@@ -24,6 +24,7 @@ if TYPE_CHECKING:  # a list of jobs needs none of what a scenario is made of
     from uuv.site import Workpiece
 
 BOTTOM = 0.02  # [m] by which a hole is deeper than the depth to reach
+BOX = 0.03  # [m] of the box that is dragged
 ALONG = (60.0, 90.0, 60.0)  # [N] set forces on a path along an object
 AROUND = (60.0, 90.0)  # [N] on one around it
 
@@ -46,9 +47,10 @@ def clean_barrel(
     from uuv.site import Barrel
     from uuv.tasks.surface_work import SurfaceWorkTask
 
-    around = arc if arc is not None else 60.0 if quick else 180.0
+    around = arc if arc is not None else 60.0 if quick else float(np.degrees(Barrel.arc))
     finite_number(around, "arc [deg]", above=0.0)
-    barrel = Barrel(length=0.2 if quick else 0.6, arc=float(np.radians(around)))
+    length = 0.2 if quick else Barrel.length
+    barrel = Barrel(length=length, arc=float(np.radians(around)))
     if path == "transverse":
         task = SurfaceWorkTask(path=path, forces=AROUND, least=min(1.0, 150.0 / around))
     else:
@@ -76,10 +78,12 @@ def clean_pile(
     from uuv.site import Pile
     from uuv.tasks.surface_work import SurfaceWorkTask
 
-    around = arc if arc is not None else 40.0 if quick else 100.0
+    around = arc if arc is not None else 40.0 if quick else float(np.degrees(Pile.arc))
     finite_number(around, "arc [deg]", above=0.0)
-    climb = 0.003 * around if rise is None else rise
-    pile = Pile(length=0.2 if quick else 0.5, arc=float(np.radians(around)), rise=climb)
+    per_degree = Pile.rise / float(np.degrees(Pile.arc))
+    climb = per_degree * around if rise is None else rise
+    length = 0.2 if quick else Pile.length
+    pile = Pile(length=length, arc=float(np.radians(around)), rise=climb)
     if path == "vertical":
         task = SurfaceWorkTask(path=path, forces=ALONG, range=1.8)
     else:
@@ -124,7 +128,9 @@ def insert_sampler(*, depth: float | None = None, quick: bool = False) -> "Scena
     from uuv.site import HoleManifold, Site
     from uuv.tasks.insertion import InsertionTask
 
-    reached = MILLIMETRE * (depth if depth is not None else 30.0 if quick else 60.0)
+    reached = InsertionTask.depth if depth is None else MILLIMETRE * depth
+    if depth is None and quick:
+        reached *= 0.5
     manifold = HoleManifold(depth=reached + BOTTOM)
     task = InsertionTask(depth=reached)
     return Scenario(name="insert_sampler", site=Site(object=manifold), task=task)
@@ -153,14 +159,12 @@ def sample_seabed(
     from uuv.tasks.seabed_sampling import SeabedSamplingTask
 
     drag = work == "drag"
+    usual = BOX if drag else SeabedSamplingTask.depth
+    reached = usual if depth is None else MILLIMETRE * depth
     return Scenario(
         name="sample_seabed",
         site=Site(object=Ground()),
-        task=SeabedSamplingTask(
-            drag=drag,
-            push=40.0 if quick else 50.0,
-            depth=MILLIMETRE * (depth if depth is not None else 30.0 if drag else 180.0),
-        ),
+        task=SeabedSamplingTask(drag=drag, push=40.0 if quick else 50.0, depth=reached),
         control=Control(without=without),
     )
 

@@ -9,6 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from uuv import models
+from uuv.check.check import check_vehicle
 from uuv.models.completing.complete import complete
 from uuv.models.completing.hull_box import hull_box
 from uuv.models.completing.mounting import mount_arm
@@ -146,7 +147,11 @@ DRIVEN = """<actuator><motor name="lifter" joint="port_lift"/></actuator>
 
 def test_joints_of_a_second_arm_are_locked_but_for_its_springs(tmp_path: Path) -> None:
     both = MJCF.replace('<body name="bracket"', f'{SECOND_ARM}<body name="bracket"').replace("</mujoco>", DRIVEN)
-    model = vehicle_spec(written(tmp_path, ".xml", both)).compile()
+    spec = vehicle_spec(written(tmp_path, ".xml", both))
+    model = spec.compile()
+    locked = "joints held at 0, which the mapping does not list: port_lift, grip"
+    assert locked in computed(spec).values()
+    assert locked in [finding.said for finding in check_vehicle(tmp_path / "rov.xml", jobs=()).findings]
     assert [model.joint(j).name for j in range(model.njnt)] == ["", "soft", "lift", "bend"]
     assert (model.neq, model.nsensor) == (0, 0)
     assert "lifter" not in [model.actuator(i).name for i in range(model.nu)]

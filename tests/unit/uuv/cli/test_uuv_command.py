@@ -200,6 +200,10 @@ def test_an_earlier_spelling_and_a_missing_object_are_told(words: list[str], sai
         (["uuv", "compare-campaigns", "--js"], {"--json"}),
         (["uuv", "completion", "z"], {"zsh"}),
         (["uuv", "replay", "sample"], {"sample-seabed"}),
+        (["uuv", "check", "rem"], {"remus100"}),
+        (["uuv", "models", "phoe"], {"phoenix_smart3s"}),
+        (["uuv", "run", "clean-barrel", "--vehicle", "uuv_puma_"], {"uuv_puma_side", "uuv_puma_two_sway"}),
+        (["uuv", "run", "my.toml", "--vehicle", "rexrov2_"], {"rexrov2_arm7"}),
     ],
 )
 def test_words_are_completed(words: list[str], wanted: set[str], uuv, tmp_path: Path):

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from scipy.interpolate import PchipInterpolator
 
+from held_thrusters import HeldThrusters
 from uuv import models
 from uuv.models.hydrodynamics import LAYOUT, unpack
 from uuv.models.naming import HOME_KEY
@@ -16,7 +17,7 @@ from uuv.models.water.thruster_curves import command_for, thrust_at
 from uuv.models.water.thrusters import Thruster
 from uuv.sim import hydrodynamics
 from uuv.sim.interfaces.errors import ConfigurationError
-from uuv.sim.interfaces.spatial import Array, exp_so3, quat_wxyz_from_rotation, rotation_angle
+from uuv.sim.interfaces.spatial import Array, exp_so3, rotation_angle
 from uuv.sim.plant.thrusters import Drive, command_thrusters
 
 STEP = 0.002  # [s]
@@ -25,38 +26,27 @@ X, MIDDLE = np.array([1.0, 0.0, 0.0]), np.zeros(3)
 
 
 class Unit:
-    """One thruster on a hull that is too heavy to be moved, stepped by MuJoCo alone."""
+    """One thruster at `p` (3,) [m] of a held hull, with its thrust along `axis` (3,)."""
 
     def __init__(self, thruster: Thruster, timestep: float = STEP, *, p: Array = MIDDLE, axis: Array = X) -> None:
-        """Place the thruster at `p` (3,) [m] of the hull, with its thrust along `axis` (3,)."""
-        spec = mujoco.MjSpec()
-        spec.option.timestep, spec.option.gravity = timestep, np.zeros(3)
-        body = spec.worldbody.add_body(name="hull", mass=1e15, inertia=[1e15] * 3, explicitinertial=True)
-        body.add_freejoint()
-        body.add_site(name="screw", pos=p)
-        motor = spec.add_actuator(name="screw", target="screw", trntype=mujoco.mjtTrn.mjTRN_SITE)
-        motor.gear = [*axis, 0.0, 0.0, 0.0]
-        thrusters.attach(spec, {"screw": thruster})
-        self.model = hydrodynamics.compile(spec)
-        self.data = mujoco.MjData(self.model)
+        row = thrusters.pack(thruster)
+        wrench = np.concatenate([axis, np.cross(p, axis) + row[thrusters.TORQUE] * axis])
+        self._held = HeldThrusters(row[None], wrench[:, None], timestep)
+        self.model, self.data = self._held.model, self._held.data
 
     def step(self, command: float, R_WB: Array, v_WB_W: Array, w_WB_B: Array, current_W: Array) -> None:
         """One step of MuJoCo, in which the hull moves so."""
-        self.data.qpos[:3] = 0.0
-        self.data.qpos[3:] = quat_wxyz_from_rotation(R_WB)
-        self.data.qvel[:3], self.data.qvel[3:] = v_WB_W, w_WB_B
-        self.model.opt.wind, self.data.ctrl[0] = current_W, command
-        mujoco.mj_step(self.model, self.data)
+        self._held.step(np.array([command]), R_WB, v_WB_W, w_WB_B, current_W)
 
     @property
     def speed(self) -> float:
         """Normalised speed of the propeller."""
-        return float(self.data.act[thrusters.SPEED])
+        return float(self._held.speed[0])
 
     @property
     def thrust(self) -> float:
         """Thrust [N] in the last step."""
-        return float(self.data.actuator_force[0])
+        return float(self._held.thrust[0])
 
 
 def one(timestep: float = STEP, p: Array = MIDDLE, **changes: Any) -> Unit:

@@ -13,10 +13,10 @@ from uuv.controllers.hull.allocation import AXES, Allocation, bounded, nearest_t
 from uuv.controllers.tuning import HULL
 from uuv.models.vehicle import Vehicle
 from uuv.models.water import thrusters
-from uuv.models.water.thrusters import TIME_CONSTANT, Thruster
+from uuv.models.water.thruster_curves import thrust_at
+from uuv.models.water.thrusters import Thruster
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import Array
-from uuv.sim.plant.thrusters import Thrusters
 
 W = np.array(HULL.gap_weights)
 
@@ -43,11 +43,8 @@ def with_thrusters(vehicle: Vehicle, B: Array, thruster: Thruster) -> Vehicle:
 
 def given(vehicle: Vehicle, command: Array) -> Array:
     """Steady thrust (m,) of the plant's own thrusters in still water."""
-    table = vehicle.thruster_table.copy()
-    table[:, TIME_CONSTANT] = 0.0
-    plant = Thrusters(table, vehicle.thruster_wrench, 0.002)
-    plant.step(command, np.eye(3), np.zeros(3), np.zeros(3), np.zeros(3))
-    return plant.thrust
+    curves = thrusters.curves(vehicle.thruster_table)
+    return np.array([thrust_at(curve, float(u)) for curve, u in zip(curves, command, strict=True)])
 
 
 # ---------------------------------------------------------------------------------------------------- within the bounds

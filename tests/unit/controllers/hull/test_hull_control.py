@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from at_rest import at_rest
+from held_thrusters import HeldThrusters
 from uuv import models
 from uuv.controllers.hull.allocation import Allocation
 from uuv.controllers.hull.hull_control import HullControl, ThrusterLead
@@ -16,7 +17,6 @@ from uuv.models.water.thrusters import INFLOW_LOSS, LEAST, SLEW_RATE, TIME_CONST
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.messages import Reference, WorkState
 from uuv.sim.interfaces.spatial import Array
-from uuv.sim.plant.thrusters import Thrusters
 
 DT, STEP = 0.02, 0.002  # [s] of the hover, of the physics
 STILL = np.zeros(6)
@@ -37,7 +37,7 @@ def follow(
     vehicle: Vehicle, lead: ThrusterLead, wanted: Array, nu_r_B: Array = STILL
 ) -> tuple[Array, Array, Array, Array]:
     """Speeds (k, m) at the end of each step, commands (k, m), mean wrenches given (k, 6) and predicted (k, 6)."""
-    plant = Thrusters(vehicle.thruster_table, vehicle.thruster_wrench, STEP)
+    plant = HeldThrusters(vehicle.thruster_table, vehicle.thruster_wrench, STEP)
     state, speeds, commands, given, told = lead.init(), [], [], [], []
     for row in wanted:
         command = lead.step(state, row, nu_r_B, DT)
@@ -125,7 +125,7 @@ def test_the_static_command_gives_the_thrust_wanted_in_any_inflow(vehicle, rng, 
         wanted = rng.uniform(-1.0, 1.0, 6) * rng.choice([20.0, 250.0])
         wanted[np.abs(wanted) < low] = 0.0
         command = lead.static(wanted, nu_r_B)
-        plant = Thrusters(vehicle.thruster_table, vehicle.thruster_wrench, STEP)
+        plant = HeldThrusters(vehicle.thruster_table, vehicle.thruster_wrench, STEP)
         for _ in range(round(40.0 * vehicle.thruster_table[:, TIME_CONSTANT].max() / STEP)):
             plant.step(command, np.eye(3), nu_r_B[:3], nu_r_B[3:], np.zeros(3))
         assert np.all(np.sign(command) == np.sign(wanted))

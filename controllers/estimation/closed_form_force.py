@@ -10,7 +10,7 @@ import numpy as np
 from uuv.controllers.estimation.tip_force_estimator import ContactState, DriveState, TorqueSensors
 from uuv.controllers.estimation.tip_force_kernels import PRIOR
 from uuv.sim.interfaces.errors import ConfigurationError
-from uuv.sim.interfaces.messages import ContactEstimate, StateEstimate
+from uuv.sim.interfaces.messages import ContactEstimate, Reference, StateEstimate
 from uuv.sim.interfaces.spatial import Array
 
 JOINTS = (0, 2, 3)  # 1, 3 and 4 in the paper's count
@@ -51,10 +51,24 @@ class ClosedFormForce(TorqueSensors):
         sensed.f_B[:] = before_B + self._force_share * (now_B - before_B)
         sensed.f_G[:] = sensed.X_BG[:3, :3].T @ sensed.f_B
         state.estimate = ContactEstimate(
-            force_W=estimate.X_WB[:3, :3] @ sensed.f_B, normal=float(-sensed.f_G[2]), sigma_G=state.sigma_G
+            force_W=estimate.X_WB[:3, :3] @ sensed.f_B, normal=float(-sensed.f_G[2]), sigma_G=state.record.sigma_G
         )
 
-    def _sigma_G(self, state: ContactState, weighed: Array, variance: Array) -> Array:
+    def follow_up(self, state: ContactState, estimate: StateEstimate, reference: Reference) -> None:
+        """Rest of a slow step after `sense` and tare: payload and sigma.
+
+        Args:
+            state: as `sense` left it; changed in place.
+            estimate: of the vehicle now.
+            reference: says when the arm begins its work.
+        """
+        if state.record.weighing[0]:
+            self.weigh(state, estimate, reference)
+        noise = self.gains.noise * np.abs(estimate.tau)
+        variance = self.gains.kept * noise**2 + self.gains.drift**2
+        state.record.sigma_G[:] = self._sigma_G(state, variance)
+
+    def _sigma_G(self, state: ContactState, variance: Array) -> Array:
         rows = list(JOINTS)
         A = state.sensed.J_B[:3, rows].T @ state.sensed.X_BG[:3, :3]
         if not _regular(A):

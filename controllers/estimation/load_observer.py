@@ -312,7 +312,7 @@ class MomentumObserver(TorqueResidual):
         reversal, wanted = tuning.gears.reversal, drives.qd_wanted
         dry_friction(dry.coulomb, dry.stiction, dry.stribeck_speed, reversal, wanted, state.friction)
         self._tare(state, reference)
-        sigma_G = state.sigma_G
+        sigma_G = state.record.sigma_G
         if self._is_slow_tick(state):
             known = tuning.gears.known
             dry_friction_sigma(dry.coulomb, dry.stiction, SMOOTHING, known, sensed.qd_slow, state.floor)

@@ -12,7 +12,7 @@ import numpy as np
 
 from uuv.controllers.arm.inverse_dynamics import ArmDynamics, ArmParameters, JointMotion
 from uuv.controllers.arm.joint_servo import FrictionTracking
-from uuv.controllers.estimation.payload_identification import PayloadIdentification, PayloadIdentificationState
+from uuv.controllers.estimation.payload_identification import PayloadIdentification
 from uuv.controllers.estimation.tip_force_kernels import (
     ArmReadings,
     ContactRecord,
@@ -23,7 +23,7 @@ from uuv.controllers.estimation.tip_force_kernels import (
     add_to_tare,
     estimate_tip_force,
     feel_by_torques,
-    force_sigma,
+    find_sigma,
 )
 from uuv.controllers.tuning import DRIVE_PERIOD, ArmTuning
 from uuv.models.arms.gear_friction import DryFriction
@@ -48,7 +48,6 @@ class ContactState:
 
     arm: ArmParameters  # own copy of the believed arm, with its payload once that is identified
     record: ContactRecord
-    sigma_G: Array  # (3,) [N] standard deviation of the force, tool axes; new where it changes
     memory: Array = field(default_factory=lambda: np.zeros(0))  # of a kernel
     own: Any = None  # of the kind of estimator: payload identification, or load observer
     excess: Array | None = None  # (nb,) [-] identified excess masses of the arm's parts
@@ -76,14 +75,16 @@ class ContactState:
     @property
     def estimate(self) -> ContactEstimate:
         """Present force; a message with copies."""
-        return ContactEstimate(force_W=self.record.f_W.copy(), normal=float(self.record.felt[0]), sigma_G=self.sigma_G)
+        return ContactEstimate(
+            force_W=self.record.f_W.copy(), normal=float(self.record.felt[0]), sigma_G=self.record.sigma_G.copy()
+        )
 
     @estimate.setter
     def estimate(self, estimate: ContactEstimate) -> None:
         """Set the present force."""
         self.record.f_W[:] = estimate.force_W
         self.record.felt[0] = estimate.normal
-        self.sigma_G = estimate.sigma_G
+        self.record.sigma_G[:] = estimate.sigma_G
 
     def wrench_B(self) -> Array:
         """Contact wrench (6,) [N, N m] on the hull through the arm, at the hull's origin in hull axes."""
@@ -133,9 +134,10 @@ class TorqueResidual:
                 friction=np.zeros(n),
                 f_W=np.full(3, np.nan),
                 felt=np.full(1, np.nan),
+                sigma_G=np.array(ContactEstimate().sigma_G),
+                weighing=np.zeros(1, dtype=np.bool_),
                 ticks=np.zeros(1, dtype=np.int64),
             ),
-            sigma_G=ContactEstimate().sigma_G,
         )
 
     def _sense(self, state: ContactState, estimate: StateEstimate, current_W: Array, f_tip_W: Array) -> float:
@@ -183,19 +185,27 @@ class TorqueSensors(TorqueResidual):
         super().__init__(model, arm or ArmDynamics(model, water_error=water_error), tuning, period)
         self._period = period
         self._payload = PayloadIdentification(self._arm)
-        self._force_share = min(1.0, period / tuning.force_filter)
+        self._force_share = share = min(1.0, period / tuning.force_filter)
         gears = FrictionTracking(
             armature=np.array(self._vehicle.armature),
             damping=np.array(self._vehicle.joint_damping),
             most=tuning.gears.excess * (friction or self._vehicle.dry_friction).stiction,
             share=min(1.0, period / tuning.gears.filter),
         )
-        self.gains = FeelGains(self.timing, tuning.torques.share, gears, self._slow_ticks)
+        self.gains = FeelGains(
+            timing=self.timing,
+            noise=tuning.torques.share,
+            kept=share / (2.0 - share),
+            drift=tuning.torques.drift,
+            gears=gears,
+            slow_ticks=self._slow_ticks,
+        )
 
     def init(self, estimate: StateEstimate) -> ContactState:
         """Initial state: free of contact, no tare, no friction, no payload."""
         state = super().init(estimate)
         state.own = self._payload.init()
+        state.record.weighing[0] = True
         return state
 
     def slot(self, state: ContactState) -> Slot:
@@ -225,18 +235,9 @@ class TorqueSensors(TorqueResidual):
             estimate: of the vehicle now.
             reference: says when the arm begins its work.
         """
-        if state.own is not None:
-            self._identify_payload(state, state.own, estimate, reference)
-
-        noise = self._tuning.torques.share * np.abs(estimate.tau)
-        # What is left of white noise behind the filter of the force.
-        kept = self._force_share / (2.0 - self._force_share)
-        variance = kept * noise**2 + self._tuning.torques.drift**2
-        state.sigma_G = self._sigma_G(state, state.floor + noise, variance)
-
-    def _sigma_G(self, state: ContactState, weighed: Array, variance: Array) -> Array:
-        """Standard deviation (3,) [N] of the force in tool axes, as `force_sigma`."""
-        return force_sigma(state.sensed.X_BG, state.sensed.J_B, weighed, variance)
+        if state.record.weighing[0]:
+            self.weigh(state, estimate, reference)
+        find_sigma(self.gains, estimate.tau, state.record)
 
     def sense(self, state: ContactState, estimate: StateEstimate, drives: DriveState) -> None:
         """Force, friction and motion of one sample, without tare and payload; the sigma stays as it is.
@@ -253,13 +254,20 @@ class TorqueSensors(TorqueResidual):
         doubt = np.zeros(len(e.q)) if e.tau_doubt is None else e.tau_doubt
         feel_by_torques(state.arm, self.gains, readings, doubt, drives.tau, state.record)
 
-    def _identify_payload(
-        self, state: ContactState, own: PayloadIdentificationState, estimate: StateEstimate, reference: Reference
-    ) -> None:
-        """Identify the payload while the arm unfolds; adopt it at the first tool pose, still free of contact."""
-        sensed = state.sensed
+    def weigh(self, state: ContactState, estimate: StateEstimate, reference: Reference) -> None:
+        """Identify the payload while the arm unfolds; adopt it at the first tool pose, still free of contact.
+
+        Args:
+            state: as `sense` left it; changed in place.
+            estimate: of the vehicle now.
+            reference: says when the arm begins its work.
+        """
+        sensed, payload = state.sensed, state.own
         if reference.X_WG is not None:
-            state.excess = self._payload.excess(own)
-            state.arm.numbers[:], state.own = self._payload.weighed(state.excess).numbers, None
+            state.excess = self._payload.excess(payload)
+            state.arm.numbers[:] = self._payload.weighed(state.excess).numbers
+            state.own = None
+            state.record.weighing[0] = False
         elif state.record.ticks[0] * self._period > self._tuning.weighing_after:
-            self._payload.add(own, JointMotion(estimate.q, estimate.qd, sensed.qdd), sensed.hull, sensed.tau_e)
+            motion = JointMotion(estimate.q, estimate.qd, sensed.qdd)
+            self._payload.add(payload, motion, sensed.hull, sensed.tau_e)

@@ -279,6 +279,8 @@ class ContactRecord(NamedTuple):
     friction: Array  # (n,) [N m] dry friction in the gears that the drives have to overcome
     f_W: Array  # (3,) [N] force of the world on the tip, W; NaN: not known
     felt: Array  # (1,) [N] normal force, positive when the tool presses; NaN: not known
+    sigma_G: Array  # (3,) [N] standard deviation of the force, tool axes
+    weighing: np.ndarray  # (1,) bool: the payload is being identified
     ticks: np.ndarray  # (1,) steps of the estimator so far
 
 
@@ -287,6 +289,8 @@ class FeelGains(NamedTuple):
 
     timing: SenseTiming
     noise: float  # [-] of the torque sensors, share of the reading
+    kept: float  # [-] share of the variance of white noise that the filter of the force passes
+    drift: float  # [N m] standard deviation of the torques' slow errors
     gears: FrictionTracking
     slow_ticks: int  # steps between two of payload and sigma
 
@@ -314,6 +318,26 @@ def feel_by_torques(arm, gains, readings, doubt, tau_motor, contact):
     sensed = contact.sensed
     contact.felt[0] = estimate_tip_force(arm, readings, errors, gains.timing, sensed, contact.f_W)
     track_gear_friction(tau_motor, readings.tau, readings.qd, sensed.qdd, gains.gears, contact.friction)
+
+
+@kernel
+def find_sigma(gains, tau, contact):
+    """Standard deviation of the contact force, into `contact`; the tick makes it as often as the hull steps.
+
+    Args:
+        gains: `FeelGains`.
+        tau: (n,) [N m] torques read.
+        contact: `ContactRecord`; updated.
+    """
+    n = tau.shape[0]
+    weighed = np.empty(n)
+    variance = np.empty(n)
+    for j in range(n):
+        noise = gains.noise * abs(tau[j])
+        weighed[j] = contact.floor[j] + noise
+        variance[j] = gains.kept * noise**2 + gains.drift**2
+
+    contact.sigma_G[:] = force_sigma(contact.sensed.X_BG, contact.sensed.J_B, weighed, variance)
 
 
 @kernel

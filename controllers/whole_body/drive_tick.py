@@ -18,6 +18,7 @@ from uuv.controllers.estimation.tip_force_kernels import (
     add_to_tare,
     feel_by_slot,
     feel_by_torques,
+    find_sigma,
 )
 from uuv.controllers.whole_body.tool_tick import ToolRecord, move_tool
 from uuv.sim.interfaces.kernels import kernel
@@ -50,7 +51,7 @@ class DriveRecord(NamedTuple):
     arm: ArmParameters  # believed
     contact: ContactRecord
     estimator: Slot  # of the contact; empty: `TorqueSensors`
-    follow_up: Slot  # payload and sigma of `TorqueSensors`, at its slow ticks
+    weigh: Slot  # payload of `TorqueSensors`, at its slow ticks, until that is known
     tool: ToolRecord
     reference: ReferenceRecord
     integral: Array  # (n,) [rad s] of the joint servo
@@ -111,9 +112,13 @@ def _feel(record, e):
             return answer
     if record.reference.flags[TARE]:
         add_to_tare(contact.tare, contact.sensed.tau_e, contact.bias)
+
+    # As often as the hull steps: the payload, and how sure the force is.
     answer = FINE
     if contact.ticks[0] % gains.feel.slow_ticks == 0:
-        answer = call(record.follow_up)
+        if contact.weighing[0]:
+            answer = call(record.weigh)
+        find_sigma(gains.feel, e.tau, contact)
     contact.ticks[0] += 1
     return answer
 

@@ -206,8 +206,8 @@ class WorkController:
             drives = DriveState(tau=tau, qd_wanted=qd, current_W=state.current_W)
             estimator.step(contact, inputs.seen(), inputs.reference, drives)
 
-        def follow_up() -> None:
-            feeling.follow_up(contact, inputs.seen(), inputs.reference)
+        def weigh() -> None:
+            feeling.weigh(contact, inputs.seen(), inputs.reference)
 
         def step_hull() -> None:
             self.step_hull(state, inputs.seen(), inputs.reference)
@@ -219,7 +219,7 @@ class WorkController:
             arm=contact.arm,
             contact=contact.record,
             estimator=by_slot,
-            follow_up=none._replace(address=slots.add(follow_up)),
+            weigh=none._replace(address=slots.add(weigh)),
             tool=self.tool.record(state.tool, inputs, slots, contact.sensed),
             reference=state.reference,
             integral=state.integral,

@@ -37,8 +37,13 @@ def test_every_type_of_the_list_is_read_and_told_the_same(jobs):
 
 def test_a_kernel_stands_after_those_that_it_calls_and_the_ticks_are_among_them(jobs):
     assert all(before < row for row, job in enumerate(jobs) for before in job.after)
-    (ticks,) = (job for job in jobs if job.kernel == "uuv.ticks.compiled_ticks:run_ticks")
-    assert "uuv.controllers.whole_body.drive_tick:drive_tick" in {jobs[row].kernel for row in ticks.after}
+    for caller, called in (
+        ("uuv.ticks.compiled_ticks:run_ticks", "uuv.ticks.compiled_ticks:perceive"),
+        ("uuv.controllers.safety.guard_tick:guard_tick", "uuv.controllers.safety.guard_tick:finite"),
+        ("uuv.controllers.whole_body.drive_tick:drive_tick", "uuv.controllers.whole_body.tool_tick:move_tool"),
+    ):
+        (job,) = (job for job in jobs if job.kernel == caller)
+        assert called in {jobs[row].kernel for row in job.after}
 
 
 def test_the_list_holds_what_a_job_loads(jobs):
@@ -106,7 +111,7 @@ def test_only_rows_that_are_wanted_run():
 
 
 def test_a_worker_compiles_says_what_fails_and_may_die(jobs):
-    row = next(row for row, job in enumerate(jobs) if job.kernel == "uuv.controllers.safety.fault_detection:finite")
+    row = next(row for row, job in enumerate(jobs) if job.kernel == "uuv.controllers.safety.guard_tick:finite")
     worker = first_start._Worker()
     try:
         assert worker.compile(row)

@@ -10,6 +10,7 @@ from uuv.controllers.arm.inverse_dynamics import ArmDynamics
 from uuv.controllers.estimation.closed_form_force import JOINTS, ClosedFormForce
 from uuv.controllers.estimation.force_from_torques import tip_force_closed_form
 from uuv.controllers.estimation.tip_force_estimator import ContactState, DriveState, TorqueSensors
+from uuv.controllers.estimation.tip_force_kernels import force_sigma
 from uuv.models.vehicle import Vehicle
 from uuv.sim.interfaces.messages import StateEstimate
 
@@ -82,9 +83,10 @@ def test_its_sigma_is_that_of_its_own_errors(within):
     rng, f_G = np.random.default_rng(4), np.array([0.0, 0.0, -60.0])
     estimator, estimate = ClosedFormForce(OWN, arm=ARM), pressed(BENT, f_G)
     state, forces = felt(ClosedFormForce, estimate), []
-    sigma_G = estimator._sigma_G(state, np.ones(N), np.full(N, 0.25))
+    sigma_G = estimator._sigma_G(state, np.full(N, 0.25))
     for _ in range(300):
         drawn = replace(estimate, tau=estimate.tau + rng.normal(0.0, 0.5, N))
         forces.append(felt(ClosedFormForce, drawn, 150).sensed.f_G.copy())
     within("sigma over spread", np.std(forces, axis=0) / sigma_G - 1.0, 0.15)  # 300 draws: 4 %
-    assert np.all(sigma_G > TorqueSensors(OWN, arm=ARM)._sigma_G(state, np.ones(N), np.full(N, 0.25)) - 1e-9)
+    usual = force_sigma(state.sensed.X_BG, state.sensed.J_B, np.ones(N), np.full(N, 0.25))
+    assert np.all(sigma_G > usual - 1e-9)

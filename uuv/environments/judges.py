@@ -2,20 +2,23 @@
 
 A judge watches true states that last for some time each; in contact it sees every step of the plant. `done` stays true
 once it is. `failed` is a sentence, empty while nothing is wrong.
+
+A judge of contact with a method `watch_touches` may be given several steps at once, after compiled substeps.
 """
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
+from uuv.environments.ticks.action_ticks import Touch
 from uuv.sim.evaluation.bounds import TAP_ERROR, Bounds
 from uuv.sim.evaluation.force_levels import force_peak, is_lost, unsettled
 from uuv.sim.evaluation.insertion_metrics import InsertionBounds, TrueHole
 from uuv.sim.evaluation.running import RunningForce, place_on_path
 from uuv.sim.interfaces.messages import ToolPath
-from uuv.sim.interfaces.spatial import inverse, transform_points
+from uuv.sim.interfaces.spatial import Array, inverse, transform_points
 from uuv.sim.plant.plant import Truth
 
 
@@ -29,9 +32,15 @@ class Judge(Protocol):
         """Begin an episode."""
         ...
 
-    def watch(self, truth: Truth, dt: float) -> None:
-        """Judge a state that has lasted for `dt` [s]."""
+    def watch(self, truth: Any, dt: float) -> None:
+        """Judge a state, a `uuv.sim.plant.plant.Truth` or a `Touch` of one, that has lasted for `dt` [s]."""
         ...
+
+
+def watch_touches(judge: Judge, rows: Array, dt: float) -> None:
+    """Show a judge several steps of `dt` [s], rows (k, ROW) of `uuv.environments.ticks.action_ticks`."""
+    for row in rows:
+        judge.watch(Touch(row), dt)
 
 
 class KeptFor:
@@ -59,7 +68,7 @@ class SetForce:
     force: float
     bounds: Bounds = field(default_factory=Bounds)
 
-    def place(self, truth: Truth) -> tuple[float, float]:
+    def place(self, truth: Truth | Touch) -> tuple[float, float]:
         """Arc length [m] of the place nearest to the pad, and its distance [m] on the surface."""
         return place_on_path(self.path, truth.p_pad)
 
@@ -80,7 +89,11 @@ class PressedAt:
         self.done, self.failed = False, ""
         self._error.start()
 
-    def watch(self, truth: Truth, dt: float) -> None:
+    def watch_touches(self, rows: Array, dt: float) -> None:
+        """Judge several steps."""
+        watch_touches(self, rows, dt)
+
+    def watch(self, truth: Truth | Touch, dt: float) -> None:
         """Count the time, and the force's error in it; beyond a bound both begin anew."""
         at, bounds, error = self._at, self._at.bounds, self._error
         peak = force_peak(truth.contact_least, truth.contact_most, at.force)
@@ -116,7 +129,11 @@ class WipedAlong:
         self._begun = False
         self._error.start()
 
-    def watch(self, truth: Truth, dt: float) -> None:
+    def watch_touches(self, rows: Array, dt: float) -> None:
+        """Judge several steps."""
+        watch_touches(self, rows, dt)
+
+    def watch(self, truth: Truth | Touch, dt: float) -> None:
         """Judge force, path and progress."""
         along, error, end = self._along, self._error, float(self._along.path.s[-1])
         bound = along.bounds.path_deviation
@@ -153,7 +170,11 @@ class TappedAt:
         self.done, self.failed = False, ""
         self.count, self._held, self._away = 0, 0.0, True
 
-    def watch(self, truth: Truth, dt: float) -> None:
+    def watch_touches(self, rows: Array, dt: float) -> None:
+        """Judge several steps."""
+        watch_touches(self, rows, dt)
+
+    def watch(self, truth: Truth | Touch, dt: float) -> None:
         """Count touches."""
         if self.done:
             return
@@ -183,7 +204,11 @@ class InsertedTo:
         """Begin an episode."""
         self.done, self.failed, self.depth = False, "", -np.inf
 
-    def watch(self, truth: Truth, dt: float) -> None:
+    def watch_touches(self, rows: Array, dt: float) -> None:
+        """Judge several steps."""
+        watch_touches(self, rows, dt)
+
+    def watch(self, truth: Truth | Touch, dt: float) -> None:
         """Judge depth and force."""
         hole, bounds = self._hole, self._bounds
         tip_H = transform_points(inverse(hole.X_WH), truth.p_pad[None])

@@ -14,10 +14,12 @@ from uuv.environments.actions import Actions, checked_action, spec
 from uuv.environments.entities import Sea, VehicleEntity
 from uuv.environments.judges import Judge
 from uuv.environments.sensing import BoundedNumbers
+from uuv.environments.ticks.action_ticks import ROW_CONTACTS, Touch
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import Array, exp_so3, finite_number, fitting, pose
 from uuv.sim.loop.rollout import ticks_per_period
 from uuv.sim.plant.plant import Truth
+from uuv.sim.plant.readout import COLLISION, MOST
 
 CONTROL_PERIOD = 0.02  # [s] between actions
 SITE_DEPTH = 5.0  # [m] below the surface of the sea, z = 0, at which the suite's tasks happen
@@ -160,6 +162,16 @@ class VehicleTask(composer.Task):
             self._damaged(truth)
         self.vehicle.command = self.actions.command(truth)
 
+    def watch_touches(self, rows: Array) -> None:
+        """Judge the states before several substeps, rows (k, ROW) of `uuv.environments.ticks.action_ticks`."""
+        judge: Any = self.judge
+        if self.in_contact:
+            judge.watch_touches(rows, self._timestep)
+        contacts = rows[:, ROW_CONTACTS:]
+        spoiled = (contacts[:, COLLISION] != 0.0) | (contacts[:, MOST] > self.largest_force)
+        if spoiled.any():
+            self._damaged(Touch(rows[int(spoiled.argmax())]))
+
     def after_step(self, physics: mjcf.Physics, random_state: Random) -> None:
         """Judge the last state of an action."""
         truth = self.vehicle.truth
@@ -167,14 +179,14 @@ class VehicleTask(composer.Task):
             self.judge.watch(truth, self.control_timestep)
         self._damaged(truth)
 
-    def _damaged(self, truth: Truth) -> None:
+    def _damaged(self, truth: Truth | Touch) -> None:
         if self.damage:
             return
         if truth.collision:
             self.damage = "collision"
         elif truth.contact_most > self.largest_force:
             self.damage = f"force of {truth.contact_most:.0f} N"
-        elif np.abs(self._X_WB[:3, :3].T @ (truth.p_WB - self._X_WB[:3, 3])).max() > BOX:
+        elif np.abs(self._X_WB[:3, :3].T @ (self.truth.p_WB - self._X_WB[:3, 3])).max() > BOX:
             self.damage = "out of the box"
 
     def get_reward(self, physics: mjcf.Physics) -> float:

@@ -64,8 +64,21 @@ def place_on_path(path: ToolPath, p_W: Array) -> tuple[float, float]:
 
     The distance is that across the path's tool axes: how deep the tool is does not count.
     """
-    s, distance = _nearest(path.s, path.p, path.z, p_W)
+    ((s, distance),) = places_on_path(path, p_W[None]).tolist()
     return s, distance
+
+
+def places_on_path(path: ToolPath, p_W: Array) -> Array:
+    """Arc lengths and distances (N, 2) [m] as `place_on_path`, of tips (N, 3) [m]."""
+    places = np.empty((len(p_W), 2))
+    _find_nearest(path.s, path.p, path.z, np.ascontiguousarray(p_W), places)
+    return places
+
+
+@kernel
+def _find_nearest(s, p, z, p_W, places):
+    for i in range(p_W.shape[0]):
+        places[i, 0], places[i, 1] = _nearest(s, p, z, p_W[i])
 
 
 @kernel

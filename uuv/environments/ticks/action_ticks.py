@@ -19,13 +19,17 @@ from uuv.sim.interfaces.kernels.slots import FINE
 from uuv.sim.interfaces.records import FOLLOWS, EstimateRecord, ReferenceRecord
 from uuv.sim.interfaces.spatial import Array
 from uuv.sim.plant.compiled_step import PlantRecord, advance, observe
-from uuv.sim.plant.readout import COLLISION, DATA, FORCE, LEAST, MODEL, MOST, NORMAL, TIME
+from uuv.sim.plant.readout import COLLISION, CONTACTS, DATA, FORCE, LEAST, MODEL, MOST, NORMAL, TIME
 from uuv.sim.water.mujoco_layout import offset
 from uuv.sim.water.native_memory import call_physics, f64
 
-# Entries of a row of what judges see: of `uuv.sim.plant.readout`, and the pad's face (3,) [m]
-ROW_PAD, ROW_CONTACTS = 0, 3
-ROW = 10
+# Entries of a row of what judges see before a step: face of the pad (3,) [m], and contacts of the step before it, of
+# `uuv.sim.plant.readout`
+STEP_PAD = 0
+STEP_NORMAL, STEP_FORCE, STEP_COLLISION, STEP_LEAST, STEP_MOST = (
+    3 + entry for entry in (NORMAL, FORCE, COLLISION, LEAST, MOST)
+)
+STEP = 3 + CONTACTS
 
 DIVERGED = 8  # answer of `run_substeps`, beside those of a controller: MuJoCo has warned of an invalid state
 
@@ -42,7 +46,7 @@ class ActionRecord(NamedTuple):
     reference: ReferenceRecord  # set points of the controller, moving from its time on
     leash: float  # [m] largest distance of the tool's set point from the tool
     command: Commanded
-    rows: Array  # (substeps, ROW) what judges see before each substep
+    rows: Array  # (substeps, STEP) what judges see before each substep
     warnings: np.ndarray  # (k,) MuJoCo's counters of warnings
     kinematics: int  # address of `mj_kinematics`
 
@@ -131,22 +135,9 @@ def _write_row(record, at):
     """Write what judges see of the present state."""
     contacts, row = record.plant.readout.contacts, record.rows[at]
     for i in range(3):
-        row[ROW_PAD + i] = record.p_pad[i]
-    for i in range(ROW - ROW_CONTACTS):
-        row[ROW_CONTACTS + i] = contacts[i]
-
-
-class Touch:
-    """What a judge of contact sees of one substep; fields as in `uuv.sim.plant.plant.Truth`."""
-
-    __slots__ = ("collision", "contact_force_W", "contact_least", "contact_most", "contact_normal", "p_pad")
-
-    def __init__(self, row: Array) -> None:
-        """Take a row (ROW,) of an `ActionRecord`."""
-        contacts = row[ROW_CONTACTS:]
-        self.p_pad, self.contact_force_W = row[ROW_PAD:ROW_CONTACTS], contacts[FORCE : FORCE + 3]
-        self.contact_normal, self.contact_least, self.contact_most = contacts[[NORMAL, LEAST, MOST]].tolist()
-        self.collision = bool(contacts[COLLISION])
+        row[STEP_PAD + i] = record.p_pad[i]
+    for i in range(CONTACTS):
+        row[3 + i] = contacts[i]
 
 
 @cache

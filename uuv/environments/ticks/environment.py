@@ -8,6 +8,7 @@ after it are then taken already. A hook, a task, a judge or an action of a user'
 the whole run substep by substep, to the same bits.
 """
 
+import sys
 from typing import Any
 
 import mujoco
@@ -17,7 +18,7 @@ from dm_control.composer.observation.updater import Updater
 
 from uuv.environments.entities import VehicleEntity
 from uuv.environments.ticks.action_ticks import (
-    ROW,
+    STEP,
     ActionRecord,
     action_box,
     address_of_kinematics,
@@ -46,7 +47,7 @@ class Substeps:
         self._task, self._vehicle, self._physics = task, task.vehicle, physics
         self.plant = plant = task.vehicle.plant
         self._drive: ActionDrive = actions.drive(plant.truth)
-        self._rows = np.zeros((most, ROW))
+        self._rows = np.zeros((most, STEP))
         drive, truth = self._drive, plant.truth
         record = ActionRecord(
             plant=plant.record(),
@@ -77,7 +78,7 @@ class Substeps:
                 count = min(substeps, self.plant.ready())
                 done, answer = run_substeps(self._box, count)
                 self._drive.slots.check(answer)
-                self._task.watch_touches(self._rows[:done])
+                self._task.watch_steps(self._rows[:done])
                 self._vehicle.command = self._drive.done(answer)
                 self.plant.publish()
                 if done < count:
@@ -93,10 +94,28 @@ class Substeps:
 class DueUpdater(Updater):
     """dm_control's updater of observations, which knows when the next one is due."""
 
+    _due = 0  # number of the substep after which the next one is due
+
+    def prepare_for_next_control_step(self) -> None:
+        """Plan the next action."""
+        super().prepare_for_next_control_step()
+        self._look_ahead()
+
+    def update(self) -> None:
+        """Take the observations that are due."""
+        if self._step_counter + 1 < self._due:
+            self._step_counter += 1
+            return
+        super().update()
+        self._look_ahead()
+
     def substeps(self) -> int:
         """Number of substeps up to the next observation that is due; at least 1."""
-        first = (each.update_schedule[0][0] for each in self._enabled_list if each.update_schedule)
-        return max(min(first, default=self._step_counter) - self._step_counter, 1)
+        return max(self._due - self._step_counter, 1)
+
+    def _look_ahead(self) -> None:
+        schedules = (each.update_schedule for each in self._enabled_list)
+        self._due = min((schedule[0][0] for schedule in schedules if schedule), default=sys.maxsize)
 
 
 class Environment(composer.Environment):
@@ -105,6 +124,7 @@ class Environment(composer.Environment):
     _taken = 0  # substeps of the present action that dm_control has asked for
     _ahead = 0  # those of them that have run before
     _substeps: Substeps | None = None
+    _slow: str | None = None  # `slow_part`, since the begin of the episode
 
     @property
     def slow_part(self) -> str:
@@ -116,8 +136,13 @@ class Environment(composer.Environment):
         self._taken = self._ahead = 0
         return super().step(action)
 
+    def add_extra_hook(self, hook_name: str, hook_callable: Any) -> None:
+        """As dm_control."""
+        super().add_extra_hook(hook_name, hook_callable)
+        self._slow = None
+
     def _reset_attempt(self) -> Any:
-        self._substeps = None
+        self._substeps = self._slow = None
         return super()._reset_attempt()
 
     def _make_observation_updater(self) -> Updater:
@@ -129,7 +154,10 @@ class Environment(composer.Environment):
         self._taken += 1
         if self._ahead:
             self._ahead -= 1
-        elif self.slow_part:
+            return
+        if self._slow is None:
+            self._slow = self.slow_part
+        if self._slow or mujoco.get_mjcb_control() is not None or mujoco.get_mjcb_sensor() is not None:
             super()._substep(action)
         else:
             self._run()
@@ -148,7 +176,7 @@ def _slow_part(task: Any, hooks: Any, physics: mjcf.Physics) -> str:
     """What has to run in Python at every substep of a task; empty: nothing."""
     if not isinstance(task, VehicleTask):
         return f"task {type(task).__name__}"
-    if not _as_in(VehicleTask, task, "before_substep", "after_substep", "watch_touches"):
+    if not _as_in(VehicleTask, task, "before_substep", "after_substep", "watch_steps"):
         return f"hook of {type(task).__name__}"
     vehicle = task.vehicle
     if not _as_in(VehicleEntity, vehicle, "before_substep", "after_substep"):
@@ -159,10 +187,8 @@ def _slow_part(task: Any, hooks: Any, physics: mjcf.Physics) -> str:
         return "hooks of substeps"
     if not gives_kernel(task.actions, "drive"):
         return f"actions {type(task.actions).__name__}"
-    if task.in_contact and not gives_kernel(task.judge, "watch_touches"):
+    if task.in_contact and not gives_kernel(task.judge, "watch_steps"):
         return f"judge {type(task.judge).__name__}"
-    if mujoco.get_mjcb_control() is not None or mujoco.get_mjcb_sensor() is not None:
-        return "callback of MuJoCo in Python"
     if type(physics).step is not mjcf.Physics.step or physics.legacy_step:
         return "step of the physics"
     return vehicle.plant.spans()

@@ -28,7 +28,7 @@ def unsettled(ramp: float) -> float:
 
 def force_peak(least: Any, most: Any, set_force: Any) -> Any:
     """Largest error [N] within a step, of the smallest and the largest force in it; (N,) or one."""
-    return np.maximum(np.abs(most - set_force), np.abs(least - set_force))
+    return np.maximum(abs(most - set_force), abs(least - set_force))
 
 
 def is_lost(least: Any) -> Any:

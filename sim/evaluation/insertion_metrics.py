@@ -15,7 +15,7 @@ from uuv.sim.evaluation.run_metrics import run_schema
 from uuv.sim.evaluation.schemas import metric, unmeasured
 from uuv.sim.evaluation.statistics import crashed_run, spread, verdicts
 from uuv.sim.interfaces.messages import WorkState
-from uuv.sim.interfaces.spatial import Array, checked, inverse, transform_points
+from uuv.sim.interfaces.spatial import Array, checked, inverse
 
 if TYPE_CHECKING:
     from uuv.sim.loop.recording import Recording
@@ -47,8 +47,17 @@ class TrueHole:
 
     def forces(self, force_W: Array) -> tuple[Array, Array]:
         """Force (N,) [N] across the axis, and along it against the advance, of contacts (N, 3)."""
-        force_H = force_W @ self.X_WH[:3, :3]
+        force_H = self._in_hole(force_W)
         return np.linalg.norm(force_H[:, :2], axis=1), -force_H[:, 2]
+
+    def tips(self, tip_W: Array) -> Array:
+        """Places (N, 3) [m] in axes of the hole."""
+        return self._in_hole(tip_W - self.X_WH[:3, 3])
+
+    def _in_hole(self, v_W: Array) -> Array:
+        """Vectors (N, 3) in axes of the hole; each by itself, so that a step alone gives the bits of a whole run."""
+        rows = self.X_WH[:3, :3]
+        return v_W[:, :1] * rows[0] + v_W[:, 1:2] * rows[1] + v_W[:, 2:] * rows[2]
 
     def within_wall(self, tip_H: Array) -> np.ndarray:
         """Mask (N,) of the places (N, 3) [m], in axes of the hole, that lie within its wall."""
@@ -118,7 +127,7 @@ def assess_insertion(
     """
     bounds = bounds or InsertionBounds()
     at_hole, inside = recording.within(*AT_THE_HOLE), recording.within(*_INSIDE)
-    tip_H = transform_points(inverse(truth.X_WH), recording["p_pad"].value)
+    tip_H = truth.tips(recording["p_pad"].value)
     side, axial = truth.forces(recording["contact_force"].value)
     in_bore = inside & (tip_H[:, 2] > 0.0) & truth.within_wall(tip_H)
     depth = float(tip_H[in_bore, 2].max()) if in_bore.any() else 0.0

@@ -6,6 +6,7 @@ import numpy as np
 
 from uuv.sim.evaluation.bounds import Bounds
 from uuv.sim.evaluation.force_levels import force_peak, is_lost, unsettled
+from uuv.sim.interfaces.kernels import kernel
 from uuv.sim.interfaces.messages import ToolPath
 from uuv.sim.interfaces.spatial import Array
 
@@ -63,17 +64,54 @@ def place_on_path(path: ToolPath, p_W: Array) -> tuple[float, float]:
 
     The distance is that across the path's tool axes: how deep the tool is does not count.
     """
-    gap = p_W - path.p
-    gap -= np.sum(gap * path.z, axis=1, keepdims=True) * path.z
-    at = int(np.argmin(np.sum(gap * gap, axis=1)))
-    best = float(path.s[at]), float(np.linalg.norm(gap[at]))
+    ((s, distance),) = places_on_path(path, p_W[None]).tolist()
+    return s, distance
+
+
+def places_on_path(path: ToolPath, p_W: Array) -> Array:
+    """Arc lengths and distances (N, 2) [m] as `place_on_path`, of tips (N, 3) [m]."""
+    places = np.empty((len(p_W), 2))
+    _find_nearest(path.s, path.p, path.z, np.ascontiguousarray(p_W), places)
+    return places
+
+
+@kernel
+def _find_nearest(s, p, z, p_W, places):
+    for i in range(p_W.shape[0]):
+        places[i, 0], places[i, 1] = _nearest(s, p, z, p_W[i])
+
+
+@kernel
+def _nearest(s, p, z, p_W):
+    """Arc length [m] and distance [m], for the samples of a path: `s` (N,), `p` (N, 3) and `z` (N, 3)."""
+    count = s.shape[0]
+    gap, squares = np.empty((count, 3)), np.empty(count)
+    at = 0
+    for i in range(count):
+        depth = 0.0
+        for k in range(3):
+            gap[i, k] = p_W[k] - p[i, k]
+            depth += gap[i, k] * z[i, k]
+        squares[i] = 0.0
+        for k in range(3):
+            gap[i, k] -= depth * z[i, k]
+            squares[i] += gap[i, k] * gap[i, k]
+        if squares[i] < squares[at]:
+            at = i
+    best, distance = s[at], np.sqrt(squares[at])
 
     # Between the samples, before and after the nearest one.
-    for a, b in ((at - 1, at), (at, at + 1)):
-        if a >= 0 and b < len(path.s):
-            along = path.p[b] - path.p[a]
-            share = float(np.clip(gap[a] @ along / (along @ along), 0.0, 1.0))
-            off = float(np.linalg.norm(gap[a] - share * along))
-            if off < best[1]:
-                best = float(path.s[a] + share * (path.s[b] - path.s[a])), off
-    return best
+    for a in range(max(at - 1, 0), min(at + 1, count - 1)):
+        length = ahead = 0.0
+        for k in range(3):
+            along = p[a + 1, k] - p[a, k]
+            length += along * along
+            ahead += gap[a, k] * along
+        share = min(max(ahead / length, 0.0), 1.0)
+        off = 0.0
+        for k in range(3):
+            off += (gap[a, k] - share * (p[a + 1, k] - p[a, k])) ** 2
+        off = np.sqrt(off)
+        if off < distance:
+            best, distance = s[a] + share * (s[a + 1] - s[a]), off
+    return best, distance

@@ -7,7 +7,7 @@ import numpy as np
 from uuv.sim.interfaces.messages import StateEstimate
 from uuv.sim.interfaces.spatial import Array, pose, readonly
 
-_SIGMA = readonly([1e-4] * 3)  # [m] stated of a position that is exact
+SIGMA = readonly([1e-4] * 3)  # [m] stated of a position that is exact
 
 
 def true_estimate(truth: Any, tau: Array | None = None) -> StateEstimate:
@@ -30,7 +30,7 @@ def true_estimate(truth: Any, tau: Array | None = None) -> StateEstimate:
         qd=truth.qd.copy(),
         tau=np.zeros(len(truth.q)) if tau is None else tau,
         # Nothing is in doubt.
-        position_sigma=_SIGMA,
+        position_sigma=SIGMA,
         attitude_sigma=0.0,
         vision_age=0.0,
         dvl_age=0.0,

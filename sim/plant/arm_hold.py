@@ -1,8 +1,11 @@
 """Joint torques that hold an arm in a posture: a PD law whose gains follow from the drives' limits."""
 
+from typing import NamedTuple
+
 import numpy as np
 
 from uuv.models.vehicle import Vehicle
+from uuv.sim.interfaces.kernels import kernel
 from uuv.sim.interfaces.spatial import Array
 from uuv.sim.plant.truth import Truth
 
@@ -10,16 +13,34 @@ HOLD_ANGLE = 0.05  # [rad] error that asks for the whole torque of a drive, whic
 HOLD_TIME = 0.03  # [s] damping over stiffness
 
 
+class HoldGains(NamedTuple):
+    """Posture to hold, and how."""
+
+    q: Array  # (n,) [rad]
+    stiffness: Array  # (n,) [N m/rad]
+    damping: Array  # (n,) [N m s/rad]
+    limits: Array  # (n,) [N m] of the drives
+
+
+@kernel
+def hold_torque(gains, q, qd, tau):
+    """Write the torques (n,) [N m] that hold joints at angles (n,) [rad] and speeds (n,) [rad/s] into `tau`."""
+    for j in range(tau.shape[0]):
+        wanted = gains.stiffness[j] * (gains.q[j] - q[j]) - gains.damping[j] * qd[j]
+        tau[j] = min(max(wanted, -gains.limits[j]), gains.limits[j])
+
+
 class ArmHold:
     """Holds the arm of a vehicle at joint angles, from the true state."""
 
     def __init__(self, vehicle: Vehicle, q: Array) -> None:
         """Take the vehicle, and the angles (n,) [rad] to hold."""
-        self._q, self._limits = np.array(q), vehicle.torque_limits
-        self._stiffness = vehicle.torque_limits / HOLD_ANGLE  # [N m]/[rad]
-        self._damping = self._stiffness * HOLD_TIME  # [N m]/[rad/s]
+        limits = np.array(vehicle.torque_limits)
+        stiffness = limits / HOLD_ANGLE
+        self.gains = HoldGains(np.array(q), stiffness, stiffness * HOLD_TIME, limits)
 
     def torque(self, truth: Truth) -> Array:
         """Joint torques (n,) [N m] within the drives' limits."""
-        wanted = self._stiffness * (self._q - truth.q) - self._damping * truth.qd
-        return np.minimum(np.maximum(wanted, -self._limits), self._limits)  # faster than np.clip on few numbers
+        tau = np.empty(len(self.gains.q))
+        hold_torque(self.gains, truth.q, truth.qd, tau)
+        return tau

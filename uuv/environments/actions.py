@@ -5,22 +5,26 @@ motion and force are set points of the project's own controllers, which run insi
 on the true state.
 """
 
-import math
 from abc import ABC, abstractmethod
+from dataclasses import replace
 from typing import Any, Protocol
 
 import numpy as np
 from dm_env import specs
 
+from uuv.controllers.arm.tool_motion import extrapolated
 from uuv.controllers.hull.allocation import Allocation
 from uuv.controllers.whole_body.work_controller import WorkController, WorkControllerState
+from uuv.environments.ticks.action_ticks import keep_near
+from uuv.environments.ticks.drives import ActionDrive, constant, holding
 from uuv.environments.true_state import TrueState, tool_pose
 from uuv.models.water.thruster_curves import thrust_at
 from uuv.models.water.thrusters import curves
 from uuv.own_vehicle import OwnVehicle
 from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.kernels.control import Inputs, commanded
 from uuv.sim.interfaces.messages import Command, Reference, StateEstimate, WorkState
-from uuv.sim.interfaces.spatial import Array, exp_so3, fitting, log_so3, shown
+from uuv.sim.interfaces.spatial import Array, fitting, log_so3, shown
 from uuv.sim.plant.arm_hold import ArmHold
 from uuv.sim.plant.truth import Truth
 
@@ -28,7 +32,11 @@ _ZERO = np.zeros(3)
 
 
 class Actions(Protocol):
-    """Kind of action of one environment; it has the state of the present episode."""
+    """Kind of action of one environment; it has the state of the present episode.
+
+    A kind with a method `drive(truth) -> ActionDrive` (`uuv.environments.ticks.drives`), asked for once an episode
+    after `start`, runs compiled within an action; one without is asked for its `command` at every step of the plant.
+    """
 
     names: tuple[str, ...]  # of the numbers of an action
 
@@ -76,7 +84,7 @@ class ThrusterSpeeds:
         self.names = own.vehicle.thruster_names
         if not self.names:
             raise ConfigurationError("the vehicle has no thrusters, so an agent has nothing to command")
-        self._arm, self._armed = ArmHold(own.vehicle, own.vehicle.q_home), len(own.vehicle.joints) > 0
+        self._arm, self._true = ArmHold(own.vehicle, own.vehicle.q_home), TrueState()
         self._thrusters = np.zeros(len(self.names))
 
     def start(self, truth: Truth) -> None:
@@ -89,8 +97,17 @@ class ThrusterSpeeds:
 
     def command(self, truth: Truth) -> Command:
         """Those speeds, and torques that hold the arm."""
-        torque = self._arm.torque(truth) if self._armed else np.zeros(0)
+        torque = self._arm.torque(truth)
         return Command(time=truth.time, joint_torque=torque, thrusters=self._thrusters, scan=False)
+
+    def drive(self, truth: Truth) -> ActionDrive:
+        """The same as a kernel."""
+        command = commanded(len(truth.q), len(truth.thrust))
+
+        def begin() -> None:
+            command.thrusters[:] = self._thrusters
+
+        return holding(self._true.of(truth), command, begin, self._arm)
 
 
 class HullWrench(ThrusterSpeeds):
@@ -119,6 +136,10 @@ class HullWrench(ThrusterSpeeds):
         """Take a wrench (6,)."""
         self._thrusters = self._allocation.command(self._allocation.thrust(self._half * action))
 
+    def drive(self, truth: Truth) -> ActionDrive:
+        """The same as a kernel."""
+        return super().drive(truth)
+
 
 class ThrustersAndTorques:
     """Normalised propeller speeds (m,), then joint torques (n,) as shares of the drives' limits."""
@@ -128,7 +149,7 @@ class ThrustersAndTorques:
         vehicle = own.vehicle
         self.names = (*vehicle.thruster_names, *vehicle.joint_names)
         self._limits, self._thrusters = vehicle.torque_limits, len(vehicle.thruster_names)
-        self._action = np.zeros(len(self.names))
+        self._action, self._true = np.zeros(len(self.names)), TrueState()
 
     def start(self, truth: Truth) -> None:
         """Thrusters and motors off."""
@@ -143,6 +164,15 @@ class ThrustersAndTorques:
         m = self._thrusters
         torque = self._action[m:] * self._limits
         return Command(time=truth.time, joint_torque=torque, thrusters=self._action[:m], scan=False)
+
+    def drive(self, truth: Truth) -> ActionDrive:
+        """The same for a kernel."""
+        command, m = commanded(len(truth.q), len(truth.thrust)), self._thrusters
+
+        def begin() -> None:
+            command.tau[:], command.thrusters[:] = self._action[m:] * self._limits, self._action[:m]
+
+        return constant(self._true.of(truth), command, begin)
 
 
 class Controlled(ABC):
@@ -162,30 +192,67 @@ class Controlled(ABC):
             raise ConfigurationError(f"{type(self).__name__}: the vehicle has no thrusters to hold it")
         self._controller = WorkController(own.model)
         self._true = TrueState()
+        self._inputs: Inputs | None = None  # what the controller sees
         self._state: WorkControllerState | None = None
         self._X_WB, self._q = np.eye(4), np.array(own.vehicle.q_home)
         self.last: Command | None = None  # newest command, with the estimated contact force
-        self.estimate: StateEstimate | None = None  # newest
+
+    @property
+    def estimate(self) -> StateEstimate | None:
+        """Estimate of which the newest command was made; before, that at the begin of the episode."""
+        return None if self._inputs is None else self._inputs.seen()
 
     def start(self, truth: Truth) -> None:
         """Hold hull and arm where they are."""
-        self.estimate = self._true.estimate(truth)
-        self._X_WB, self._q = self.estimate.X_WB, truth.q.copy()
-        self._state, self.last = self._controller.init(self.estimate), None
+        self._inputs = Inputs(self._true.take(truth))
+        estimate = self._inputs.seen()
+        self._X_WB, self._q = estimate.X_WB, truth.q.copy()
+        self._state, self.last = self._controller.init(estimate), None
 
     def command(self, truth: Truth) -> Command:
         """Command of the controller."""
-        self.estimate = estimate = self._true.estimate(truth)
-        assert self._state is not None  # of `start`
-        self._state, self.last = self._controller.step(self._state, estimate, self.reference(truth.time))
+        assert self._inputs is not None  # of `start`
+        assert self._state is not None
+        self._true.take(truth)
+        self._inputs.message = None
+        estimate, reference = self._inputs.seen(), self.reference(truth.time)
+        self._state, self.last = self._controller.step(self._state, estimate, reference)
         return self.last
+
+    def _controlled(self, truth: Truth) -> ActionDrive:
+        """The controller as a kernel, for set points that are moved by their velocities alone."""
+        inputs, state = self._inputs, self._state
+        assert inputs is not None  # of `start`
+        assert state is not None
+        tick = self._controller.tick_on(state, inputs)
+        asked: list[Reference] = []
+
+        def begin() -> None:
+            inputs.message = None
+            asked[:] = [self.reference(truth.time)]
+            tick.refer(asked[0])
+
+        def done(answer: int) -> Command:
+            self.last = tick.done(inputs.seen(), asked[0], answer)
+            return self.last
+
+        return ActionDrive(
+            seeing=self._true.of(truth),
+            command=tick.command,
+            reference=state.reference,
+            begin=begin,
+            done=done,
+            control=(tick.address, tick.memory, inputs.address),
+            slots=tick.slots,
+            kept=tick,
+        )
 
     @abstractmethod
     def reference(self, time: float) -> Reference:
-        """Set points at `time` [s]."""
+        """Set points at `time` [s]: those of the reference's own time, moved by its velocities."""
 
     def _reference(self, time: float, **wanted: Any) -> Reference:
-        """Set points at `time`: hold hull and joints, but for what is wanted."""
+        """Set points of `time`: hold hull and joints, but for what is wanted."""
         held: dict[str, Any] = {
             "X_WG": None,
             "v_WG_W": _ZERO,
@@ -240,7 +307,12 @@ class JointVelocities(Controlled):
 
     def reference(self, time: float) -> Reference:
         """Joint angles moving at the velocities."""
-        return self._reference(time, q=self._joints_at(time), qd=self._qd)
+        del time
+        return self._reference(self._begin, q=self._q, qd=self._qd)
+
+    def drive(self, truth: Truth) -> ActionDrive:
+        """The same as a kernel."""
+        return self._controlled(truth)
 
 
 class ToolTwist(Controlled):
@@ -260,14 +332,12 @@ class ToolTwist(Controlled):
         self.names = (*(f"v_{axis}" for axis in "xyz"), *(f"w_{axis}" for axis in "xyz"), "force", "compliance")
         self.largest, self._set_force, self._compliant = largest, 0.0, False
         self._X_WG, self._v_WG_W, self._w_WG_W, self._begin = np.eye(4), np.zeros(3), np.zeros(3), 0.0
-        self._turns = False  # the angular velocity is not zero
 
     def start(self, truth: Truth) -> None:
         """Hold hull and tool where they are."""
         super().start(truth)
         self._X_WG, self._begin = tool_pose(truth), truth.time
         self._v_WG_W, self._w_WG_W, self._set_force, self._compliant = np.zeros(3), np.zeros(3), 0.0, False
-        self._turns = False
 
     def take(self, action: Array, period: float) -> None:
         """Take a twist and a force."""
@@ -276,37 +346,39 @@ class ToolTwist(Controlled):
         self._begin = self.estimate.time
         R_WG = self._X_WG[:3, :3]
         self._v_WG_W, self._w_WG_W = self.SPEED * R_WG @ action[:3], self.TURN * R_WG @ action[3:6]
-        self._turns = bool(self._w_WG_W.any())
         self._set_force, self._compliant = max(0.0, self.largest * float(action[6])), bool(action[7] > 0.0)
 
     def tool_at(self, time: float) -> Array:
         """Set point X_WG (4, 4) of the tool at `time` [s]."""
-        since = time - self._begin
-        X_WG = self._X_WG.copy()
-        if since:
-            if self._turns:
-                X_WG[:3, :3] = exp_so3(since * self._w_WG_W) @ X_WG[:3, :3]
-            X_WG[:3, 3] += since * self._v_WG_W
-        return X_WG
+        return extrapolated(self._X_WG, self._v_WG_W, self._w_WG_W, time - self._begin, 0.0, _ZERO)
 
     def command(self, truth: Truth) -> Command:
         """Command of the controller, for a set point that is not too far off."""
-        lead = self._X_WG[:3, 3] + (truth.time - self._begin) * self._v_WG_W - truth.p_WG
-        far = math.sqrt(lead @ lead)
-        if far > self.LEASH:
-            self._X_WG[:3, 3] -= (1.0 - self.LEASH / far) * lead
+        keep_near(self._X_WG, self._v_WG_W, truth.time - self._begin, truth.p_WG, self.LEASH)
         return super().command(truth)
 
     def reference(self, time: float) -> Reference:
         """The tool moving at its twist."""
+        del time
         return self._reference(
-            time,
-            X_WG=self.tool_at(time),
+            self._begin,
+            X_WG=self._X_WG.copy(),
             v_WG_W=self._v_WG_W,
             w_WG_W=self._w_WG_W,
             set_force=self._set_force,
             compliant=self._compliant,
         )
+
+    def drive(self, truth: Truth) -> ActionDrive:
+        """The same as a kernel."""
+        drive = self._controlled(truth)
+        finish = drive.done
+
+        def done(answer: int) -> Command:
+            self._X_WG[:] = drive.reference.X_WG  # the leash has moved it
+            return finish(answer)
+
+        return replace(drive, leash=self.LEASH, done=done)
 
     def action_to(self, X_WG: Array, force: float, compliant: bool, period: float) -> Array:
         """The action (8,) that brings the set point to a pose (4, 4) within `period` [s], as far as its limits allow.

@@ -59,6 +59,7 @@ class ContactTask(VehicleTask):
         """
         super().__init__(sea, vehicle, actions, sparse=sparse)
         self.place, self.force = place, force
+        self._next: tuple[float, Array] | None = None  # arc length [m] of the next place, and the tool's pose there
         self.object = WorkObjectEntity(place.target)
         put(sea, self.object, place.X_WT)
         self.largest_force = DAMAGE * force
@@ -79,9 +80,16 @@ class ContactTask(VehicleTask):
         """Arc length [m] of the next place of the path."""
         return 0.0
 
+    def next_pose(self) -> Array:
+        """Tool pose X_WG (4, 4) at the next place."""
+        s = self.next_s()
+        if self._next is None or self._next[0] != s:
+            self._next = s, self.place.tool_at(s)
+        return self._next[1]
+
     def goal(self, truth: Truth) -> Mapping[str, Array]:
         """Next place, axis there, and set force."""
-        X_WG = self.place.tool_at(self.next_s())
+        X_WG = self.next_pose()
         R_GW = truth.R_WG.T
         return {
             "goal_position": R_GW @ (X_WG[:3, 3] - truth.p_WG),
@@ -91,7 +99,7 @@ class ContactTask(VehicleTask):
 
     def nearness(self, truth: Truth) -> float:
         """Reward for being at the next place with the tool's axis along the path's."""
-        X_WG = self.place.tool_at(self.next_s())
+        X_WG = self.next_pose()
         gap, across = float(np.linalg.norm(truth.p_pad - X_WG[:3, 3])), float(truth.R_WG[:, 2] @ X_WG[:3, 2])
         bounds = self.bounds
         close = rewards.tolerance(gap, bounds=(0.0, bounds.path_deviation), margin=NEAR)

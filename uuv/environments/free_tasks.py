@@ -12,7 +12,7 @@ from uuv.environments.judges import KeptFor
 from uuv.environments.sensing import FARTHEST
 from uuv.environments.vehicle_task import SITE_DEPTH, Random, VehicleTask, near
 from uuv.sim.interfaces.errors import ConfigurationError
-from uuv.sim.interfaces.spatial import Array, exp_so3, inverse, log_so3, pose, readonly
+from uuv.sim.interfaces.spatial import Array, cross, exp_so3, inverse, log_so3, pose, readonly
 from uuv.sim.plant.truth import Truth
 
 START_OFFSET = 0.5  # [m] largest per axis, from the pose to hold
@@ -142,7 +142,7 @@ class ReachPose(VehicleTask):
     def _turn(self, truth: Truth) -> Array:
         """Rotation vector (3,) [rad], W, that turns the tool's axis to the goal's."""
         z, wanted = truth.R_WG[:, 2], self.X_WH[:3, 2]
-        axis = np.cross(z, wanted)
+        axis = np.array(cross(z, wanted))
         sine = float(np.linalg.norm(axis))
         return np.arctan2(sine, float(z @ wanted)) * axis / sine if sine > 1e-9 else np.zeros(3)
 

@@ -2,21 +2,27 @@
 
 A judge watches true states that last for some time each; in contact it sees every step of the plant. `done` stays true
 once it is. `failed` is a sentence, empty while nothing is wrong.
+
+A judge of contact with a method `watch_steps(steps, dt)` is given several steps at once, after compiled substeps: rows
+of `uuv.environments.ticks.action_ticks`.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
+from uuv.environments.ticks.action_ticks import STEP_FORCE, STEP_LEAST, STEP_MOST, STEP_NORMAL, STEP_PAD
 from uuv.sim.evaluation.bounds import TAP_ERROR, Bounds
 from uuv.sim.evaluation.force_levels import force_peak, is_lost, unsettled
 from uuv.sim.evaluation.insertion_metrics import InsertionBounds, TrueHole
-from uuv.sim.evaluation.running import RunningForce, place_on_path
+from uuv.sim.evaluation.running import RunningForce, place_on_path, places_on_path
 from uuv.sim.interfaces.messages import ToolPath
-from uuv.sim.interfaces.spatial import inverse, transform_points
+from uuv.sim.interfaces.spatial import Array
 from uuv.sim.plant.truth import Truth
+
+_FORCES = [STEP_NORMAL, STEP_LEAST, STEP_MOST]  # of a row, in the order of `Touch`
 
 
 class Judge(Protocol):
@@ -51,6 +57,16 @@ class KeptFor:
         self.done = self.done or self._held >= self._seconds
 
 
+class Touch(NamedTuple):
+    """A step in contact, as judges of a set force see it."""
+
+    s: float  # [m] arc length of the place nearest to the pad
+    deviation: float  # [m] its distance on the surface
+    normal: float  # [N] normal force, mean over the step
+    least: float  # [N]
+    most: float  # [N]
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class SetForce:
     """A force [N] to press with along a path, or at its begin, and the bounds of the job."""
@@ -59,9 +75,15 @@ class SetForce:
     force: float
     bounds: Bounds = field(default_factory=Bounds)
 
-    def place(self, truth: Truth) -> tuple[float, float]:
-        """Arc length [m] of the place nearest to the pad, and its distance [m] on the surface."""
-        return place_on_path(self.path, truth.p_pad)
+    def touch(self, truth: Truth) -> Touch:
+        """What a judge needs of a state."""
+        s, deviation = place_on_path(self.path, truth.p_pad)
+        return Touch(s, deviation, truth.contact_normal, truth.contact_least, truth.contact_most)
+
+    def touches(self, steps: Array) -> Iterable[Touch]:
+        """The same of several steps, rows of `watch_steps`."""
+        places = places_on_path(self.path, steps[:, STEP_PAD : STEP_PAD + 3])
+        return map(Touch, *places.T.tolist(), *steps[:, _FORCES].T.tolist())
 
     def running(self) -> RunningForce:
         """The error of the force, to be judged step by step."""
@@ -82,12 +104,20 @@ class PressedAt:
 
     def watch(self, truth: Truth, dt: float) -> None:
         """Count the time, and the force's error in it; beyond a bound both begin anew."""
+        self._judge(self._at.touch(truth), dt)
+
+    def watch_steps(self, steps: Array, dt: float) -> None:
+        """As `watch`, for several steps."""
+        for touch in self._at.touches(steps):
+            self._judge(touch, dt)
+
+    def _judge(self, touch: Touch, dt: float) -> None:
         at, bounds, error = self._at, self._at.bounds, self._error
-        peak = force_peak(truth.contact_least, truth.contact_most, at.force)
-        if peak > bounds.force_error_max or at.place(truth)[1] > bounds.path_deviation:
+        peak = force_peak(touch.least, touch.most, at.force)
+        if peak > bounds.force_error_max or touch.deviation > bounds.path_deviation:
             error.start()
             return
-        error.add(truth.contact_normal, truth.contact_least, truth.contact_most, dt)
+        error.add(touch.normal, touch.least, touch.most, dt)
         if error.since < self._seconds:
             return
         if error.missed():
@@ -118,17 +148,25 @@ class WipedAlong:
 
     def watch(self, truth: Truth, dt: float) -> None:
         """Judge force, path and progress."""
+        self._judge(self._along.touch(truth), dt)
+
+    def watch_steps(self, steps: Array, dt: float) -> None:
+        """As `watch`, for several steps."""
+        for touch in self._along.touches(steps):
+            self._judge(touch, dt)
+
+    def _judge(self, touch: Touch, dt: float) -> None:
         along, error, end = self._along, self._error, float(self._along.path.s[-1])
         bound = along.bounds.path_deviation
-        s, deviation = along.place(truth)
+        s, deviation = touch.s, touch.deviation
         if not self._begun:
             at_start = s < (1.0 - self.REACHED) * end + bound
-            self._begun = truth.contact_normal > 0.5 * along.force and at_start
+            self._begun = touch.normal > 0.5 * along.force and at_start
             return
         if self.done or self.failed:
             return
 
-        wrong = error.add(truth.contact_normal, truth.contact_least, truth.contact_most, dt)
+        wrong = error.add(touch.normal, touch.least, touch.most, dt)
         if s > self.s and s < self.s + 10.0 * bound:  # no leap across a bend
             self.s = s
         if error.since < unsettled(0.0):
@@ -155,16 +193,23 @@ class TappedAt:
 
     def watch(self, truth: Truth, dt: float) -> None:
         """Count touches."""
+        self._judge(self._along.touch(truth), dt)
+
+    def watch_steps(self, steps: Array, dt: float) -> None:
+        """As `watch`, for several steps."""
+        for touch in self._along.touches(steps):
+            self._judge(touch, dt)
+
+    def _judge(self, touch: Touch, dt: float) -> None:
         if self.done:
             return
         along = self._along
-        if is_lost(truth.contact_least):
+        if is_lost(touch.least):
             self._away, self._held = True, 0.0
             return
-        s, deviation = along.place(truth)
         bound = along.bounds.path_deviation
-        at_point = abs(s - self._points[self.count]) <= bound and deviation <= bound
-        pressed = abs(truth.contact_normal - along.force) <= TAP_ERROR * along.force
+        at_point = abs(touch.s - self._points[self.count]) <= bound and touch.deviation <= bound
+        pressed = abs(touch.normal - along.force) <= TAP_ERROR * along.force
         self._held = self._held + dt if at_point and pressed and self._away else 0.0
         if self._held >= self._seconds:
             self.count, self._held, self._away = self.count + 1, 0.0, False
@@ -185,14 +230,25 @@ class InsertedTo:
 
     def watch(self, truth: Truth, dt: float) -> None:
         """Judge depth and force."""
+        del dt
+        self._judge(truth.p_pad[None], truth.contact_force_W[None])
+
+    def watch_steps(self, steps: Array, dt: float) -> None:
+        """As `watch`, for several steps."""
+        del dt
+        self._judge(steps[:, STEP_PAD : STEP_PAD + 3], steps[:, STEP_FORCE : STEP_FORCE + 3])
+
+    def _judge(self, p_W: Array, f_W: Array) -> None:
+        """Judge places (k, 3) [m] of the tip, and forces (k, 3) [N] on it."""
         hole, bounds = self._hole, self._bounds
-        tip_H = transform_points(inverse(hole.X_WH), truth.p_pad[None])
-        self.depth = float(tip_H[0, 2]) if hole.within_wall(tip_H)[0] else -np.inf
-        if self.done or self.failed:
-            return
-        side, axial = (float(force[0]) for force in hole.forces(truth.contact_force_W[None]))
-        if side > bounds.side_force:
-            self.failed = f"side force {side:.0f} N"
-        elif abs(axial) > bounds.axial_force:
-            self.failed = f"axial force {abs(axial):.0f} N"
-        self.done = not self.failed and hole.depth - self.depth <= bounds.short
+        tip_H = hole.tips(p_W)
+        depths = np.where(hole.within_wall(tip_H), tip_H[:, 2], -np.inf).tolist()
+        for depth, side, axial in zip(depths, *(each.tolist() for each in hole.forces(f_W)), strict=True):
+            self.depth = depth
+            if self.done or self.failed:
+                continue
+            if side > bounds.side_force:
+                self.failed = f"side force {side:.0f} N"
+            elif abs(axial) > bounds.axial_force:
+                self.failed = f"axial force {abs(axial):.0f} N"
+            self.done = not self.failed and hole.depth - depth <= bounds.short

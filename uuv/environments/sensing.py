@@ -133,7 +133,7 @@ class BoundedNumbers(observable.Generic):
 
     def __init__(self, read: Callable[[Any], Array], size: int, bound: float) -> None:
         """Take the callable of the physics, the number of numbers, and their largest magnitude, at which they stop."""
-        super().__init__(lambda physics: np.clip(read(physics), -bound, bound))
+        super().__init__(lambda physics: np.minimum(np.maximum(read(physics), -bound), bound))
         self._spec = specs.BoundedArray((size,), np.float64, minimum=-bound, maximum=bound)
 
     @property
@@ -144,10 +144,13 @@ class BoundedNumbers(observable.Generic):
 
 def _true(entity: Any, value: Callable[[Truth], Array], size: int, bound: float) -> observable.Observable:
     """Observable of the true state; `entity` is the vehicle, or a part of it."""
+    carriers: list[SensedVehicle] = []
 
     def read(physics: Any) -> Array:
         del physics
-        return np.array(value(_vehicle_of(entity).truth), dtype=np.float64)
+        if not carriers:
+            carriers.append(_vehicle_of(entity))
+        return value(carriers[0].truth)
 
     return BoundedNumbers(read, size, bound)
 

@@ -25,6 +25,7 @@ from uuv.environments.actions import (
 from uuv.environments.contact_tasks import InsertSampler, PressPoint, TapPoints, WipePath, place_at_hole, place_on
 from uuv.environments.entities import Sea, VehicleEntity
 from uuv.environments.free_tasks import GoToWaypoint, HoldStation, ReachPose
+from uuv.environments.ticks.environment import Environment
 from uuv.environments.vehicle_task import VehicleTask
 from uuv.models.naming import TOOL_GEOM, find
 from uuv.models.objects import targets
@@ -194,7 +195,7 @@ def environment(task: composer.Task, *, seed: Seed = None, time_limit: float = n
         raise ConfigurationError(f"time_limit: must be > 0 s, got {time_limit}")
     if seed is not None and not isinstance(seed, np.random.RandomState):
         seed = whole_number(seed, "seed", least=0, most=2**32 - 1)
-    return composer.Environment(
+    return Environment(
         task,
         time_limit=limit - 0.5 * task.physics_timestep,  # times are sums of steps, a little above or below
         random_state=seed,

@@ -14,6 +14,7 @@ from uuv.environments.actions import Actions, checked_action, spec
 from uuv.environments.entities import Sea, VehicleEntity
 from uuv.environments.judges import Judge
 from uuv.environments.sensing import BoundedNumbers
+from uuv.environments.ticks.action_ticks import STEP_COLLISION, STEP_MOST
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import Array, exp_so3, finite_number, fitting, pose
 from uuv.sim.loop.rollout import ticks_per_period
@@ -47,6 +48,7 @@ class VehicleTask(composer.Task):
         self.set_period(CONTROL_PERIOD)
         vehicle.observe(sensors=bool(vehicle.readings.sensors))
         self._goals: OrderedDict[str, observable.Observable] = OrderedDict()
+        self._goal: tuple[int, Mapping[str, Array]] | None = None  # step of the plant, and its goal
         self._X_WB = np.eye(4)
         self.largest_force = np.inf  # [N] of contact, beyond which it is damage
         self.damage = ""  # what ended the episode before its time
@@ -95,13 +97,20 @@ class VehicleTask(composer.Task):
     def _reader(self, name: str, size: int) -> Any:
         def read(physics: Any) -> Array:
             del physics
-            goal = self.goal(self.truth)
+            goal = self._present_goal()
             if name not in goal:
                 stated = ", ".join(self._goals)
                 raise ConfigurationError(f"{type(self).__name__}.goal: gives no {name!r}; stated are {stated}")
             return fitting(np.atleast_1d(np.array(goal[name], dtype=np.float64)), (size,), f"goal {name}")
 
         return read
+
+    def _present_goal(self) -> Mapping[str, Array]:
+        """`goal` of the present step; one evaluation serves all its names."""
+        tick = self.vehicle.plant.tick
+        if self._goal is None or self._goal[0] != tick:
+            self._goal = tick, self.goal(self.truth)
+        return self._goal[1]
 
     @property
     def truth(self) -> Truth:
@@ -138,6 +147,7 @@ class VehicleTask(composer.Task):
         self.vehicle.place(physics, self._X_WB, q)
         self.judge.start()
         self.damage, self._fresh = "", True
+        self._goal = None
 
     def before_step(self, physics: mjcf.Physics, action: Array, random_state: Random) -> None:
         """Take the action.
@@ -157,25 +167,38 @@ class VehicleTask(composer.Task):
         if self.in_contact:
             self.judge.watch(truth, self._timestep)
         if truth.collision or truth.contact_most > self.largest_force:
-            self._damaged(truth)
+            self._damaged(truth.collision, truth.contact_most)
         self.vehicle.command = self.actions.command(truth)
+
+    def watch_steps(self, steps: Array) -> None:
+        """Judge the states before several substeps, rows (k, STEP) of `uuv.environments.ticks.action_ticks`."""
+        judge: Any = self.judge
+        if self.in_contact:
+            judge.watch_steps(steps, self._timestep)
+        collided, most = steps[:, STEP_COLLISION] != 0.0, steps[:, STEP_MOST]
+        spoiled = collided | (most > self.largest_force)
+        if spoiled.any():
+            first = int(spoiled.argmax())
+            self._damaged(bool(collided[first]), float(most[first]))
 
     def after_step(self, physics: mjcf.Physics, random_state: Random) -> None:
         """Judge the last state of an action."""
         truth = self.vehicle.truth
         if not self.in_contact:
             self.judge.watch(truth, self.control_timestep)
-        self._damaged(truth)
+        self._damaged(truth.collision, truth.contact_most)
+        offset = self._X_WB[:3, :3].T @ (truth.p_WB - self._X_WB[:3, 3])
+        if not self.damage and np.abs(offset).max() > BOX:
+            self.damage = "out of the box"
 
-    def _damaged(self, truth: Truth) -> None:
+    def _damaged(self, collision: bool, most: float) -> None:
+        """Note a collision, or a largest force [N] beyond the limit; the first stands."""
         if self.damage:
             return
-        if truth.collision:
+        if collision:
             self.damage = "collision"
-        elif truth.contact_most > self.largest_force:
-            self.damage = f"force of {truth.contact_most:.0f} N"
-        elif np.abs(self._X_WB[:3, :3].T @ (truth.p_WB - self._X_WB[:3, 3])).max() > BOX:
-            self.damage = "out of the box"
+        elif most > self.largest_force:
+            self.damage = f"force of {most:.0f} N"
 
     def get_reward(self, physics: mjcf.Physics) -> float:
         """Reward of the state after an action."""

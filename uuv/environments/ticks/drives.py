@@ -1,0 +1,76 @@
+"""What drives the vehicle within an action, as a kernel calls it: a controller, an arm that is held, or nothing."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from uuv.environments.true_state import Seeing
+from uuv.sim.interfaces.kernels import kernel
+from uuv.sim.interfaces.kernels.control import Commanded, estimate_box
+from uuv.sim.interfaces.kernels.record_box import as_annotated, new_box
+from uuv.sim.interfaces.kernels.slots import FINE, PythonSlots, address_of_box, address_of_kernel
+from uuv.sim.interfaces.messages import Command
+from uuv.sim.interfaces.records import ReferenceRecord, reference_record
+from uuv.sim.plant.arm_hold import ArmHold, HoldGains, hold_torque
+
+
+@dataclass(slots=True, kw_only=True, eq=False)
+class ActionDrive:
+    """What drives the vehicle through the substeps of the actions of one episode."""
+
+    seeing: Seeing  # the true state, and its estimate
+    command: Commanded
+    reference: ReferenceRecord
+    begin: Callable[[], None]  # before some substeps: set points and constant commands
+    done: Callable[[int], Command]  # after them, by the answer of the last; the last command
+    control: tuple[int, int, int] = (0, 0, 0)  # addresses of its tick, memory and estimate; 0: the command stays
+    slots: PythonSlots = field(default_factory=PythonSlots)
+    leash: float = np.inf  # [m] largest distance of the tool's set point from the tool
+    kept: Any = None  # what must live as long as the addresses
+
+
+class HoldRecord(NamedTuple):
+    """An arm that is held."""
+
+    gains: HoldGains
+    command: Commanded
+
+
+@kernel
+def hold_box(record):
+    """`RecordBox` of a `HoldRecord`."""
+    return new_box(record)
+
+
+@kernel(nogil=True)
+def hold_tick(box, estimate):
+    """Torques that hold the arm, of the boxes of a `HoldRecord` and of an EstimateRecord."""
+    record, e = box.record, estimate.record
+    hold_torque(record.gains, e.q, e.qd, record.command.tau)
+    return FINE
+
+
+def constant(seeing: Seeing, command: Commanded, begin: Callable[[], None]) -> ActionDrive:
+    """Commands that stay through an action.
+
+    Args:
+        seeing: The true state.
+        command: Where they are written.
+        begin: Writes them.
+    """
+
+    def done(_answer: int) -> Command:
+        time = float(seeing.estimate.time[0])
+        return Command(time=time, joint_torque=command.tau.copy(), thrusters=command.thrusters.copy(), scan=False)
+
+    unused = reference_record(len(command.tau))
+    return ActionDrive(seeing=seeing, command=command, reference=unused, begin=begin, done=done)
+
+
+def holding(seeing: Seeing, command: Commanded, begin: Callable[[], None], arm: ArmHold) -> ActionDrive:
+    """As `constant`, with an arm that is held in its posture."""
+    boxes = hold_box(as_annotated(HoldRecord(arm.gains, command))), estimate_box(seeing.estimate)
+    control = address_of_kernel(hold_tick, *boxes), address_of_box(boxes[0]), address_of_box(boxes[1])
+    return replace(constant(seeing, command, begin), control=control, kept=boxes)

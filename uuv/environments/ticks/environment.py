@@ -1,0 +1,194 @@
+"""dm_control's environment, whose substeps run compiled where nothing in Python looks at them.
+
+    environment = suite.load("barrel", "wipe")
+    environment.slow_part  # what keeps it from that; empty: nothing
+
+dm_control asks for substep after substep. The first of them runs all up to the next observation that is due, and those
+after it are then taken already. A hook, a task, a judge or an action of a user's own that acts at every substep makes
+the whole run substep by substep, to the same bits.
+"""
+
+import sys
+from typing import Any
+
+import mujoco
+import numpy as np
+from dm_control import composer, mjcf
+from dm_control.composer.observation.updater import Updater
+
+from uuv.environments.entities import VehicleEntity
+from uuv.environments.ticks.action_ticks import STEP, ActionRecord, action_box, address_of_kinematics, run_substeps
+from uuv.environments.ticks.drives import ActionDrive
+from uuv.environments.vehicle_task import VehicleTask
+from uuv.sim.interfaces.kernels.control import REFUSED
+from uuv.sim.interfaces.kernels.record_box import as_annotated
+from uuv.sim.interfaces.kernels.slots import gives_kernel
+from uuv.sim.interfaces.messages import Command
+
+
+class Substeps:
+    """Compiled substeps of one episode."""
+
+    def __init__(self, task: VehicleTask, physics: mjcf.Physics, most: int) -> None:
+        """Take what they change, after the actions have begun.
+
+        Args:
+            task: Of the environment.
+            physics: Of the environment.
+            most: Substeps of an action.
+        """
+        actions: Any = task.actions
+        self._task, self._vehicle, self._physics = task, task.vehicle, physics
+        self.plant = plant = task.vehicle.plant
+        self._drive: ActionDrive = actions.drive(plant.truth)
+        self._rows = np.zeros((most, STEP))
+        drive, truth = self._drive, plant.truth
+        record = ActionRecord(
+            plant=plant.record(),
+            sight=drive.seeing.sight,
+            estimate=drive.seeing.estimate,
+            p_WG=truth.p_WG,
+            p_pad=truth.p_pad,
+            control=np.array(drive.control),
+            reference=drive.reference,
+            leash=drive.leash,
+            command=drive.command,
+            rows=self._rows,
+            warnings=physics.data.ptr.warning.number,
+            kinematics=address_of_kinematics(),
+        )
+        self._box = action_box(as_annotated(record))
+
+    def run(self, substeps: int) -> None:
+        """Run so many.
+
+        Raises:
+            control.PhysicsError: Of dm_control; the simulation diverged.
+            ConfigurationError: A command is not finite.
+        """
+        self._drive.begin()
+        with self._physics.check_invalid_state():
+            while substeps:
+                count = min(substeps, self.plant.ready())
+                done, answer = run_substeps(self._box, count)
+                self._drive.slots.check(answer)
+                self._task.watch_steps(self._rows[:done])
+                self._vehicle.command = self._drive.done(answer)
+                self.plant.publish()
+                if done < count:
+                    self._refuse(answer, self._vehicle.command)
+                    break
+                substeps -= count
+
+    def _refuse(self, answer: int, command: Command) -> None:
+        if answer == REFUSED:
+            self.plant.begin(command)  # raises and says why
+
+
+class DueUpdater(Updater):
+    """dm_control's updater of observations, which knows when the next one is due."""
+
+    _due = 0  # number of the substep after which the next one is due
+
+    def prepare_for_next_control_step(self) -> None:
+        """Plan the next action."""
+        super().prepare_for_next_control_step()
+        self._look_ahead()
+
+    def update(self) -> None:
+        """Take the observations that are due."""
+        if self._step_counter + 1 < self._due:
+            self._step_counter += 1
+            return
+        super().update()
+        self._look_ahead()
+
+    def substeps(self) -> int:
+        """Number of substeps up to the next observation that is due; at least 1."""
+        return max(self._due - self._step_counter, 1)
+
+    def _look_ahead(self) -> None:
+        schedules = (each.update_schedule for each in self._enabled_list)
+        self._due = min((schedule[0][0] for schedule in schedules if schedule), default=sys.maxsize)
+
+
+class Environment(composer.Environment):
+    """Environment of a task, compiled within an action as far as nothing in Python has to look."""
+
+    _taken = 0  # substeps of the present action that dm_control has asked for
+    _ahead = 0  # those of them that have run before
+    _substeps: Substeps | None = None
+    _slow: str | None = None  # `slow_part`, since the begin of the episode
+
+    @property
+    def slow_part(self) -> str:
+        """What has to run in Python at every substep; empty: nothing."""
+        return _slow_part(self._task, self._hooks, self._physics)
+
+    def step(self, action: Any) -> Any:
+        """As dm_control."""
+        self._taken = self._ahead = 0
+        return super().step(action)
+
+    def add_extra_hook(self, hook_name: str, hook_callable: Any) -> None:
+        """As dm_control."""
+        super().add_extra_hook(hook_name, hook_callable)
+        self._slow = None
+
+    def _reset_attempt(self) -> Any:
+        self._substeps = self._slow = None
+        return super()._reset_attempt()
+
+    def _make_observation_updater(self) -> Updater:
+        usual = super()._make_observation_updater()
+        usual.__class__ = DueUpdater
+        return usual
+
+    def _substep(self, action: Any) -> None:
+        self._taken += 1
+        if self._ahead:
+            self._ahead -= 1
+            return
+        if self._slow is None:
+            self._slow = self.slow_part
+        if self._slow or mujoco.get_mjcb_control() is not None or mujoco.get_mjcb_sensor() is not None:
+            super()._substep(action)
+        else:
+            self._run()
+
+    def _run(self) -> None:
+        """Run all substeps up to the next observation."""
+        left = self._n_sub_steps - self._taken + 1
+        count = min(left, self._observation_updater.substeps())
+        if self._substeps is None or self._substeps.plant is not self._task.vehicle.plant:
+            self._substeps = Substeps(self._task, self._physics, self._n_sub_steps)
+        self._substeps.run(count)
+        self._ahead = count - 1
+
+
+def _slow_part(task: Any, hooks: Any, physics: mjcf.Physics) -> str:
+    """What has to run in Python at every substep of a task; empty: nothing."""
+    if not isinstance(task, VehicleTask):
+        return f"task {type(task).__name__}"
+    if not _as_in(VehicleTask, task, "before_substep", "after_substep", "watch_steps"):
+        return f"hook of {type(task).__name__}"
+    vehicle = task.vehicle
+    if not _as_in(VehicleEntity, vehicle, "before_substep", "after_substep"):
+        return f"hook of {type(vehicle).__name__}"
+    before, after = hooks._before_substep, hooks._after_substep
+    expected = [vehicle.before_substep], [], [vehicle.after_substep], []
+    if expected != (before.entity_hooks, before.extra_hooks, after.entity_hooks, after.extra_hooks):
+        return "hooks of substeps"
+    if not gives_kernel(task.actions, "drive"):
+        return f"actions {type(task.actions).__name__}"
+    if task.in_contact and not gives_kernel(task.judge, "watch_steps"):
+        return f"judge {type(task.judge).__name__}"
+    if type(physics).step is not mjcf.Physics.step or physics.legacy_step:
+        return "step of the physics"
+    return vehicle.plant.spans()
+
+
+def _as_in(base: type, part: object, *names: str) -> bool:
+    """True if a part has the methods of a class as they are."""
+    ours = (getattr(type(part), name, None) is getattr(base, name, None) for name in names)
+    return all(ours) and not set(names) & set(vars(part))

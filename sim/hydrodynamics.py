@@ -55,8 +55,9 @@ from uuv.models.hydrodynamics import (
 from uuv.models.water.bounds import LARGEST
 from uuv.sim.interfaces.errors import ConfigurationError, HydrodynamicsError, PhysicsWarning
 from uuv.sim.interfaces.spatial import Array, shown, skew
-from uuv.sim.water import arriving_models as arriving_models  # imported for what it does
-from uuv.sim.water import energy, passive_callback, process_callbacks
+from uuv.sim.native import arriving_models as arriving_models  # imported for what it does
+from uuv.sim.native import passive_callback, process_callbacks
+from uuv.sim.water import energy
 from uuv.sim.water.water_motion import FLOW, WaterMotion, current, set_current, take_last
 from uuv.sim.water.wet_inertia import BlockSums, WetInertia
 

@@ -37,7 +37,7 @@ from uuv.sim.interfaces.tables import TableReader
 
 LIST = Path(__file__).with_suffix(".json")
 CALLS = (  # functions that compile something: their argument, roughly their seconds, and the kernels that come first
-    ("uuv.sim.hydrodynamics:install", (), 8.0, "uuv.sim.water."),
+    ("uuv.sim.hydrodynamics:install", (), 8.0, "uuv.sim.native."),
     ("uuv.controllers.ik.entries:entry", ("kinematics",), 0.5, "uuv.controllers.ik."),
     ("uuv.controllers.ik.entries:entry", ("keep",), 2.0, "uuv.controllers.ik."),
     ("uuv.controllers.ik.entries:entry", ("hybrid",), 4.0, "uuv.controllers.ik."),

@@ -8,7 +8,7 @@ hole: there is no force until it enters the soil elsewhere.
 
 The numbers are a custom numeric element. The state is that of an actuator without force at the face
 of the tool, whose dynamics are of MuJoCo's type "user": anchor (3,) [m] in W, and 1 in the soil
-(`uuv.sim.water.soil_force`).
+(`uuv.sim.native.soil_force`).
 """
 
 from types import SimpleNamespace

@@ -1,7 +1,7 @@
 """Further terms of a body's hydrodynamics, for what added mass, damping matrices and strips cannot say.
 
 Each is a frozen dataclass in the body frame, kept in `BodyHydrodynamics.forms`. It is stored as a record behind the
-body's row (`uuv.models.hydrodynamics.LAYOUT`), and the passive callback evaluates it (`uuv.sim.water.form_kernel`). A
+body's row (`uuv.models.hydrodynamics.LAYOUT`), and the passive callback evaluates it (`uuv.sim.native.form_kernel`). A
 body without forms costs nothing.
 
 The wrench of each is a function of the twist relative to the water, nu_r = (v; w) at the body origin. It is therefore

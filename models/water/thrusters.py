@@ -8,7 +8,7 @@ curve is quadratic, a polynomial, or a table, beyond a dead band.
 `attach` makes an actuator a thruster: its control is the command, its two activations are the
 command after the slew limit and the propeller speed, its force is the thrust in N. Its dynamics and
 bias are of MuJoCo's type "user" and read their numbers from `actuator_user`
-(`uuv.sim.water.thruster_callbacks`).
+(`uuv.sim.native.actuator_dynamics`, `uuv.sim.native.thruster_force`).
 
 The propeller's reaction torque on the hull about the thrust axis is proportional to the thrust. It
 is stored in the actuator's gear, so that plant, allocation and MuJoCo use the same column.

@@ -14,11 +14,11 @@ import numpy as np
 from uuv.sim.interfaces.kernels import kernel
 from uuv.sim.interfaces.kernels.slots import FINE, Slot, call
 from uuv.sim.interfaces.spatial import Array
+from uuv.sim.native.native_memory import call_physics, f64
+from uuv.sim.native.passive_callback import WET_MARK
 from uuv.sim.plant.readout import DATA, MODEL, STEP1, STEP2, TIME, Readout, gears_and_contacts
 from uuv.sim.plant.soil_contact import SoilContact, feel_soil
 from uuv.sim.plant.thrusters import Drive, command_thrusters, read_thrusters
-from uuv.sim.water.native_memory import call_physics, f64
-from uuv.sim.water.passive_callback import WET_MARK
 
 
 class Flow(NamedTuple):

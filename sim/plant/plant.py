@@ -17,6 +17,7 @@ from uuv.sim.interfaces.errors import ConfigurationError, PhysicsWarning
 from uuv.sim.interfaces.kernels.slots import RAISED, PythonSlots, Slot, empty_slot
 from uuv.sim.interfaces.messages import Command
 from uuv.sim.interfaces.spatial import Array, checked_pose, fitting, quat_wxyz_from_rotation
+from uuv.sim.native.passive_callback import WET_MARK
 from uuv.sim.plant.compiled_step import PlantRecord, Watch, next_flow, verdict
 from uuv.sim.plant.driven_water import DrivenWater, WithWater, check_current
 from uuv.sim.plant.reaction_wrench import ReactionWrench
@@ -25,7 +26,6 @@ from uuv.sim.plant.soil_contact import SoilContact, feel_soil
 from uuv.sim.plant.thrusters import Drive, command_thrusters, read_thrusters
 from uuv.sim.plant.truth import Truth, spacing
 from uuv.sim.water.current import Current
-from uuv.sim.water.passive_callback import WET_MARK
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

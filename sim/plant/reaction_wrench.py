@@ -24,7 +24,7 @@ from uuv.sim import hydrodynamics
 from uuv.sim.interfaces.errors import ConfigurationError, HydrodynamicsError
 from uuv.sim.interfaces.kernels import kernel
 from uuv.sim.interfaces.spatial import Array
-from uuv.sim.water.form_kernel import form_wrench
+from uuv.sim.native.form_kernel import form_wrench
 from uuv.sim.water.water_motion import FLOW, place_of
 
 _STALE = 1e-9  # relative mismatch of velocities above which `data` mixes two instants

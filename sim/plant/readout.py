@@ -1,7 +1,7 @@
 """Gear friction and contacts read from MuJoCo's memory after each step, in one compiled call.
 
 MuJoCo's binding builds new arrays of all contacts at each access, which takes as long as the physics. The kernel reads
-them in place; the offsets come from `uuv.sim.water.mujoco_layout` and are compared with the binding once.
+them in place; the offsets come from `uuv.sim.native.mujoco_layout` and are compared with the binding once.
 """
 
 import ctypes
@@ -15,8 +15,8 @@ from uuv.models.water.mujoco_library import library
 from uuv.sim.interfaces.errors import HydrodynamicsError
 from uuv.sim.interfaces.kernels import kernel
 from uuv.sim.interfaces.spatial import Array
-from uuv.sim.water.mujoco_layout import offset, structure
-from uuv.sim.water.native_memory import f64, i32, pointer
+from uuv.sim.native.mujoco_layout import offset, structure
+from uuv.sim.native.native_memory import f64, i32, pointer
 
 # Entries of `contacts`, the output of `gears_and_contacts`
 NORMAL, FORCE = 0, 1  # [N] on the pad; (3,) [N] of the world on the pad, W: means over the substeps

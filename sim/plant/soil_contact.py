@@ -8,7 +8,7 @@ import numpy as np
 from uuv.models.site import soil_bed
 from uuv.sim.interfaces.kernels import kernel
 from uuv.sim.interfaces.spatial import Array
-from uuv.sim.water.soil_force import press
+from uuv.sim.native.soil_force import press
 
 
 class SoilContact(NamedTuple):

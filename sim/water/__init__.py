@@ -1,1 +1,1 @@
-"""Hydrodynamics inside MuJoCo's step: the passive callback, access to MuJoCo's memory, and the current."""
+"""Water: currents, flow fields, the motion of each simulation, the inertia with added mass."""

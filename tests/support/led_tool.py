@@ -6,7 +6,7 @@ from uuv.models.site import soil_bed
 from uuv.models.site.seabed import Seabed
 from uuv.models.site.soil import Soil, SoilTool
 from uuv.sim.interfaces.spatial import Array
-from uuv.sim.water.soil_force import press
+from uuv.sim.native.soil_force import press
 
 
 class LedTool:

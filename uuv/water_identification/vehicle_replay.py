@@ -23,7 +23,7 @@ from uuv.sim import hydrodynamics
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.kernels import kernel
 from uuv.sim.interfaces.spatial import Array
-from uuv.sim.water.native_memory import call_physics
+from uuv.sim.native.native_memory import call_physics
 from uuv.water_identification.replayed_parts import pushed_parts
 
 LONGEST_STEP, SHORTEST_STEP = 0.05, 0.005  # [s] of the replay

@@ -13,13 +13,13 @@ from uuv.sim import hydrodynamics
 from uuv.sim.interfaces.errors import ConfigurationError, HydrodynamicsError
 from uuv.sim.interfaces.messages import Command
 from uuv.sim.interfaces.spatial import Array
+from uuv.sim.native.native_memory import call_physics
 from uuv.sim.plant import compiled_step, faults
 from uuv.sim.plant.moved_object import MovedObjectPlant, swing
 from uuv.sim.plant.plant import Plant
 from uuv.sim.plant.readout import DATA, MODEL, STEP1, STEP2
 from uuv.sim.plant.truth import Truth
 from uuv.sim.water.current import _BLOCK, Current
-from uuv.sim.water.native_memory import call_physics
 
 STEPS = 200
 REST = Command(time=0.0, joint_torque=np.zeros(6), thrusters=np.zeros(6), scan=False)

@@ -10,7 +10,7 @@ from uuv.models.water import thrusters
 from uuv.models.water.thrusters import Thruster
 from uuv.sim import hydrodynamics
 from uuv.sim.interfaces.errors import HydrodynamicsError
-from uuv.sim.water import process_callbacks
+from uuv.sim.native import process_callbacks
 
 THRUST = 40.0  # [N] at full speed
 

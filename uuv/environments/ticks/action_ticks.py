@@ -18,9 +18,9 @@ from uuv.sim.interfaces.kernels.record_box import new_box
 from uuv.sim.interfaces.kernels.slots import FINE
 from uuv.sim.interfaces.records import FOLLOWS, EstimateRecord, ReferenceRecord
 from uuv.sim.interfaces.spatial import Array
+from uuv.sim.native.native_memory import call_physics, f64
 from uuv.sim.plant.compiled_step import PlantRecord, advance, observe
 from uuv.sim.plant.readout import COLLISION, CONTACTS, DATA, FORCE, LEAST, MODEL, MOST, NORMAL, TIME
-from uuv.sim.water.native_memory import call_physics, f64
 
 # Entries of a row of what judges see before a step: face of the pad (3,) [m], and contacts of the step before it, of
 # `uuv.sim.plant.readout`

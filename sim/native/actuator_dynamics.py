@@ -18,9 +18,9 @@ from numba import types
 from uuv.models.site import soil_bed
 from uuv.models.water.thrusters import HEADER, PASSED, SLEW_RATE, SPEED, STAMP, STAMP_VALUE, TIME_CONSTANT
 from uuv.sim.interfaces.kernels import c_function
-from uuv.sim.water import soil_force
-from uuv.sim.water.mujoco_layout import offsets
-from uuv.sim.water.native_memory import f64, i32, pointer, put
+from uuv.sim.native import soil_force
+from uuv.sim.native.mujoco_layout import offsets
+from uuv.sim.native.native_memory import f64, i32, pointer, put
 
 # Fields that the callback reads or writes; their layout must be verified on live objects.
 _MODEL = "nuser_actuator", "actuator_user", "actuator_actadr"

@@ -24,7 +24,7 @@ from uuv.models.site import soil_bed
 from uuv.models.water import thrusters
 from uuv.models.water.mujoco_library import library
 from uuv.sim.interfaces.errors import HydrodynamicsError
-from uuv.sim.water import actuator_dynamics, mujoco_layout, passive_callback, thruster_force
+from uuv.sim.native import actuator_dynamics, mujoco_layout, passive_callback, thruster_force
 
 
 class CallbackSource(Protocol):

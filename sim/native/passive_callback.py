@@ -1,6 +1,6 @@
 """Native passive callback: added mass into `d.M`; drag, buoyancy, velocity terms into `qfrc_passive`.
 
-Friction of the gears comes first (`uuv.sim.water.gear_kernel`).
+Friction of the gears comes first (`uuv.sim.native.gear_kernel`).
 
 Numba compiles it to a bare C function that MuJoCo calls without the GIL. Its only state is a note in
 the model of the warnings given (`LAYOUT.seen`). It allocates on MuJoCo's own stack and is linear in
@@ -28,30 +28,30 @@ from numba.extending import intrinsic
 from uuv.models.hydrodynamics import INDEFINITE, LAYOUT, MAX_STATIONS, MAX_STRIPS, NO_CURRENT, TOO_FAST, TOO_HIGH
 from uuv.sim.interfaces.kernels import c_function
 from uuv.sim.interfaces.spatial import Array
-from uuv.sim.water import gear_kernel, native_motion, soil_force
-from uuv.sim.water.form_kernel import form_wrench
-from uuv.sim.water.mujoco_layout import offset
-from uuv.sim.water.native_memory import f64 as _f64
-from uuv.sim.water.native_memory import i32 as _i32
-from uuv.sim.water.native_memory import pointer as _pointer
-from uuv.sim.water.native_memory import put as _put
-from uuv.sim.water.simd4 import all_four, at_least, four_of, load_four, put_four, transposed_four
-from uuv.sim.water.vectors import Matrix, Number, Vector
-from uuv.sim.water.vectors import cross as _cross
-from uuv.sim.water.vectors import dot as _dot
-from uuv.sim.water.vectors import inline as _inline
-from uuv.sim.water.vectors import load3 as _load3
-from uuv.sim.water.vectors import load6 as _load6
-from uuv.sim.water.vectors import minus as _minus
-from uuv.sim.water.vectors import plus as _plus
-from uuv.sim.water.vectors import put3 as _put3
-from uuv.sim.water.vectors import rows as _rows
-from uuv.sim.water.vectors import scaled as _scaled
-from uuv.sim.water.vectors import symmetric as _symmetric
-from uuv.sim.water.vectors import times as _times
-from uuv.sim.water.vectors import transposed as _transposed
-from uuv.sim.water.vectors import turned as _turned
-from uuv.sim.water.vectors import turned_symmetric as _turned_symmetric
+from uuv.sim.native import gear_kernel, native_motion, soil_force
+from uuv.sim.native.form_kernel import form_wrench
+from uuv.sim.native.mujoco_layout import offset
+from uuv.sim.native.native_memory import f64 as _f64
+from uuv.sim.native.native_memory import i32 as _i32
+from uuv.sim.native.native_memory import pointer as _pointer
+from uuv.sim.native.native_memory import put as _put
+from uuv.sim.native.simd4 import all_four, at_least, four_of, load_four, put_four, transposed_four
+from uuv.sim.native.vectors import Matrix, Number, Vector
+from uuv.sim.native.vectors import cross as _cross
+from uuv.sim.native.vectors import dot as _dot
+from uuv.sim.native.vectors import inline as _inline
+from uuv.sim.native.vectors import load3 as _load3
+from uuv.sim.native.vectors import load6 as _load6
+from uuv.sim.native.vectors import minus as _minus
+from uuv.sim.native.vectors import plus as _plus
+from uuv.sim.native.vectors import put3 as _put3
+from uuv.sim.native.vectors import rows as _rows
+from uuv.sim.native.vectors import scaled as _scaled
+from uuv.sim.native.vectors import symmetric as _symmetric
+from uuv.sim.native.vectors import times as _times
+from uuv.sim.native.vectors import transposed as _transposed
+from uuv.sim.native.vectors import turned as _turned
+from uuv.sim.native.vectors import turned_symmetric as _turned_symmetric
 
 # Fields that the callback reads or writes; their layout must be verified on live objects.
 # fmt: off
@@ -72,7 +72,7 @@ DATA_FIELDS = (
 # and would add it twice.
 WET_MARK = 6.20261121e8  # in d.crb[0, 0], which is zero otherwise; arbitrary
 
-# Symbols of libmujoco, which `uuv.sim.water.process_callbacks` registers with LLVM by these names.
+# Symbols of libmujoco, which `uuv.sim.native.process_callbacks` registers with LLVM by these names.
 SYMBOLS = ("mj_markStack", "mj_freeStack", "mj_stackAllocNum", "mj_warning", "mju_warning")
 _mark_stack = types.ExternalFunction("mj_markStack", types.void(types.intp))
 _free_stack = types.ExternalFunction("mj_freeStack", types.void(types.intp))

@@ -6,9 +6,9 @@ from typing import Any
 from numba import njit
 
 from uuv.models.hydrodynamics import LAYOUT
-from uuv.sim.water.mujoco_layout import offsets
-from uuv.sim.water.native_memory import f64, pointer
-from uuv.sim.water.vectors import load3
+from uuv.sim.native.mujoco_layout import offsets
+from uuv.sim.native.native_memory import f64, pointer
+from uuv.sim.native.vectors import load3
 from uuv.sim.water.water_motion import FLOW
 
 # Fields that it reads; their layout must be verified on live objects.

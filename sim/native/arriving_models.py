@@ -12,7 +12,7 @@ from typing import Any, ParamSpec
 
 import mujoco
 
-from uuv.sim.water import process_callbacks
+from uuv.sim.native import process_callbacks
 
 P = ParamSpec("P")
 

@@ -14,10 +14,10 @@ from numba import carray, types
 from uuv.models.water.thruster_curves import thrust_in_flow
 from uuv.models.water.thrusters import COUNT, HEADER, INFLOW_LOSS, SPEED, STAMP, STAMP_VALUE
 from uuv.sim.interfaces.kernels import c_function
-from uuv.sim.water import native_motion
-from uuv.sim.water.mujoco_layout import offsets
-from uuv.sim.water.native_memory import f64, i32, numbers_at, pointer
-from uuv.sim.water.vectors import cross, dot, load3, minus, plus, scaled
+from uuv.sim.native import native_motion
+from uuv.sim.native.mujoco_layout import offsets
+from uuv.sim.native.native_memory import f64, i32, numbers_at, pointer
+from uuv.sim.native.vectors import cross, dot, load3, minus, plus, scaled
 
 # Fields that the callback reads; their layout must be verified on live objects.
 # fmt: off

@@ -14,9 +14,9 @@ from uuv.models.site import soil_bed
 from uuv.models.site.soil_bed import INSIDE, STATE
 from uuv.models.water.thrusters import HEADER, STAMP
 from uuv.sim.interfaces.kernels import kernel
-from uuv.sim.water.mujoco_layout import offsets
-from uuv.sim.water.native_memory import f64, i32, numbers_at, pointer, put
-from uuv.sim.water.vectors import cross, dot, load3, minus, plus
+from uuv.sim.native.mujoco_layout import offsets
+from uuv.sim.native.native_memory import f64, i32, numbers_at, pointer, put
+from uuv.sim.native.vectors import cross, dot, load3, minus, plus
 
 # Fields that the callbacks reach for the soil; their layout must be verified on live objects.
 # fmt: off

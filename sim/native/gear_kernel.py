@@ -13,8 +13,8 @@ import mujoco
 from numba import njit
 
 from uuv.models.arms.gear_friction import ROUNDED, ROW, STAMP
-from uuv.sim.water.mujoco_layout import offset
-from uuv.sim.water.native_memory import f64, i32, pointer, put
+from uuv.sim.native.mujoco_layout import offset
+from uuv.sim.native.native_memory import f64, i32, pointer, put
 
 # Fields that the kernel reads or writes; their layout must be verified on live objects.
 MODEL_FIELDS = ("nuser_jnt", "jnt_user", "dof_jntid", "dof_frictionloss")

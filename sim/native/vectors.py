@@ -1,7 +1,7 @@
 """Vectors of three numbers as tuples, inlined into the kernels of the water.
 
 Plain tuples stay in registers; numba's arrays would go through memory. A number is one float, or four lanes
-(`uuv.sim.water.simd4`): the same function then serves one body or four. An address is an integer.
+(`uuv.sim.native.simd4`): the same function then serves one body or four. An address is an integer.
 """
 
 from collections.abc import Callable
@@ -9,7 +9,7 @@ from typing import Any, ParamSpec, TypeVar
 
 from numba import njit
 
-from uuv.sim.water.native_memory import f64, put
+from uuv.sim.native.native_memory import f64, put
 
 P = ParamSpec("P")
 T = TypeVar("T")

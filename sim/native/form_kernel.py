@@ -6,8 +6,8 @@ from typing import Any
 from numba import njit
 
 from uuv.models.water.forms import CrossTerms, FadingDamping, LiftDrag, MunkFactor, PlanarStrip
-from uuv.sim.water.native_memory import f64 as _f64
-from uuv.sim.water.vectors import Vector, cross, dot, load3, plus
+from uuv.sim.native.native_memory import f64 as _f64
+from uuv.sim.native.vectors import Vector, cross, dot, load3, plus
 
 _MUNK, _FADING, _LIFT = MunkFactor.kind, FadingDamping.kind, LiftDrag.kind
 _CROSS, _PLANAR = CrossTerms.kind, PlanarStrip.kind

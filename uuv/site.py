@@ -320,9 +320,9 @@ def flow_of(name: str) -> FlowField:
     keys = [key for key in fields(kind) if key.init]
     needs = [key.name for key in keys if {key.default, key.default_factory} == free]
     if needs:
-        first = f"--set {where}.kind={name} --set {where}.{needs[0]}=..."
         lacks = ", ".join(needs)
-        raise ConfigurationError(f"{where}: {name} needs {lacks}; give kind and keys by {first}")
+        first = f"{where}.kind={name}, {where}.{needs[0]}=..."
+        raise ConfigurationError(f"{where}: {name} needs {lacks}; set kind and keys one by one: {first}")
     return TableReader().made(kind, {}, where)
 
 

@@ -35,7 +35,7 @@ STAMP_VALUE = 745530.0  # identifies rows of this layout among foreign user data
 
 # Activations of a thruster: command after the slew limit, propeller speed
 PASSED, SPEED = 0, 1
-ACTIVATIONS = 2
+ACTIVATIONS = 2  # of a thruster
 
 _ROWS = {"schema": {"title": "two rows of numbers", "items": {"title": "a row of numbers"}}}
 _XML = 1e-5  # tolerance of a gear, which may come from a file of six digits

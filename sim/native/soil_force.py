@@ -19,14 +19,23 @@ from uuv.sim.native.native_memory import f64, i32, numbers_at, pointer, put
 from uuv.sim.native.vectors import cross, dot, load3, minus, plus
 
 # Fields that the callbacks reach for the soil; their layout must be verified on live objects.
-# fmt: off
 MODEL_FIELDS = (
-    "nu", "nuser_actuator", "actuator_user", "actuator_actadr", "actuator_trnid",
-    "site_bodyid", "body_rootid", "body_parentid", "body_dofnum", "body_dofadr",
-    "nnumeric", "numeric_adr", "numeric_size", "numeric_data",
+    "nu",
+    "nuser_actuator",
+    "actuator_user",
+    "actuator_actadr",
+    "actuator_trnid",
+    "site_bodyid",
+    "body_rootid",
+    "body_parentid",
+    "body_dofnum",
+    "body_dofadr",
+    "nnumeric",
+    "numeric_adr",
+    "numeric_size",
+    "numeric_data",
 )
 DATA_FIELDS = ("act", "act_dot", "site_xpos", "site_xmat", "subtree_com", "cdof", "qfrc_passive")
-# fmt: on
 
 _NODES = soil_bed.LAYOUT.nodes
 _CORNER = soil_bed.LAYOUT.corner

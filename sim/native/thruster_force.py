@@ -20,15 +20,18 @@ from uuv.sim.native.native_memory import f64, i32, numbers_at, pointer
 from uuv.sim.native.vectors import cross, dot, load3, minus, plus, scaled
 
 # Fields that the callback reads; their layout must be verified on live objects.
-# fmt: off
 _MODEL = (
-    "nuser_actuator", "actuator_user", "actuator_actadr", "actuator_trnid", "actuator_gear",
-    "site_bodyid", "body_rootid",
+    "nuser_actuator",
+    "actuator_user",
+    "actuator_actadr",
+    "actuator_trnid",
+    "actuator_gear",
+    "site_bodyid",
+    "body_rootid",
 )
 _DATA = ("act", "act_dot", "xpos", "cvel", "subtree_com", "site_xpos", "site_xmat")
 MODEL_FIELDS = (*_MODEL, *native_motion.MODEL_FIELDS)
 DATA_FIELDS = (*_DATA, *native_motion.DATA_FIELDS)
-# fmt: on
 SYMBOLS = ()
 
 

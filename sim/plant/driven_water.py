@@ -161,6 +161,11 @@ class WithWater:
 
     @current.setter
     def current(self, value: object) -> None:
+        """Refuse another current.
+
+        Raises:
+            ConfigurationError: Always; it names where a current is set.
+        """
         raise ConfigurationError(
             f"plant.current: cannot be set, got {shown(value)}; the current of a run is what "
             "`on_water(current)` of a perturbation returns (docs/own_current.md)"

@@ -147,7 +147,7 @@ def test_without_a_field_files_are_as_they_were(tmp_path: Path):
     ("name", "said"),
     [
         ("my_water:Missing", "flow 'my_water:Missing': cannot be imported"),
-        ("my_water:Needy", r"site.flow: my_water:Needy needs rate; give kind and keys by --set"),
+        ("my_water:Needy", r"site.flow: my_water:Needy needs rate; set kind and keys one by one: site"),
         ("my_water:Bare", r"\[site.flow\]: flow 'my_water:Bare' must be a dataclass that has a method velocity"),
         ("CylinderWak", "unknown flow 'CylinderWak'; there are CylinderWake"),
     ],
@@ -385,7 +385,7 @@ def test_the_current_of_a_plant_is_read_and_never_replaced_in_silence() -> None:
 
 
 def test_a_kind_with_keys_that_have_no_default_says_how_they_are_given() -> None:
-    needs = "stream, place, axis, diameter, length; give kind and keys by --set site.flow.kind=CylinderWake"
+    needs = "stream, place, axis, diameter, length; set kind and keys one by one: site.flow.kind=CylinderWake"
     with pytest.raises(ConfigurationError, match=f"site.flow: CylinderWake needs {needs}"):
         flow_of("CylinderWake")
     typed = [

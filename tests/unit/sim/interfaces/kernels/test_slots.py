@@ -83,7 +83,7 @@ def test_an_answer_of_python_comes_out_too_and_a_kernel_that_fails_is_an_error()
 
 def test_what_numba_cannot_compile_is_named():
     def opens(_memory, _values):
-        return float(open("a file").read())
+        return int(open("a file").read())
 
     with pytest.raises(ConfigurationError, match=r"^a law: numba cannot compile it: [^\n]*$"):
         slot_function(opens, "a law")

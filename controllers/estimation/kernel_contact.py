@@ -27,7 +27,7 @@ class KernelContact(TorqueSensors):
     def __init__(
         self,
         model: mujoco.MjModel,
-        function: Callable[..., None],
+        function: Callable[..., Any],
         *,
         numbers: int = 1,
         arm: ArmDynamics | None = None,

@@ -54,7 +54,7 @@ def test_its_force_and_friction_are_those_of_the_function(rng, within):
         within("normal force [N]", state.estimate.normal + f_G[2], 1e-10)
         friction = 0.002 * (step + 1) + estimate.qd + 0.01 * (drives.tau - estimate.tau)
         within("friction [N m]", state.friction - friction, 1e-13)
-    assert np.linalg.norm(f_B) > 1.0
+    assert np.linalg.norm(state.sensed.f_B) > 1.0
     assert not np.allclose(state.estimate.force_W, other.estimate.force_W, atol=1.0)
 
 

@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from uuv.sim.evaluation.bounds import Bounds
-from uuv.sim.evaluation.force_levels import force_peak, is_lost, unsettled
+from uuv.sim.evaluation.force_levels import is_lost, unsettled
 from uuv.sim.interfaces.kernels import kernel
 from uuv.sim.interfaces.messages import ToolPath
 from uuv.sim.interfaces.spatial import Array
@@ -47,7 +47,7 @@ class RunningForce:
         self._judged += dt
         self._squares += dt * error * error
 
-        peak = float(force_peak(least, most, self.set_force))
+        peak = max(abs(most - self.set_force), abs(least - self.set_force))  # `force_peak` of one step
         self.peak = max(self.peak, peak)
         if is_lost(least):
             return "contact lost"
@@ -84,34 +84,33 @@ def _find_nearest(s, p, z, p_W, places):
 @kernel
 def _nearest(s, p, z, p_W):
     """Arc length [m] and distance [m], for the samples of a path: `s` (N,), `p` (N, 3) and `z` (N, 3)."""
-    count = s.shape[0]
-    gap, squares = np.empty((count, 3)), np.empty(count)
-    at = 0
-    for i in range(count):
-        depth = 0.0
-        for k in range(3):
-            gap[i, k] = p_W[k] - p[i, k]
-            depth += gap[i, k] * z[i, k]
-        squares[i] = 0.0
-        for k in range(3):
-            gap[i, k] -= depth * z[i, k]
-            squares[i] += gap[i, k] * gap[i, k]
-        if squares[i] < squares[at]:
-            at = i
-    best, distance = s[at], np.sqrt(squares[at])
+    at, least = 0, np.inf
+    for i in range(s.shape[0]):
+        square = _square(_across(p, z, p_W, i))
+        if square < least:
+            at, least = i, square
+    best, distance = s[at], np.sqrt(least)
 
     # Between the samples, before and after the nearest one.
-    for a in range(max(at - 1, 0), min(at + 1, count - 1)):
-        length = ahead = 0.0
-        for k in range(3):
-            along = p[a + 1, k] - p[a, k]
-            length += along * along
-            ahead += gap[a, k] * along
-        share = min(max(ahead / length, 0.0), 1.0)
-        off = 0.0
-        for k in range(3):
-            off += (gap[a, k] - share * (p[a + 1, k] - p[a, k])) ** 2
-        off = np.sqrt(off)
+    for a in range(max(at - 1, 0), min(at + 1, s.shape[0] - 1)):
+        gap = _across(p, z, p_W, a)
+        x, y, w = p[a + 1, 0] - p[a, 0], p[a + 1, 1] - p[a, 1], p[a + 1, 2] - p[a, 2]
+        share = (gap[0] * x + gap[1] * y + gap[2] * w) / (x * x + y * y + w * w)
+        share = min(max(share, 0.0), 1.0)
+        off = np.sqrt(_square((gap[0] - share * x, gap[1] - share * y, gap[2] - share * w)))
         if off < distance:
             best, distance = s[a] + share * (s[a + 1] - s[a]), off
     return best, distance
+
+
+@kernel
+def _across(p, z, p_W, i):
+    """Way [m] from sample `i` to a tip, across the tool axis there."""
+    x, y, w = p_W[0] - p[i, 0], p_W[1] - p[i, 1], p_W[2] - p[i, 2]
+    depth = x * z[i, 0] + y * z[i, 1] + w * z[i, 2]
+    return x - depth * z[i, 0], y - depth * z[i, 1], w - depth * z[i, 2]
+
+
+@kernel
+def _square(v):
+    return v[0] * v[0] + v[1] * v[1] + v[2] * v[2]

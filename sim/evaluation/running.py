@@ -47,7 +47,8 @@ class RunningForce:
         self._judged += dt
         self._squares += dt * error * error
 
-        peak = max(abs(most - self.set_force), abs(least - self.set_force))  # `force_peak` of one step
+        # As `force_peak`, which takes arrays.
+        peak = max(abs(most - self.set_force), abs(least - self.set_force))
         self.peak = max(self.peak, peak)
         if is_lost(least):
             return "contact lost"
@@ -83,34 +84,39 @@ def _find_nearest(s, p, z, p_W, places):
 
 @kernel
 def _nearest(s, p, z, p_W):
-    """Arc length [m] and distance [m], for the samples of a path: `s` (N,), `p` (N, 3) and `z` (N, 3)."""
-    at, least = 0, np.inf
+    """Arc length [m] and distance [m], for samples `s` (N,), `p` (N, 3), `z` (N, 3) of a path."""
+    at = 0
+    least = np.inf
     for i in range(s.shape[0]):
-        square = _square(_across(p, z, p_W, i))
+        gap = _across(p, z, p_W, i)
+        square = _dot(gap, gap)
         if square < least:
-            at, least = i, square
-    best, distance = s[at], np.sqrt(least)
+            at = i
+            least = square
+    best = s[at]
+    distance = np.sqrt(least)
 
     # Between the samples, before and after the nearest one.
     for a in range(max(at - 1, 0), min(at + 1, s.shape[0] - 1)):
         gap = _across(p, z, p_W, a)
-        x, y, w = p[a + 1, 0] - p[a, 0], p[a + 1, 1] - p[a, 1], p[a + 1, 2] - p[a, 2]
-        share = (gap[0] * x + gap[1] * y + gap[2] * w) / (x * x + y * y + w * w)
-        share = min(max(share, 0.0), 1.0)
-        off = np.sqrt(_square((gap[0] - share * x, gap[1] - share * y, gap[2] - share * w)))
+        way = p[a + 1, 0] - p[a, 0], p[a + 1, 1] - p[a, 1], p[a + 1, 2] - p[a, 2]
+        share = min(max(_dot(gap, way) / _dot(way, way), 0.0), 1.0)
+        rest = gap[0] - share * way[0], gap[1] - share * way[1], gap[2] - share * way[2]
+        off = np.sqrt(_dot(rest, rest))
         if off < distance:
-            best, distance = s[a] + share * (s[a + 1] - s[a]), off
+            best = s[a] + share * (s[a + 1] - s[a])
+            distance = off
     return best, distance
 
 
 @kernel
 def _across(p, z, p_W, i):
     """Way [m] from sample `i` to a tip, across the tool axis there."""
-    x, y, w = p_W[0] - p[i, 0], p_W[1] - p[i, 1], p_W[2] - p[i, 2]
-    depth = x * z[i, 0] + y * z[i, 1] + w * z[i, 2]
-    return x - depth * z[i, 0], y - depth * z[i, 1], w - depth * z[i, 2]
+    gap = p_W[0] - p[i, 0], p_W[1] - p[i, 1], p_W[2] - p[i, 2]
+    depth = _dot(gap, z[i])
+    return gap[0] - depth * z[i, 0], gap[1] - depth * z[i, 1], gap[2] - depth * z[i, 2]
 
 
 @kernel
-def _square(v):
-    return v[0] * v[0] + v[1] * v[1] + v[2] * v[2]
+def _dot(a, b):
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]

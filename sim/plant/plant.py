@@ -326,12 +326,9 @@ class Plant:
         self.publish()
 
     def observe(self, *, again: bool = False) -> Truth:
-        """Update the kinematics to the current time and return the truth.
+        """Update the kinematics to the current time, maybe `again`, and return the truth.
 
         Warns as `uuv.sim.hydrodynamics.check_motion` does.
-
-        Args:
-            again: The truth has the time of the data already.
 
         Raises:
             HydrodynamicsError: The simulation diverged, or the water no longer acts because the callback was replaced.

@@ -34,8 +34,9 @@ _ZERO = np.zeros(3)
 class Actions(Protocol):
     """Kind of action of one environment; it has the state of the present episode.
 
-    A kind with a method `drive(truth) -> ActionDrive` (`uuv.environments.ticks.drives`), asked for once an episode
-    after `start`, runs compiled within an action; one without is asked for its `command` at every step of the plant.
+    A kind with a method `drive(truth) -> ActionDrive` (`uuv.environments.ticks.drives`), called
+    once an episode after `start`, runs compiled within an action. One without is asked for its
+    `command` at every step of the plant.
     """
 
     names: tuple[str, ...]  # of the numbers of an action
@@ -107,7 +108,7 @@ class ThrusterSpeeds:
         def begin() -> None:
             command.thrusters[:] = self._thrusters
 
-        return holding(self._true.of(truth), command, begin, self._arm)
+        return holding(self._arm, constant(self._true.of(truth), command, begin))
 
 
 class HullWrench(ThrusterSpeeds):
@@ -199,7 +200,7 @@ class Controlled(ABC):
 
     @property
     def estimate(self) -> StateEstimate | None:
-        """Estimate of which the newest command was made; before, that at the begin of the episode."""
+        """Estimate of which the newest command was made; at first, that at the begin."""
         return None if self._inputs is None else self._inputs.seen()
 
     def start(self, truth: Truth) -> None:

@@ -144,7 +144,6 @@ class BoundedNumbers(observable.Generic):
 
 def _true(entity: Any, value: Callable[[Truth], Array], size: int, bound: float) -> observable.Observable:
     """Observable of the true state; `entity` is the vehicle, or a part of it."""
-
     carriers: list[SensedVehicle] = []
 
     def read(physics: Any) -> Array:

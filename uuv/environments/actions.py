@@ -85,7 +85,8 @@ class ThrusterSpeeds:
         self.names = own.vehicle.thruster_names
         if not self.names:
             raise ConfigurationError("the vehicle has no thrusters, so an agent has nothing to command")
-        self._arm, self._true = ArmHold(own.vehicle, own.vehicle.q_home), TrueState()
+        self._arm = ArmHold(own.vehicle, own.vehicle.q_home)
+        self._true = TrueState()
         self._thrusters = np.zeros(len(self.names))
 
     def start(self, truth: Truth) -> None:
@@ -150,7 +151,8 @@ class ThrustersAndTorques:
         vehicle = own.vehicle
         self.names = (*vehicle.thruster_names, *vehicle.joint_names)
         self._limits, self._thrusters = vehicle.torque_limits, len(vehicle.thruster_names)
-        self._action, self._true = np.zeros(len(self.names)), TrueState()
+        self._action = np.zeros(len(self.names))
+        self._true = TrueState()
 
     def start(self, truth: Truth) -> None:
         """Thrusters and motors off."""
@@ -168,10 +170,12 @@ class ThrustersAndTorques:
 
     def drive(self, truth: Truth) -> ActionDrive:
         """The same for a kernel."""
-        command, m = commanded(len(truth.q), len(truth.thrust)), self._thrusters
+        command = commanded(len(truth.q), len(truth.thrust))
+        m = self._thrusters
 
         def begin() -> None:
-            command.tau[:], command.thrusters[:] = self._action[m:] * self._limits, self._action[:m]
+            command.tau[:] = self._action[m:] * self._limits
+            command.thrusters[:] = self._action[:m]
 
         return constant(self._true.of(truth), command, begin)
 
@@ -216,13 +220,15 @@ class Controlled(ABC):
         assert self._state is not None
         self._true.take(truth)
         self._inputs.message = None
-        estimate, reference = self._inputs.seen(), self.reference(truth.time)
+        estimate = self._inputs.seen()
+        reference = self.reference(truth.time)
         self._state, self.last = self._controller.step(self._state, estimate, reference)
         return self.last
 
     def _controlled(self, truth: Truth) -> ActionDrive:
         """The controller as a kernel, for set points that are moved by their velocities alone."""
-        inputs, state = self._inputs, self._state
+        inputs = self._inputs
+        state = self._state
         assert inputs is not None  # of `start`
         assert state is not None
         tick = self._controller.tick_on(state, inputs)

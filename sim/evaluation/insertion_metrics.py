@@ -55,8 +55,10 @@ class TrueHole:
         return self._in_hole(tip_W - self.X_WH[:3, 3])
 
     def _in_hole(self, v_W: Array) -> Array:
-        """Vectors (N, 3) in axes of the hole; each by itself, so that a step alone gives the bits of a whole run."""
+        """Vectors (N, 3) in axes of the hole."""
         rows = self.X_WH[:3, :3]
+
+        # No product of matrices: its rounding depends on the number of rows.
         return v_W[:, :1] * rows[0] + v_W[:, 1:2] * rows[1] + v_W[:, 2:] * rows[2]
 
     def within_wall(self, tip_H: Array) -> np.ndarray:

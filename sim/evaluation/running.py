@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from uuv.sim.evaluation.bounds import Bounds
-from uuv.sim.evaluation.force_levels import force_peak, is_lost, unsettled
+from uuv.sim.evaluation.force_levels import is_lost, unsettled
 from uuv.sim.interfaces.kernels import kernel
 from uuv.sim.interfaces.messages import ToolPath
 from uuv.sim.interfaces.spatial import Array
@@ -47,7 +47,8 @@ class RunningForce:
         self._judged += dt
         self._squares += dt * error * error
 
-        peak = float(force_peak(least, most, self.set_force))
+        # As `force_peak`, which takes arrays.
+        peak = max(abs(most - self.set_force), abs(least - self.set_force))
         self.peak = max(self.peak, peak)
         if is_lost(least):
             return "contact lost"
@@ -83,35 +84,39 @@ def _find_nearest(s, p, z, p_W, places):
 
 @kernel
 def _nearest(s, p, z, p_W):
-    """Arc length [m] and distance [m], for the samples of a path: `s` (N,), `p` (N, 3) and `z` (N, 3)."""
-    count = s.shape[0]
-    gap, squares = np.empty((count, 3)), np.empty(count)
+    """Arc length [m] and distance [m], for samples `s` (N,), `p` (N, 3), `z` (N, 3) of a path."""
     at = 0
-    for i in range(count):
-        depth = 0.0
-        for k in range(3):
-            gap[i, k] = p_W[k] - p[i, k]
-            depth += gap[i, k] * z[i, k]
-        squares[i] = 0.0
-        for k in range(3):
-            gap[i, k] -= depth * z[i, k]
-            squares[i] += gap[i, k] * gap[i, k]
-        if squares[i] < squares[at]:
+    least = np.inf
+    for i in range(s.shape[0]):
+        gap = _across(p, z, p_W, i)
+        square = _dot(gap, gap)
+        if square < least:
             at = i
-    best, distance = s[at], np.sqrt(squares[at])
+            least = square
+    best = s[at]
+    distance = np.sqrt(least)
 
     # Between the samples, before and after the nearest one.
-    for a in range(max(at - 1, 0), min(at + 1, count - 1)):
-        length = ahead = 0.0
-        for k in range(3):
-            along = p[a + 1, k] - p[a, k]
-            length += along * along
-            ahead += gap[a, k] * along
-        share = min(max(ahead / length, 0.0), 1.0)
-        off = 0.0
-        for k in range(3):
-            off += (gap[a, k] - share * (p[a + 1, k] - p[a, k])) ** 2
-        off = np.sqrt(off)
+    for a in range(max(at - 1, 0), min(at + 1, s.shape[0] - 1)):
+        gap = _across(p, z, p_W, a)
+        way = p[a + 1, 0] - p[a, 0], p[a + 1, 1] - p[a, 1], p[a + 1, 2] - p[a, 2]
+        share = min(max(_dot(gap, way) / _dot(way, way), 0.0), 1.0)
+        rest = gap[0] - share * way[0], gap[1] - share * way[1], gap[2] - share * way[2]
+        off = np.sqrt(_dot(rest, rest))
         if off < distance:
-            best, distance = s[a] + share * (s[a + 1] - s[a]), off
+            best = s[a] + share * (s[a + 1] - s[a])
+            distance = off
     return best, distance
+
+
+@kernel
+def _across(p, z, p_W, i):
+    """Way [m] from sample `i` to a tip, across the tool axis there."""
+    gap = p_W[0] - p[i, 0], p_W[1] - p[i, 1], p_W[2] - p[i, 2]
+    depth = _dot(gap, z[i])
+    return gap[0] - depth * z[i, 0], gap[1] - depth * z[i, 1], gap[2] - depth * z[i, 2]
+
+
+@kernel
+def _dot(a, b):
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]

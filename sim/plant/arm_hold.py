@@ -24,10 +24,10 @@ class HoldGains(NamedTuple):
 
 @kernel
 def hold_torque(gains, q, qd, tau):
-    """Write the torques (n,) [N m] that hold joints at angles (n,) [rad] and speeds (n,) [rad/s] into `tau`."""
+    """Write the torques (n,) [N m] into `tau` that hold joints at `q` (n,) [rad], `qd` [rad/s]."""
     for j in range(tau.shape[0]):
-        wanted = gains.stiffness[j] * (gains.q[j] - q[j]) - gains.damping[j] * qd[j]
-        tau[j] = min(max(wanted, -gains.limits[j]), gains.limits[j])
+        torque = gains.stiffness[j] * (gains.q[j] - q[j]) - gains.damping[j] * qd[j]
+        tau[j] = min(max(torque, -gains.limits[j]), gains.limits[j])
 
 
 class ArmHold:

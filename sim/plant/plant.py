@@ -210,8 +210,8 @@ class Plant(WithWater):
         self._water.current.resume(saved.current, steps=saved.tick + 1)
         self.publish()
 
-    def observe(self) -> Truth:
-        """Update the kinematics to the current time and return the truth.
+    def observe(self, *, again: bool = False) -> Truth:
+        """Update the kinematics to the current time, maybe `again`, and return the truth.
 
         Warns as `uuv.sim.hydrodynamics.check_motion` does.
 
@@ -222,7 +222,8 @@ class Plant(WithWater):
         time = float(self.data.time)
         watch, truth = self._watch, self.truth
         warned = watch.seen[0] != watch.told[0]
-        if watch.failed[0] or verdict.py_func(time, truth.time, watch.least_gain, warned, watch.mark[0]):
+        before = truth.time - self.timestep if again else truth.time
+        if watch.failed[0] or verdict.py_func(time, before, watch.least_gain, warned, watch.mark[0]):
             self.check()
         truth.time = watch.time[0] = time
         watch.observed[0] = True

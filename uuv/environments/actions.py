@@ -34,8 +34,9 @@ _ZERO = np.zeros(3)
 class Actions(Protocol):
     """Kind of action of one environment; it has the state of the present episode.
 
-    A kind with a method `drive(truth) -> ActionDrive` (`uuv.environments.ticks.drives`), asked for once an episode
-    after `start`, runs compiled within an action; one without is asked for its `command` at every step of the plant.
+    A kind with a method `drive(truth) -> ActionDrive` (`uuv.environments.ticks.drives`), called
+    once an episode after `start`, runs compiled within an action. One without is asked for its
+    `command` at every step of the plant.
     """
 
     names: tuple[str, ...]  # of the numbers of an action
@@ -84,7 +85,8 @@ class ThrusterSpeeds:
         self.names = own.vehicle.thruster_names
         if not self.names:
             raise ConfigurationError("the vehicle has no thrusters, so an agent has nothing to command")
-        self._arm, self._true = ArmHold(own.vehicle, own.vehicle.q_home), TrueState()
+        self._arm = ArmHold(own.vehicle, own.vehicle.q_home)
+        self._true = TrueState()
         self._thrusters = np.zeros(len(self.names))
 
     def start(self, truth: Truth) -> None:
@@ -107,7 +109,7 @@ class ThrusterSpeeds:
         def begin() -> None:
             command.thrusters[:] = self._thrusters
 
-        return holding(self._true.of(truth), command, begin, self._arm)
+        return holding(self._arm, constant(self._true.of(truth), command, begin))
 
 
 class HullWrench(ThrusterSpeeds):
@@ -149,7 +151,8 @@ class ThrustersAndTorques:
         vehicle = own.vehicle
         self.names = (*vehicle.thruster_names, *vehicle.joint_names)
         self._limits, self._thrusters = vehicle.torque_limits, len(vehicle.thruster_names)
-        self._action, self._true = np.zeros(len(self.names)), TrueState()
+        self._action = np.zeros(len(self.names))
+        self._true = TrueState()
 
     def start(self, truth: Truth) -> None:
         """Thrusters and motors off."""
@@ -167,10 +170,12 @@ class ThrustersAndTorques:
 
     def drive(self, truth: Truth) -> ActionDrive:
         """The same for a kernel."""
-        command, m = commanded(len(truth.q), len(truth.thrust)), self._thrusters
+        command = commanded(len(truth.q), len(truth.thrust))
+        m = self._thrusters
 
         def begin() -> None:
-            command.tau[:], command.thrusters[:] = self._action[m:] * self._limits, self._action[:m]
+            command.tau[:] = self._action[m:] * self._limits
+            command.thrusters[:] = self._action[:m]
 
         return constant(self._true.of(truth), command, begin)
 
@@ -199,7 +204,7 @@ class Controlled(ABC):
 
     @property
     def estimate(self) -> StateEstimate | None:
-        """Estimate of which the newest command was made; before, that at the begin of the episode."""
+        """Estimate of which the newest command was made; at first, that at the begin."""
         return None if self._inputs is None else self._inputs.seen()
 
     def start(self, truth: Truth) -> None:
@@ -215,13 +220,15 @@ class Controlled(ABC):
         assert self._state is not None
         self._true.take(truth)
         self._inputs.message = None
-        estimate, reference = self._inputs.seen(), self.reference(truth.time)
+        estimate = self._inputs.seen()
+        reference = self.reference(truth.time)
         self._state, self.last = self._controller.step(self._state, estimate, reference)
         return self.last
 
     def _controlled(self, truth: Truth) -> ActionDrive:
         """The controller as a kernel, for set points that are moved by their velocities alone."""
-        inputs, state = self._inputs, self._state
+        inputs = self._inputs
+        state = self._state
         assert inputs is not None  # of `start`
         assert state is not None
         tick = self._controller.tick_on(state, inputs)

@@ -59,7 +59,7 @@ class ContactTask(VehicleTask):
         """
         super().__init__(sea, vehicle, actions, sparse=sparse)
         self.place, self.force = place, force
-        self._next: tuple[float, Array] | None = None  # arc length [m] of the next place, and the tool's pose there
+        self._next: tuple[float, Array] | None = None  # arc length [m] and pose of the next place
         self.object = WorkObjectEntity(place.target)
         put(sea, self.object, place.X_WT)
         self.largest_force = DAMAGE * force

@@ -431,7 +431,7 @@ class VehicleEntity(composer.Entity):
             control.PhysicsError: Of dm_control; the simulation diverged.
         """
         try:
-            self.plant.observe()
+            self.plant.observe(again=True)
         except HydrodynamicsError as error:
             raise control.PhysicsError(str(error)) from error
 

@@ -3,8 +3,8 @@
 A judge watches true states that last for some time each; in contact it sees every step of the plant. `done` stays true
 once it is. `failed` is a sentence, empty while nothing is wrong.
 
-A judge of contact with a method `watch_steps(steps, dt)` is given several steps at once, after compiled substeps: rows
-of `uuv.environments.ticks.action_ticks`.
+A judge of contact with a method `watch_steps(steps, dt)` is given several steps at once, after
+compiled substeps: rows of `uuv.environments.ticks.action_ticks`.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -13,7 +13,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from uuv.environments.ticks.action_ticks import STEP_FORCE, STEP_LEAST, STEP_MOST, STEP_NORMAL, STEP_PAD
+from uuv.environments.ticks import action_ticks as row
 from uuv.sim.evaluation.bounds import TAP_ERROR, Bounds
 from uuv.sim.evaluation.force_levels import force_peak, is_lost, unsettled
 from uuv.sim.evaluation.insertion_metrics import InsertionBounds, TrueHole
@@ -22,7 +22,7 @@ from uuv.sim.interfaces.messages import ToolPath
 from uuv.sim.interfaces.spatial import Array
 from uuv.sim.plant.truth import Truth
 
-_FORCES = [STEP_NORMAL, STEP_LEAST, STEP_MOST]  # of a row, in the order of `Touch`
+_FORCES = [row.STEP_NORMAL, row.STEP_LEAST, row.STEP_MOST]  # of a row, in the order of `Touch`
 
 
 class Judge(Protocol):
@@ -82,7 +82,7 @@ class SetForce:
 
     def touches(self, steps: Array) -> Iterable[Touch]:
         """The same of several steps, rows of `watch_steps`."""
-        places = places_on_path(self.path, steps[:, STEP_PAD : STEP_PAD + 3])
+        places = places_on_path(self.path, _three(steps, row.STEP_PAD))
         return map(Touch, *places.T.tolist(), *steps[:, _FORCES].T.tolist())
 
     def running(self) -> RunningForce:
@@ -158,7 +158,7 @@ class WipedAlong:
     def _judge(self, touch: Touch, dt: float) -> None:
         along, error, end = self._along, self._error, float(self._along.path.s[-1])
         bound = along.bounds.path_deviation
-        s, deviation = touch.s, touch.deviation
+        s = touch.s
         if not self._begun:
             at_start = s < (1.0 - self.REACHED) * end + bound
             self._begun = touch.normal > 0.5 * along.force and at_start
@@ -171,8 +171,8 @@ class WipedAlong:
             self.s = s
         if error.since < unsettled(0.0):
             return
-        if not wrong and deviation > bound:
-            wrong = f"{1e3 * deviation:.1f} mm off the path"
+        if not wrong and touch.deviation > bound:
+            wrong = f"{1e3 * touch.deviation:.1f} mm off the path"
         at_end = self.s >= self.REACHED * end
         self.failed = wrong or (error.missed() if at_end else "")
         self.done = at_end and not self.failed
@@ -236,14 +236,15 @@ class InsertedTo:
     def watch_steps(self, steps: Array, dt: float) -> None:
         """As `watch`, for several steps."""
         del dt
-        self._judge(steps[:, STEP_PAD : STEP_PAD + 3], steps[:, STEP_FORCE : STEP_FORCE + 3])
+        self._judge(_three(steps, row.STEP_PAD), _three(steps, row.STEP_FORCE))
 
     def _judge(self, p_W: Array, f_W: Array) -> None:
         """Judge places (k, 3) [m] of the tip, and forces (k, 3) [N] on it."""
         hole, bounds = self._hole, self._bounds
         tip_H = hole.tips(p_W)
         depths = np.where(hole.within_wall(tip_H), tip_H[:, 2], -np.inf).tolist()
-        for depth, side, axial in zip(depths, *(each.tolist() for each in hole.forces(f_W)), strict=True):
+        sides, axials = hole.forces(f_W)
+        for depth, side, axial in zip(depths, sides.tolist(), axials.tolist(), strict=True):
             self.depth = depth
             if self.done or self.failed:
                 continue
@@ -252,3 +253,8 @@ class InsertedTo:
             elif abs(axial) > bounds.axial_force:
                 self.failed = f"axial force {abs(axial):.0f} N"
             self.done = not self.failed and hole.depth - depth <= bounds.short
+
+
+def _three(steps: Array, first: int) -> Array:
+    """Three numbers of each row, from an entry on."""
+    return steps[:, first : first + 3]

@@ -50,7 +50,7 @@ def seeing_box(seeing):
 
 @kernel
 def take_truth(sight, time, estimate):
-    """Write the truth at `time` [s] into an EstimateRecord; torques are those at the gear outputs."""
+    """Write the truth at `time` [s] into an EstimateRecord, torques at the gear outputs."""
     estimate.time[0] = time
     for i in range(3):
         v = a = 0.0
@@ -59,10 +59,12 @@ def take_truth(sight, time, estimate):
             v += sight.R_WB[j, i] * sight.v_WB_W[j]
             a += sight.R_WB[j, i] * sight.acceleration[j]
         estimate.X_WB[i, 3] = sight.p_WB[i]
-        estimate.v_WB_B[i], estimate.a_WB_B[i] = v, a
+        estimate.v_WB_B[i] = v
+        estimate.a_WB_B[i] = a
         estimate.w_WB_B[i] = sight.w_WB_B[i]
     for j in range(estimate.q.shape[0]):
-        estimate.q[j], estimate.qd[j] = sight.q[j], sight.qd[j]
+        estimate.q[j] = sight.q[j]
+        estimate.qd[j] = sight.qd[j]
 
     # The sensors' noise is zero: the same numbers of its block serve every time.
     sight.torques[0].used = 0
@@ -86,7 +88,7 @@ def take_boxed_truth(box, time):
 
 
 class TrueState:
-    """Makes estimates of the truth of one vehicle; torques are those at the gear outputs, free of noise."""
+    """Makes estimates of the truth of one vehicle; torques are those at the gear outputs."""
 
     def __init__(self) -> None:
         self._torques: Any = _EXACT.init(np.random.default_rng(0))
@@ -98,9 +100,12 @@ class TrueState:
         """The truth, and the record of the estimate; both stay until another truth is given."""
         if self._seeing is None or truth is not self._truth:
             estimate = estimate_record(len(truth.q))
-            estimate.position_sigma[:], estimate.attitude_sigma[0] = SIGMA, 0.0
-            estimate.ages[3] = math.inf
-            self._truth, self._seeing = truth, Seeing(self._sight(truth), estimate)
+            estimate.position_sigma[:] = SIGMA
+            estimate.attitude_sigma[0] = 0.0
+            estimate.ages[3] = math.inf  # no jump of the IMU
+
+            self._truth = truth
+            self._seeing = Seeing(self._sight(truth), estimate)
             self._box = seeing_box(as_annotated(self._seeing))
         return self._seeing
 

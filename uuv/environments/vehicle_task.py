@@ -171,11 +171,12 @@ class VehicleTask(composer.Task):
         self.vehicle.command = self.actions.command(truth)
 
     def watch_steps(self, steps: Array) -> None:
-        """Judge the states before several substeps, rows (k, STEP) of `uuv.environments.ticks.action_ticks`."""
+        """Judge the states before substeps, rows (k, STEP) of `ticks.action_ticks`."""
         judge: Any = self.judge
         if self.in_contact:
             judge.watch_steps(steps, self._timestep)
-        collided, most = steps[:, STEP_COLLISION] != 0.0, steps[:, STEP_MOST]
+        collided = steps[:, STEP_COLLISION] != 0.0
+        most = steps[:, STEP_MOST]
         spoiled = collided | (most > self.largest_force)
         if spoiled.any():
             first = int(spoiled.argmax())

@@ -1,1 +1,1 @@
-"""Compiled substeps of an action: physics, controller and what judges see, several substeps in one call."""
+"""Compiled substeps of an action: physics, controller, and what judges see, in one call."""

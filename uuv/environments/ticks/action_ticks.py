@@ -1,7 +1,8 @@
-"""Substeps of one action as a kernel: what judges see, the controller on the true state, and the plant.
+"""Substeps of an action as a kernel: what judges see, controller on the true state, plant.
 
-Each substep does what `VehicleTask.before_substep`, the vehicle's hooks and dm_control's `Physics.step` do, with the
-same kernels on the same arrays; both ways give the same bits and may take turns.
+Each substep does what `VehicleTask.before_substep`, the vehicle's hooks and dm_control's
+`Physics.step` do, with the same kernels on the same arrays. Both ways give the same bits and may
+take turns.
 """
 
 import ctypes
@@ -19,18 +20,22 @@ from uuv.sim.interfaces.kernels.slots import FINE
 from uuv.sim.interfaces.records import FOLLOWS, EstimateRecord, ReferenceRecord
 from uuv.sim.interfaces.spatial import Array
 from uuv.sim.native.native_memory import call_physics, f64
+from uuv.sim.plant import readout
 from uuv.sim.plant.compiled_step import PlantRecord, advance, observe
-from uuv.sim.plant.readout import COLLISION, CONTACTS, DATA, FORCE, LEAST, MODEL, MOST, NORMAL, TIME
+from uuv.sim.plant.readout import CONTACTS, DATA, MODEL, TIME
 
-# Entries of a row of what judges see before a step: face of the pad (3,) [m], and contacts of the step before it, of
-# `uuv.sim.plant.readout`
+# Entries of a row of what judges see before a step: face of the pad (3,) [m], and the contacts of
+# the step before it (`uuv.sim.plant.readout`)
 STEP_PAD = 0
-STEP_NORMAL, STEP_FORCE, STEP_COLLISION, STEP_LEAST, STEP_MOST = (
-    3 + entry for entry in (NORMAL, FORCE, COLLISION, LEAST, MOST)
-)
-STEP = 3 + CONTACTS
+_CONTACTS = 3
+STEP_NORMAL = _CONTACTS + readout.NORMAL
+STEP_FORCE = _CONTACTS + readout.FORCE
+STEP_COLLISION = _CONTACTS + readout.COLLISION
+STEP_LEAST = _CONTACTS + readout.LEAST
+STEP_MOST = _CONTACTS + readout.MOST
+STEP = _CONTACTS + CONTACTS  # number of entries
 
-DIVERGED = 8  # answer of `run_substeps`, beside those of a controller: MuJoCo has warned of an invalid state
+DIVERGED = 8  # answer of `run_substeps`, beside those of a controller: a warning of MuJoCo
 
 
 class ActionRecord(NamedTuple):
@@ -41,8 +46,8 @@ class ActionRecord(NamedTuple):
     estimate: EstimateRecord
     p_WG: Array  # (3,) [m] tip of the tool
     p_pad: Array  # (3,) [m] face of the pad
-    control: np.ndarray  # (3,) addresses of the controller's tick, its memory and its estimate; 0: the command stays
-    reference: ReferenceRecord  # set points of the controller, moving from its time on
+    control: np.ndarray  # (3,) addresses of `ActionDrive`
+    reference: ReferenceRecord  # set points, moving by their velocities from its time on
     leash: float  # [m] largest distance of the tool's set point from the tool
     command: Commanded
     rows: Array  # (substeps, STEP) what judges see before each substep
@@ -85,23 +90,26 @@ def run_substeps(box, substeps):
         substeps: How many, at most as many as there are rows.
 
     Returns:
-        Number of substeps completed; FINE, DIVERGED, REFUSED for a command that is not finite, or the answer of the
-        controller that failed.
+        Number of substeps completed; FINE, DIVERGED, REFUSED for a command that is not finite, or
+        the answer of the controller that failed.
     """
     record = box.record
-    plant, control, command = record.plant, record.control, record.command
+    plant = record.plant
+    control = record.control
+    command = record.command
     reference = record.reference
-    places, warned = plant.readout.places, _count(record.warnings)
+    warned = _count(record.warnings)
+
     for done in range(substeps):
         observe(plant)
         if _count(record.warnings) > warned:
             return done, DIVERGED
         time = plant.watch.time[0]
         _write_row(record, done)
+        take_truth(record.sight, time, record.estimate)
 
         # Controller.
         if control[0]:
-            take_truth(record.sight, time, record.estimate)
             if reference.flags[FOLLOWS]:
                 since = time - reference.time[0]
                 keep_near(reference.X_WG, reference.v_WG_W, since, record.p_WG, record.leash)
@@ -116,6 +124,7 @@ def run_substeps(box, substeps):
             return done + 1, DIVERGED
 
     # What a hook after a substep sees: positions at its end.
+    places = plant.readout.places
     call_physics(record.kinematics, places[MODEL], places[DATA])
     plant.watch.time[0] = f64(places[DATA] + places[TIME], 0)
     return substeps, FINE
@@ -132,11 +141,11 @@ def _count(warnings):
 @kernel
 def _write_row(record, at):
     """Write what judges see of the present state."""
-    contacts, row = record.plant.readout.contacts, record.rows[at]
+    row = record.rows[at]
     for i in range(3):
         row[STEP_PAD + i] = record.p_pad[i]
     for i in range(CONTACTS):
-        row[3 + i] = contacts[i]
+        row[_CONTACTS + i] = record.plant.readout.contacts[i]
 
 
 @cache

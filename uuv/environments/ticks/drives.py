@@ -1,4 +1,4 @@
-"""What drives the vehicle within an action, as a kernel calls it: a controller, an arm that is held, or nothing."""
+"""What drives the vehicle within an action, as a kernel calls it."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
@@ -25,7 +25,8 @@ class ActionDrive:
     reference: ReferenceRecord
     begin: Callable[[], None]  # before some substeps: set points and constant commands
     done: Callable[[int], Command]  # after them, by the answer of the last; the last command
-    control: tuple[int, int, int] = (0, 0, 0)  # addresses of its tick, memory and estimate; 0: the command stays
+    # Addresses of its tick, its memory and the box of the estimate; 0: the command stays.
+    control: tuple[int, int, int] = (0, 0, 0)
     slots: PythonSlots = field(default_factory=PythonSlots)
     leash: float = np.inf  # [m] largest distance of the tool's set point from the tool
     kept: Any = None  # what must live as long as the addresses
@@ -47,7 +48,8 @@ def hold_box(record):
 @kernel(nogil=True)
 def hold_tick(box, estimate):
     """Torques that hold the arm, of the boxes of a `HoldRecord` and of an EstimateRecord."""
-    record, e = box.record, estimate.record
+    record = box.record
+    e = estimate.record
     hold_torque(record.gains, e.q, e.qd, record.command.tau)
     return FINE
 
@@ -62,15 +64,21 @@ def constant(seeing: Seeing, command: Commanded, begin: Callable[[], None]) -> A
     """
 
     def done(_answer: int) -> Command:
-        time = float(seeing.estimate.time[0])
-        return Command(time=time, joint_torque=command.tau.copy(), thrusters=command.thrusters.copy(), scan=False)
+        return Command(
+            time=float(seeing.estimate.time[0]),
+            joint_torque=command.tau.copy(),
+            thrusters=command.thrusters.copy(),
+            scan=False,
+        )
 
     unused = reference_record(len(command.tau))
     return ActionDrive(seeing=seeing, command=command, reference=unused, begin=begin, done=done)
 
 
-def holding(seeing: Seeing, command: Commanded, begin: Callable[[], None], arm: ArmHold) -> ActionDrive:
-    """As `constant`, with an arm that is held in its posture."""
-    boxes = hold_box(as_annotated(HoldRecord(arm.gains, command))), estimate_box(seeing.estimate)
-    control = address_of_kernel(hold_tick, *boxes), address_of_box(boxes[0]), address_of_box(boxes[1])
-    return replace(constant(seeing, command, begin), control=control, kept=boxes)
+def holding(arm: ArmHold, usual: ActionDrive) -> ActionDrive:
+    """As a drive of `constant`, with an arm that is held in its posture."""
+    arm_box = hold_box(as_annotated(HoldRecord(arm.gains, usual.command)))
+    seen_box = estimate_box(usual.seeing.estimate)
+    address = address_of_kernel(hold_tick, arm_box, seen_box)
+    control = address, address_of_box(arm_box), address_of_box(seen_box)
+    return replace(usual, control=control, kept=(arm_box, seen_box))

@@ -3,9 +3,10 @@
     environment = suite.load("barrel", "wipe")
     environment.slow_part  # what keeps it from that; empty: nothing
 
-dm_control asks for substep after substep. The first of them runs all up to the next observation that is due, and those
-after it are then taken already. A hook, a task, a judge or an action of a user's own that acts at every substep makes
-the whole run substep by substep, to the same bits.
+dm_control asks for one substep after another. The first of them runs all up to the next
+observation that is due, and dm_control's requests for those are then met already. A hook, task,
+judge or action of a user's own that acts at every substep makes all run substep by substep, to
+the same bits.
 """
 
 import sys
@@ -17,13 +18,13 @@ from dm_control import composer, mjcf
 from dm_control.composer.observation.updater import Updater
 
 from uuv.environments.entities import VehicleEntity
-from uuv.environments.ticks.action_ticks import STEP, ActionRecord, action_box, address_of_kinematics, run_substeps
+from uuv.environments.ticks import action_ticks
+from uuv.environments.ticks.action_ticks import ActionRecord, run_substeps
 from uuv.environments.ticks.drives import ActionDrive
 from uuv.environments.vehicle_task import VehicleTask
 from uuv.sim.interfaces.kernels.control import REFUSED
 from uuv.sim.interfaces.kernels.record_box import as_annotated
-from uuv.sim.interfaces.kernels.slots import gives_kernel
-from uuv.sim.interfaces.messages import Command
+from uuv.sim.interfaces.kernels.slots import FINE, gives_kernel
 
 
 class Substeps:
@@ -37,14 +38,17 @@ class Substeps:
             physics: Of the environment.
             most: Substeps of an action.
         """
+        self._task = task
+        self._physics = physics
+        self.plant = task.vehicle.plant
+        truth = self.plant.truth
         actions: Any = task.actions
-        self._task, self._vehicle, self._physics = task, task.vehicle, physics
-        self.plant = plant = task.vehicle.plant
-        self._drive: ActionDrive = actions.drive(plant.truth)
-        self._rows = np.zeros((most, STEP))
-        drive, truth = self._drive, plant.truth
+        self._drive: ActionDrive = actions.drive(truth)
+        self._rows = np.zeros((most, action_ticks.STEP))
+
+        drive = self._drive
         record = ActionRecord(
-            plant=plant.record(),
+            plant=self.plant.record(),
             sight=drive.seeing.sight,
             estimate=drive.seeing.estimate,
             p_WG=truth.p_WG,
@@ -55,34 +59,35 @@ class Substeps:
             command=drive.command,
             rows=self._rows,
             warnings=physics.data.ptr.warning.number,
-            kinematics=address_of_kinematics(),
+            kinematics=action_ticks.address_of_kinematics(),
         )
-        self._box = action_box(as_annotated(record))
+        self._box = action_ticks.action_box(as_annotated(record))
 
-    def run(self, substeps: int) -> None:
-        """Run so many.
+    def run(self, substeps: int) -> int:
+        """Run so many; returns the number that was run, less where MuJoCo has warned.
 
         Raises:
             control.PhysicsError: Of dm_control; the simulation diverged.
             ConfigurationError: A command is not finite.
         """
+        total = 0
+        answer = FINE
         self._drive.begin()
         with self._physics.check_invalid_state():
-            while substeps:
-                count = min(substeps, self.plant.ready())
+            while total < substeps and answer == FINE:
+                # The rows of the current may end within an action.
+                count = min(substeps - total, self.plant.ready())
                 done, answer = run_substeps(self._box, count)
                 self._drive.slots.check(answer)
-                self._task.watch_steps(self._rows[:done])
-                self._vehicle.command = self._drive.done(answer)
-                self.plant.publish()
-                if done < count:
-                    self._refuse(answer, self._vehicle.command)
-                    break
-                substeps -= count
+                total += done
 
-    def _refuse(self, answer: int, command: Command) -> None:
-        if answer == REFUSED:
-            self.plant.begin(command)  # raises and says why
+                # What Python sees of it.
+                self._task.watch_steps(self._rows[:done])
+                command = self._task.vehicle.command = self._drive.done(answer)
+                self.plant.publish()
+                if answer == REFUSED:
+                    self.plant.begin(command)  # raises and says why
+        return total
 
 
 class DueUpdater(Updater):
@@ -108,17 +113,18 @@ class DueUpdater(Updater):
         return max(self._due - self._step_counter, 1)
 
     def _look_ahead(self) -> None:
-        schedules = (each.update_schedule for each in self._enabled_list)
-        self._due = min((schedule[0][0] for schedule in schedules if schedule), default=sys.maxsize)
+        schedules = (enabled.update_schedule for enabled in self._enabled_list)
+        firsts = (schedule[0][0] for schedule in schedules if schedule)
+        self._due = min(firsts, default=sys.maxsize)
 
 
 class Environment(composer.Environment):
-    """Environment of a task, compiled within an action as far as nothing in Python has to look."""
+    """Environment of a task, compiled within an action as far as nothing in Python looks."""
 
     _taken = 0  # substeps of the present action that dm_control has asked for
-    _ahead = 0  # those of them that have run before
+    _ahead = 0  # substeps that have run and that it has not asked for yet
     _substeps: Substeps | None = None
-    _slow: str | None = None  # `slow_part`, since the begin of the episode
+    _slow: str | None = None  # `slow_part` of the present episode
 
     @property
     def slow_part(self) -> str:
@@ -135,14 +141,19 @@ class Environment(composer.Environment):
         super().add_extra_hook(hook_name, hook_callable)
         self._slow = None
 
+    def close(self) -> None:
+        """As dm_control."""
+        self._substeps = None
+        super().close()
+
     def _reset_attempt(self) -> Any:
         self._substeps = self._slow = None
         return super()._reset_attempt()
 
     def _make_observation_updater(self) -> Updater:
-        usual = super()._make_observation_updater()
-        usual.__class__ = DueUpdater
-        return usual
+        updater = super()._make_observation_updater()
+        updater.__class__ = DueUpdater
+        return updater
 
     def _substep(self, action: Any) -> None:
         self._taken += 1
@@ -151,7 +162,10 @@ class Environment(composer.Environment):
             return
         if self._slow is None:
             self._slow = self.slow_part
-        if self._slow or mujoco.get_mjcb_control() is not None or mujoco.get_mjcb_sensor() is not None:
+
+        # MuJoCo's own callbacks, which it calls between the two halves of a step, come and go.
+        called = mujoco.get_mjcb_control() is not None or mujoco.get_mjcb_sensor() is not None
+        if self._slow or called:
             super()._substep(action)
         else:
             self._run()
@@ -162,28 +176,32 @@ class Environment(composer.Environment):
         count = min(left, self._observation_updater.substeps())
         if self._substeps is None or self._substeps.plant is not self._task.vehicle.plant:
             self._substeps = Substeps(self._task, self._physics, self._n_sub_steps)
-        self._substeps.run(count)
-        self._ahead = count - 1
+        self._ahead = max(self._substeps.run(count) - 1, 0)
 
 
 def _slow_part(task: Any, hooks: Any, physics: mjcf.Physics) -> str:
     """What has to run in Python at every substep of a task; empty: nothing."""
     if not isinstance(task, VehicleTask):
         return f"task {type(task).__name__}"
+
+    # Hooks.
+    vehicle = task.vehicle
     if not _as_in(VehicleTask, task, "before_substep", "after_substep", "watch_steps"):
         return f"hook of {type(task).__name__}"
-    vehicle = task.vehicle
     if not _as_in(VehicleEntity, vehicle, "before_substep", "after_substep"):
         return f"hook of {type(vehicle).__name__}"
-    before, after = hooks._before_substep, hooks._after_substep
-    expected = [vehicle.before_substep], [], [vehicle.after_substep], []
-    if expected != (before.entity_hooks, before.extra_hooks, after.entity_hooks, after.extra_hooks):
+    ours = [vehicle.before_substep], [], [vehicle.after_substep], []
+    before = hooks._before_substep.entity_hooks, hooks._before_substep.extra_hooks
+    after = hooks._after_substep.entity_hooks, hooks._after_substep.extra_hooks
+    if ours != before + after:
         return "hooks of substeps"
+
+    # Parts.
     if not gives_kernel(task.actions, "drive"):
         return f"actions {type(task.actions).__name__}"
     if task.in_contact and not gives_kernel(task.judge, "watch_steps"):
         return f"judge {type(task.judge).__name__}"
-    if type(physics).step is not mjcf.Physics.step or physics.legacy_step:
+    if not _as_in(mjcf.Physics, physics, "step") or physics.legacy_step:
         return "step of the physics"
     return vehicle.plant.spans()
 

@@ -23,9 +23,8 @@ Limits of MuJoCo:
 - The integrator "implicit" takes velocity terms of the bodies implicitly, those of the water explicitly.
 
 The callbacks belong to the process. A pickled model installs them where it is unpickled. So does a
-file that `MjModel.from_...` loads after this module was imported. `MjSpec.compile` does not: use
-`compile`. A process that has imported MuJoCo alone refuses our MJCF by this module's name
-(`uuv.models.water.native_mark`). It moves an MJB dry: nothing in that file can stop it.
+file that `MjModel.from_...` loads after this module was imported; `MjSpec.compile` does not. MuJoCo
+alone refuses our MJCF by this module's name (`uuv.models.water.native_mark`), and moves an MJB dry.
 """
 
 import math

@@ -325,17 +325,6 @@ class Plant(WithWater):
             flowed=self._hooked(beyond),
         )
 
-    def slow_parts(self, outermost: Any) -> tuple[str, ...]:
-        """Names of what is called in plain Python at every compiled step: wrappers up to `outermost`, the current."""
-        names: list[str] = []
-        while outermost is not self:
-            names.append(type(outermost).__name__)
-            outermost = outermost.plant
-        current = self._water.current
-        if current.beyond_rows():
-            names.append(type(current.flows[0] if current.flows else current).__name__)
-        return tuple(names)
-
     def _hooked(self, functions: tuple[Callable[[], None], ...]) -> Slot:
         """Slot that calls functions one after another; empty without any."""
         if not functions:
@@ -378,6 +367,23 @@ class Plant(WithWater):
         at = self.vehicle.hull_qpos
         # The joint is where the next step begins already, the body still where the last one did.
         self._water.write(self.data.qpos[at : at + 3], self.tick * self.timestep)
+
+
+def parts_in_python(plant: Any) -> tuple[str, ...]:
+    """What a plant calls in plain Python at every compiled step: its wrappers, and what moves its water.
+
+    Args:
+        plant: a `Plant`, or a wrapper of one.
+    """
+    names: list[str] = []
+    while not isinstance(plant, Plant):
+        names.append(type(plant).__name__)
+        plant = plant.plant
+
+    current = plant.current
+    if current.beyond_rows():
+        names.append(type(current.flows[0] if current.flows else current).__name__)
+    return tuple(names)
 
 
 def _check(model: mujoco.MjModel, substeps: int) -> None:

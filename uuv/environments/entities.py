@@ -6,8 +6,7 @@
 
 dm_control steps its own physics. Around each of its steps the vehicle drives thrusters and joints and reads contacts by
 `uuv.sim.plant.plant.Plant` over the same MjModel and MjData, so a trajectory is that of the plant bit for bit. What a
-step leaves in MjData is of its beginning; the vehicle brings positions up to date after each step, and all the rest
-(sensors, cameras, velocities of bodies) after each action.
+step leaves in MjData is of its beginning: positions are brought up to date after it, all the rest after each action.
 """
 
 import warnings

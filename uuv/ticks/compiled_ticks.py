@@ -37,7 +37,7 @@ from uuv.sim.interfaces.spatial import Array
 from uuv.sim.loop.recording import Recorder, RecorderRecord, write_row
 from uuv.sim.loop.rollout import Parts, Rollout, Stage
 from uuv.sim.plant.compiled_step import PlantRecord, advance, observe
-from uuv.sim.plant.plant import Plant
+from uuv.sim.plant.plant import Plant, parts_in_python
 from uuv.sim.plant.readout import COLLISION, LEAST, MOST, NORMAL
 from uuv.sim.sensors.proprioception import encode, sense_motion, transmit
 
@@ -272,7 +272,7 @@ class CompiledTicks:
         """The ticks of `run`, which has taken its first step."""
         rates = [getattr(observer, "slow_ticks", ()) for observer in run.observers]
         self._slow_ticks = frozenset(ticks for rate in rates for ticks in rate)
-        self._in_plant = self._plant.slow_parts(run.plant)
+        self._in_plant = parts_in_python(run.plant)
         self._watching = [each for each in run.observers if not hasattr(each, "slow_ticks")]
         self._present = np.zeros(1, dtype=np.int64)
         states = dict(zip(map(_channel, run.parts.sensors), run.sensor_states, strict=True))

@@ -26,6 +26,7 @@ NO_POSE = 6  # nothing was commanded: the tool's target is no pose
 
 
 Made = TypeVar("Made")
+Complete = Callable[[StateEstimate], StateEstimate]
 
 
 class Commanded(NamedTuple):
@@ -64,9 +65,7 @@ def call_control(address, memory, estimate):
 class Inputs:
     """What the ticks of a controller see, and the messages of it for parts in Python."""
 
-    def __init__(
-        self, record: EstimateRecord, complete: Callable[[StateEstimate], StateEstimate] | None = None
-    ) -> None:
+    def __init__(self, record: EstimateRecord, complete: Complete | None = None) -> None:
         """Take the record of the estimates, and what completes a message made of it."""
         self.record = record
         self._complete = complete

@@ -22,7 +22,7 @@ from uuv.sim.interfaces.messages import ToolPath
 from uuv.sim.interfaces.spatial import Array
 from uuv.sim.plant.truth import Truth
 
-_FORCES = [row.STEP_NORMAL, row.STEP_LEAST, row.STEP_MOST]  # of a row, in the order of `Touch`
+_FORCES = [row.STEP_NORMAL, row.STEP_LEAST, row.STEP_MOST]  # of a row, in the order of `ContactStep`
 
 
 class Judge(Protocol):
@@ -57,7 +57,7 @@ class KeptFor:
         self.done = self.done or self._held >= self._seconds
 
 
-class Touch(NamedTuple):
+class ContactStep(NamedTuple):
     """A step in contact, as judges of a set force see it."""
 
     s: float  # [m] arc length of the place nearest to the pad
@@ -75,15 +75,15 @@ class SetForce:
     force: float
     bounds: Bounds = field(default_factory=Bounds)
 
-    def touch(self, truth: Truth) -> Touch:
+    def touch(self, truth: Truth) -> ContactStep:
         """What a judge needs of a state."""
         s, deviation = place_on_path(self.path, truth.p_pad)
-        return Touch(s, deviation, truth.contact_normal, truth.contact_least, truth.contact_most)
+        return ContactStep(s, deviation, truth.contact_normal, truth.contact_least, truth.contact_most)
 
-    def touches(self, steps: Array) -> Iterable[Touch]:
+    def touches(self, steps: Array) -> Iterable[ContactStep]:
         """The same of several steps, rows of `watch_steps`."""
         places = places_on_path(self.path, _three(steps, row.STEP_PAD))
-        return map(Touch, *places.T.tolist(), *steps[:, _FORCES].T.tolist())
+        return map(ContactStep, *places.T.tolist(), *steps[:, _FORCES].T.tolist())
 
     def running(self) -> RunningForce:
         """The error of the force, to be judged step by step."""
@@ -111,7 +111,7 @@ class PressedAt:
         for touch in self._at.touches(steps):
             self._judge(touch, dt)
 
-    def _judge(self, touch: Touch, dt: float) -> None:
+    def _judge(self, touch: ContactStep, dt: float) -> None:
         at, bounds, error = self._at, self._at.bounds, self._error
         peak = force_peak(touch.least, touch.most, at.force)
         if peak > bounds.force_error_max or touch.deviation > bounds.path_deviation:
@@ -155,7 +155,7 @@ class WipedAlong:
         for touch in self._along.touches(steps):
             self._judge(touch, dt)
 
-    def _judge(self, touch: Touch, dt: float) -> None:
+    def _judge(self, touch: ContactStep, dt: float) -> None:
         along, error, end = self._along, self._error, float(self._along.path.s[-1])
         bound = along.bounds.path_deviation
         s = touch.s
@@ -200,7 +200,7 @@ class TappedAt:
         for touch in self._along.touches(steps):
             self._judge(touch, dt)
 
-    def _judge(self, touch: Touch, dt: float) -> None:
+    def _judge(self, touch: ContactStep, dt: float) -> None:
         if self.done:
             return
         along = self._along

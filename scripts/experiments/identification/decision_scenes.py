@@ -195,11 +195,8 @@ def occluders(
         if now.mean() > share + 0.08:
             continue
         covered = now
-        solids.append(
-            Solid(
-                name=f"occluder_{k}", kind="sphere", size=(size, 0.0, 0.0), X_TS=pose(p=transform_points(X_TC, center))
-            )
-        )
+        X_TS = pose(p=transform_points(X_TC, center))
+        solids.append(Solid(name=f"occluder_{k}", kind="sphere", size=(size, 0.0, 0.0), X_TS=X_TS))
     return tuple(solids), float(covered.mean())
 
 

@@ -27,7 +27,7 @@ from uuv.sim.plant.readout import CONTACTS, DATA, MODEL, TIME
 # Entries of a row of what judges see before a step: face of the pad (3,) [m], and the contacts of
 # the step before it (`uuv.sim.plant.readout`)
 STEP_PAD = 0
-_CONTACTS = 3
+_CONTACTS = 3  # first of them
 STEP_NORMAL = _CONTACTS + readout.NORMAL
 STEP_FORCE = _CONTACTS + readout.FORCE
 STEP_COLLISION = _CONTACTS + readout.COLLISION

@@ -383,7 +383,7 @@ def test_the_code_of_the_page_runs(root, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     page = (root / "docs" / "environments.md").read_text()
     blocks = re.findall(r"```python\n(.*?)```", page, flags=re.DOTALL)
-    assert len(blocks) == 8
+    assert len(blocks) == 9
     for block in blocks:
         exec(compile(block, "docs/environments.md", "exec"), {"__name__": "of_the_page"})
     assert (tmp_path / "reach.parquet").exists()

@@ -194,7 +194,7 @@ def test_what_is_of_the_users_own_runs_in_python_and_is_named():
     press_task.task._judge.__class__ = Strict
     assert press_task.slow_part == "judge Strict"
     press_task.task.in_contact = False
-    press_task.task._judge = KeptFor(lambda _: True, 1.0)
+    press_task.task._judge = KeptFor(lambda truth: truth.collision, 1.0)
     assert press_task.slow_part == ""
 
 

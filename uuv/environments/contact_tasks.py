@@ -157,7 +157,7 @@ class WipePath(ContactTask):
 
 
 class TapPoints(ContactTask):
-    """ContactStep points of a path one after another with a set force, leaving the surface in between."""
+    """Touch points of a path one after another with a set force, leaving the surface in between."""
 
     def __init__(
         self,

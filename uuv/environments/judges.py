@@ -22,7 +22,8 @@ from uuv.sim.interfaces.messages import ToolPath
 from uuv.sim.interfaces.spatial import Array
 from uuv.sim.plant.truth import Truth
 
-_FORCES = [row.STEP_NORMAL, row.STEP_LEAST, row.STEP_MOST]  # of a row, in the order of `ContactStep`
+# Of a row, in the order of `ContactStep`.
+_FORCES = [row.STEP_NORMAL, row.STEP_LEAST, row.STEP_MOST]
 
 
 class Judge(Protocol):
@@ -78,7 +79,8 @@ class SetForce:
     def touch(self, truth: Truth) -> ContactStep:
         """What a judge needs of a state."""
         s, deviation = place_on_path(self.path, truth.p_pad)
-        return ContactStep(s, deviation, truth.contact_normal, truth.contact_least, truth.contact_most)
+        forces = truth.contact_normal, truth.contact_least, truth.contact_most
+        return ContactStep(s, deviation, *forces)
 
     def touches(self, steps: Array) -> Iterable[ContactStep]:
         """The same of several steps, rows of `watch_steps`."""

@@ -8,7 +8,8 @@ evaluate one kernel at one place.
 from typing import Any
 
 import numpy as np
-from numba import carray, njit
+from numba import njit
+from numba.np.numpy_support import carray
 
 from uuv.models.site import soil_bed
 from uuv.models.site.soil_bed import INSIDE, STATE

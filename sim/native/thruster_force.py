@@ -9,7 +9,8 @@ Numba compiles it to a bare C function, which MuJoCo calls without the GIL.
 
 from typing import Any
 
-from numba import carray, types
+from numba import types
+from numba.np.numpy_support import carray
 
 from uuv.models.water.thruster_curves import thrust_in_flow
 from uuv.models.water.thrusters import COUNT, HEADER, INFLOW_LOSS, SPEED, STAMP, STAMP_VALUE

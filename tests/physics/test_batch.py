@@ -3,6 +3,7 @@
 import copy
 import pickle
 from pathlib import Path
+from typing import Any
 
 import mujoco
 import mujoco.batch
@@ -82,7 +83,13 @@ def world(integrator: str = "IMPLICITFAST") -> mujoco.MjSpec:
     sizes |= {"post": 1.0, "boom": 1.0, "jib": 1.0, "target": 1.0}
     water.attach(spec, {name: full(i, size) for i, (name, size) in enumerate(sizes.items())}, 1010.0)
     water.set_current(spec, [0.2, -0.1, 0.05], [0.05, 0.02, -0.03], [0.1, 0.05, 0.0])
-    figures = {"dead_band": 0.1, "time_constant": 0.1, "inflow_loss": 30.0, "slew_rate": 4.0, "torque_per_thrust": 0.02}
+    figures: dict[str, Any] = {
+        "dead_band": 0.1,
+        "time_constant": 0.1,
+        "inflow_loss": 30.0,
+        "slew_rate": 4.0,
+        "torque_per_thrust": 0.02,
+    }
     thrusters.attach(spec, {"screw": Thruster(forward=90.0, reverse=70.0, **figures)})
     return spec
 

@@ -336,8 +336,9 @@ class CompiledTicks:
         """The arrays of all parts, and their box."""
         if control.address not in self._worlds:
             navigation, inputs = self._navigation, self._inputs
+            plant: Any = run.plant
             world = World(
-                plant=run.plant.record(),
+                plant=plant.record(),
                 sensed=sensed_by(self._plant, self._noise),
                 filter=navigation.memory,
                 sample=navigation.sample,

@@ -113,7 +113,7 @@ def in_a_field(model: mujoco.MjModel) -> Plant:
         def velocity(self, p_W, time):
             return np.array([0.02 * p_W[1] + 0.1 * time, 0.0, 0.01 * p_W[0]])
 
-    return Plant(model, current=Current((0.1, 0.0, 0.0)).with_flow(Sheared()))
+    return Plant(model, current=Current((0.1, 0.0, 0.0)).with_flow(untyped(Sheared())))
 
 
 def with_faults(model: mujoco.MjModel) -> faults.FaultyPlant:

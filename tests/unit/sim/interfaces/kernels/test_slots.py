@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from numba.np.numpy_support import carray
 
+from untyped import untyped
 from uuv.sim.interfaces.errors import ConfigurationError, UuvError
 from uuv.sim.interfaces.kernels import kernel
 from uuv.sim.interfaces.kernels.slots import (
@@ -87,7 +88,7 @@ def _opens(_memory, _values):
 
 def test_what_numba_cannot_compile_is_named():
     with pytest.raises(ConfigurationError, match=r"^a law of mine: numba cannot compile it: [^\n]*$"):
-        slot_function(_opens, "a law of mine")
+        slot_function(untyped(_opens), "a law of mine")
 
 
 class Part:

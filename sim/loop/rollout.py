@@ -148,6 +148,10 @@ class Ticks(Protocol):
         """
         ...
 
+    def close(self) -> None:
+        """Give back what calls into Python; no tick is run afterwards."""
+        ...
+
 
 class Stage(IntEnum):
     """Stage that a tick of the loop has reached."""
@@ -427,16 +431,20 @@ def run_on(
     run.act(moment)
 
     ticks = compiled(run) if compiled is not None else None
-    while run.tick < steps and not until(moment):
+    try:
+        while run.tick < steps and not until(moment):
+            if ticks is not None:
+                end = steps - 1
+                if pause is not None:  # part by part, so that the messages of all sensors are kept
+                    end = min(end, run.tick + -run.tick % run.planner_ticks)
+                run.tick = ticks.advance(run, run.tick, end)
+            moment = run.decide()
+            if pause is not None and pause(moment):
+                return moment
+            run.act(moment)
+    finally:
         if ticks is not None:
-            end = steps - 1
-            if pause is not None:  # part by part, so that the messages of all sensors are kept
-                end = min(end, run.tick + -run.tick % run.planner_ticks)
-            run.tick = ticks.advance(run, run.tick, end)
-        moment = run.decide()
-        if pause is not None and pause(moment):
-            return moment
-        run.act(moment)
+            ticks.close()
     return moment
 
 

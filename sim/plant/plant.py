@@ -325,6 +325,10 @@ class Plant(WithWater):
             flowed=self._hooked(beyond),
         )
 
+    def release_hooks(self) -> None:
+        """Give back what `record` has made to call Python; no such record may be used afterwards."""
+        self._slots.clear()
+
     def _hooked(self, functions: tuple[Callable[[], None], ...]) -> Slot:
         """Slot that calls functions one after another; empty without any."""
         if not functions:

@@ -290,6 +290,14 @@ class CompiledTicks:
         self._rows = self._recorder.ready(0)
         return self
 
+    def close(self) -> None:
+        """Give back the callbacks, which hold the run as the run holds them."""
+        self._worlds.clear()
+        self._plant.release_hooks()
+        for control in (self._python, self._compiled):
+            if control is not None:
+                control.slots.clear()
+
     def _called(self, run: Rollout) -> PythonControl:
         """The whole controller as a slot in Python."""
         controller, truth = run.parts.controller, self._plant.truth

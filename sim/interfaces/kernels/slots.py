@@ -133,7 +133,12 @@ class PythonSlots:
 
         callback = _Trampoline(guarded)
         self._callbacks.append(callback)
-        return int(ctypes.cast(callback, ctypes.c_void_p).value or 0)
+        # `ctypes.cast` would leave a reference cycle.
+        return int(ctypes.c_void_p.from_buffer(callback).value or 0)
+
+    def clear(self) -> None:
+        """Give the callbacks back; none of the addresses may be called afterwards."""
+        self._callbacks.clear()
 
     def check(self, answer: int) -> int:
         """The answer of a kernel, unless a part has failed.

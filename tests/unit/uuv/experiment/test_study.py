@@ -277,7 +277,7 @@ def test_a_signal_after_the_run_costs_nothing_of_it(tmp_path, monkeypatch):
         return Judged()
 
     for name in ("rehearse", "run_through"):  # the run itself is not what this is about
-        monkeypatch.setattr(whole_run, name, lambda *_, **__: SimpleNamespace(part_by_part=""))
+        monkeypatch.setattr(whole_run, name, lambda *_, **__: SimpleNamespace(part_by_part="", slow_parts=()))
     monkeypatch.setattr(whole_run, "assessed", assessed)
     monkeypatch.setattr(whole_run, "results_table", lambda _: "")
     said = StringIO()

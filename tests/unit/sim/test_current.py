@@ -164,3 +164,13 @@ def test_a_profile_whose_rate_is_not_its_factors_is_refused(profile, said: str):
 def test_a_profile_may_step_and_bend():
     for profile in (lambda t: (float(t > 2.71), 0.0), lambda t: (min(t, 2.0), float(t < 2.0))):
         assert Current([0.3, 0.0, 0.0], profile=profile).profile is profile
+
+
+def test_the_rate_of_two_profiles_is_that_of_their_product(within):
+    """By differences of the velocity; each factor has a rate of its own."""
+    current = Current((0.4, -0.2, 0.1), timestep=1e-3, profile=lambda t: (1.0 + 0.3 * t, 0.3))
+    current = current.with_profile(lambda t: (0.5 + 0.2 * t * t, 0.4 * t))
+    steps = [current.step() for _ in range(2000)]
+    velocity, acceleration = (np.array(rows) for rows in zip(*steps, strict=True))
+    slope = (velocity[2:] - velocity[:-2]) / 2e-3
+    within("acceleration [m/s^2]", slope - acceleration[1:-1], 1e-7)  # measured 3e-8: the third derivative

@@ -112,6 +112,14 @@ def test_a_gyro_that_jumps_is_named_with_its_size_before_the_attitude_has_follow
     assert np.abs(course.rate_error()[100:]).max() < 6e-3  # [rad/s] from the attitude alone; measured 1.4e-3
 
 
+def test_without_its_gyro_a_turning_hull_is_followed_by_the_attitude():
+    """The hull goes on to swing at 0.1 rad/s, far beyond what its rate was when the gyro was lost."""
+    course = sway(off(0, 0.3), size=0.1, ticks=ONSET + 1500)
+    assert course.found() > 0
+    assert np.abs(course.rate_error()[200:, 0]).max() < 0.015  # [rad/s] measured 5e-3
+    assert course.attitude_error()[200:].max() < 1e-3  # [rad] measured 3e-4
+
+
 @pytest.mark.parametrize("size", [0.012, 0.03, 0.3])
 def test_a_rate_that_jumps_never_reaches_the_estimate(size: float):
     """Beyond 0.01 rad/s in one sample it is not used before the check can tell; 0.03 used to raise the felt force."""

@@ -433,11 +433,15 @@ def run_on(
     ticks = compiled(run) if compiled is not None else None
     try:
         while run.tick < steps and not until(moment):
+            # As far as nothing slow is due; with a pause in view, no further than the next plan, so
+            # that the messages of all sensors are kept.
             if ticks is not None:
                 end = steps - 1
-                if pause is not None:  # part by part, so that the messages of all sensors are kept
+                if pause is not None:
                     end = min(end, run.tick + -run.tick % run.planner_ticks)
                 run.tick = ticks.advance(run, run.tick, end)
+
+            # One tick part by part.
             moment = run.decide()
             if pause is not None and pause(moment):
                 return moment

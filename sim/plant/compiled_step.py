@@ -1,10 +1,12 @@
 """A step of the plant in compiled code, which calls MuJoCo by address: no Python, and the GIL may be released.
 
-`advance` and `observe` do what `Plant.step` and `Plant.observe` do, with the same kernels on the same arrays, so both
-ways give the same bits and may take turns. `Plant.spans` names the plants that have parts in Python.
+`advance` and `observe` do what `Plant.step` and `Plant.observe` do, with the same kernels on the
+same arrays, so both ways give the same bits and may take turns. Parts in Python are called as hooks
+(`PlantRecord`).
 
-MuJoCo's binding turns a fatal error of MuJoCo (no memory left on its stack) into an exception. Under compiled code
-nothing catches it: MuJoCo prints its message and ends the process. Its warnings go the same way in both.
+MuJoCo's binding turns a fatal error of MuJoCo (no memory left on its stack) into an exception.
+Under compiled code nothing catches it: MuJoCo prints its message and ends the process. Its warnings
+go the same way in both.
 """
 
 from typing import NamedTuple

@@ -121,7 +121,7 @@ class Plant(WithWater):
         self._joint_ctrl = _block(vehicle.actuators)
         measured = reaction_ticks > 0 and vehicle.joints.size > 0
         self._reaction = ReactionWrench(model, vehicle.arm_base, frame=vehicle.hull) if measured else None
-        self._reaction_ticks, self._slots = reaction_ticks, PythonSlots()
+        self._reaction_ticks, self.hooks = reaction_ticks, PythonSlots()
         self._soil = SoilContact.of(model, self.data)
         self.truth = truth = Truth.of(self.data, vehicle, self._drive, self._contacts, pad_site)
         self._start = X_WB
@@ -233,7 +233,7 @@ class Plant(WithWater):
         """Warn or raise an error as `observe` does, after `uuv.sim.plant.compiled_step.observe` asked for it."""
         if self._watch.failed[0]:
             self._watch.failed[0] = False
-            self._slots.check(RAISED)
+            self.hooks.check(RAISED)
         hydrodynamics.check_motion(self.model, self.data)
         self._water.check_reset()
         if self._watch.mark[0] != WET_MARK:
@@ -325,10 +325,6 @@ class Plant(WithWater):
             flowed=self._hooked(beyond),
         )
 
-    def release_hooks(self) -> None:
-        """Give back what `record` has made to call Python; no such record may be used afterwards."""
-        self._slots.clear()
-
     def _hooked(self, functions: tuple[Callable[[], None], ...]) -> Slot:
         """Slot that calls functions one after another; empty without any."""
         if not functions:
@@ -338,7 +334,7 @@ class Plant(WithWater):
             for function in functions:
                 function()
 
-        return empty_slot()._replace(address=self._slots.add(all_of_them))
+        return empty_slot()._replace(address=self.hooks.add(all_of_them))
 
     @property
     def tick(self) -> int:

@@ -293,7 +293,9 @@ class CompiledTicks:
     def close(self) -> None:
         """Give back the callbacks, which hold the run as the run holds them."""
         self._worlds.clear()
-        self._plant.release_hooks()
+        self._plant.hooks.clear()
+
+        # Those of the controller; a run that goes on makes its ticks anew.
         for control in (self._python, self._compiled):
             if control is not None:
                 control.slots.clear()

@@ -66,6 +66,7 @@ def here() -> dict[str, str]:
         "system": f"{platform.system()} {platform.machine()}",
         "processor": llvmlite.binding.get_host_cpu_name(),
         "instructions": hashlib.sha256(",".join(offered).encode()).hexdigest()[:12],
+        "python": ".".join(platform.python_version_tuple()[:2]),  # of whose byte code numba makes machine code
         "mujoco": mujoco.__version__,
         "numpy": np.__version__,
         "numba": numba.__version__,

@@ -75,7 +75,11 @@ class KernelJob:
 
     def _named(self) -> Any:
         module, name = self.kernel.split(":")
-        return getattr(importlib.import_module(module), name)
+        try:
+            return getattr(importlib.import_module(module), name)
+        except (ImportError, AttributeError) as error:
+            anew = "scripts/experiments/runtime/list_kernels.py lists them anew"
+            raise UuvError(f"list of kernels: {self.kernel} is not there; {anew}") from error
 
     def _types(self) -> tuple[Any, ...]:
         return tuple(decoded(each) for each in self.takes or ())

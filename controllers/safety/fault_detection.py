@@ -310,7 +310,7 @@ class FaultDetection:
         """
         for j in np.flatnonzero(wrong).tolist():
             kind, name = FaultKind.TORQUE_SENSOR, self._vehicle.joint_names[j]
-            state.add(Fault(kind=kind, part=name, index=j, time=time, figures="no number"))
+            state.add(Fault(kind=kind, part=name, index=j, time=time, figures="reading not finite"))
 
     def _fail(
         self, state: FaultDetectionState, thruster: int, time: float, figures: str, thrust: float, missed: float

@@ -63,7 +63,7 @@ class Plant(WithWater):
         data: mujoco.MjData | None = None,
         names: PartNames = USUAL_NAMES,
     ) -> None:
-        """Set up the plant and install the process's passive callback.
+        """Set up the plant and install the process's callbacks.
 
         Args:
             model: Model compiled by `uuv.sim.hydrodynamics.compile`.
@@ -79,9 +79,8 @@ class Plant(WithWater):
 
         Raises:
             ConfigurationError: An argument is invalid, or the model has no vehicle (`uuv.models.vehicle`).
-            HydrodynamicsError: `uuv.sim.hydrodynamics.check` refuses the model, its contact weights are those of the
-            dry
-                mass, or the wrench cannot be measured.
+            HydrodynamicsError: `uuv.sim.hydrodynamics.check` refuses the model, its contact weights
+                are those of the dry mass, or the wrench cannot be measured.
 
         Warns:
             PhysicsWarning: The vehicle has no coefficients, and the model no fluid of MuJoCo's.
@@ -96,7 +95,9 @@ class Plant(WithWater):
         self.substeps = substeps
         self.timestep = substeps * float(model.opt.timestep)
         least_gain = self.timestep - 0.5 * float(model.opt.timestep)  # [s] a smaller advance means a reset
-        # Written each step; a model without coefficients has no slot for it and needs none.
+
+        # Water, and the marks by which a simulation that went wrong is noticed; a model without
+        # coefficients has no row for them and needs none.
         wet = hydrodynamics.carries_hydrodynamics(model)
         if not wet and vehicle.hull_dof >= 0 and not model.opt.density and np.any(model.opt.gravity):
             warnings.warn("the vehicle has no hydrodynamic coefficients: it falls as in a vacuum", PhysicsWarning, 2)
@@ -111,6 +112,8 @@ class Plant(WithWater):
             failed=np.zeros(1, dtype=np.bool_),
             least_gain=least_gain,
         )
+
+        # Thrusters, tool and soil.
         thrusters = vehicle.thruster_actuators, vehicle.thruster_table
         self._drive = Drive.of(model, self.data, thrusters)
         self._pad_geom = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, names.tool)
@@ -119,6 +122,8 @@ class Plant(WithWater):
             pad_site = vehicle.tip
         self._contacts = np.zeros(CONTACTS)
         self._joint_ctrl = _block(vehicle.actuators)
+
+        # What is measured at every so many steps, and what is called in Python at every step.
         measured = reaction_ticks > 0 and vehicle.joints.size > 0
         self._reaction = ReactionWrench(model, vehicle.arm_base, frame=vehicle.hull) if measured else None
         self._reaction_ticks, self.hooks = reaction_ticks, PythonSlots()
@@ -135,6 +140,7 @@ class Plant(WithWater):
             contacts=self._contacts,
             collided=truth.collided,
         )
+
         # Beside `data`: in the model, in the truth, and in the records of the kernels.
         self._changing = (
             *(model.opt.wind, water, self._drive.speed, self._drive.thrust, self._contacts),
@@ -259,7 +265,7 @@ class Plant(WithWater):
         if self._reaction is not None and self.tick % self._reaction_ticks == 0:
             before = data.qvel.copy()
             mujoco.mj_step2(model, data)
-            truth.arm_wrench_B[:] = self._reaction.wrench(data, before)
+            truth.arm_wrench_B[:] = self._reaction.wrench(data, before, self._soil.force[1:])
         else:
             mujoco.mj_step2(model, data)
         self.finish()

@@ -5,7 +5,7 @@ whole subtree gives the wrench that its joint transmits, of any type of joint:
 
     wrench on the parent = sum of (water + weight + contacts and other external forces - rate of momentum)
 
-`mj_rnePostConstraint` sums all but the water, thrusters on sites and gravity compensation, from the accelerations
+`mj_rnePostConstraint` sums all but water, soil, thrusters on sites and gravity compensation, from the accelerations
 `data.qacc`. The water is summed here body by body in body axes, independently of the passive callback: the equation in
 `uuv.sim.hydrodynamics` with the total acceleration.
 
@@ -20,11 +20,13 @@ import numpy as np
 
 from uuv.models import hydrodynamics as water
 from uuv.models.hydrodynamics import LAYOUT
+from uuv.models.site import soil_bed
 from uuv.sim import hydrodynamics
 from uuv.sim.interfaces.errors import ConfigurationError, HydrodynamicsError
 from uuv.sim.interfaces.kernels import kernel
 from uuv.sim.interfaces.spatial import Array
 from uuv.sim.native.form_kernel import form_wrench
+from uuv.sim.plant.soil_contact import SoilContact, feel_soil
 from uuv.sim.water.water_motion import FLOW, place_of
 
 _STALE = 1e-9  # relative mismatch of velocities above which `data` mixes two instants
@@ -75,10 +77,13 @@ class ReactionWrench:
             for i in range(model.nu)
             if model.actuator_trntype[i] == sites and model.site_bodyid[model.actuator_trnid[i, 0]] in carried
         ]
+        soil = soil_bed.actuator_of(model)
+        face = int(model.actuator_trnid[soil, 0]) if soil >= 0 else -1
+        self._dug = face if face >= 0 and model.site_bodyid[face] in carried else -1  # site in the soil
         self._lifted = [i for i in carried if model.body_gravcomp[i] != 0.0]
         self._total = np.zeros(6)
 
-    def wrench(self, data: mujoco.MjData, qvel: Array | None = None) -> Array:
+    def wrench(self, data: mujoco.MjData, qvel: Array | None = None, soil_W: Array | None = None) -> Array:
         """Wrench (6,) [N, N m] on the parent, (force; torque) at the origin and in the axes of the frame's body.
 
         Writes `data.cacc`, `cfrc_int` and `cfrc_ext`, as MuJoCo's sensors do.
@@ -87,13 +92,14 @@ class ReactionWrench:
             data: As `mj_forward` leaves it.
             qvel: Joint velocities (nv,) at the time of the forces. Needed after `mj_step`, which advances the
                 velocities one step beyond all else.
+            soil_W: Force (3,) [N] of the soil on the tool, W. Needed after `mj_step` likewise, if the model has soil.
 
         Returns:
             The wrench.
 
         Raises:
-            HydrodynamicsError: The velocities are not those of the forces, or the model is wet and the callback is not
-                installed.
+            HydrodynamicsError: The velocities are not those of the forces, the force of the soil is missing, or the
+                model is wet and the callback is not installed.
         """
         model = self._model
         if self._wet and not hydrodynamics.is_installed():
@@ -124,10 +130,22 @@ class ReactionWrench:
             site = model.actuator_trnid[i, 0]
             gear = data.actuator_force[i] * model.actuator_gear[i].reshape(2, 3) @ data.site_xmat[site].reshape(3, 3).T
             _add(total, gear[0], gear[1], data.site_xpos[site] - com)
+        if self._dug >= 0:
+            _add(total, self._soil(data, qvel, soil_W), _NOTHING, data.site_xpos[self._dug] - com)
         for i in self._lifted:
             lift = -model.body_gravcomp[i] * model.body_mass[i] * gravity
             _add(total, lift, _NOTHING, data.xipos[i] - com)
         return _in_frame(total, xmat[self._frame], xpos[self._frame], com)
+
+    def _soil(self, data: mujoco.MjData, qvel: Array | None, soil_W: Array | None) -> Array:
+        """Force (3,) [N] of the soil on the tool, W, at the instant of the other forces."""
+        if soil_W is not None:
+            return soil_W
+        if qvel is not None:
+            raise HydrodynamicsError("reaction: after a step the soil's state is ahead of its force: give it as soil_W")
+        contact = SoilContact.of(self._model, data)
+        feel_soil(contact)
+        return contact.force[1:]
 
 
 def wrench(model: mujoco.MjModel, data: mujoco.MjData, body: int | str, frame: int | str | None = None) -> Array:

@@ -26,7 +26,10 @@ class SoilContact(NamedTuple):
         actuator = soil_bed.actuator_of(model)
         if actuator < 0:
             return cls(np.zeros(0), np.zeros(3), np.zeros(9), np.zeros(soil_bed.STATE), np.zeros(4))
-        site, first = int(model.actuator_trnid[actuator, 0]), int(model.actuator_actadr[actuator])
+
+        # At the face of the tool, whose actuator holds the state.
+        site = int(model.actuator_trnid[actuator, 0])
+        first = int(model.actuator_actadr[actuator])
         state = data.act[first : first + soil_bed.STATE]
         return cls(soil_bed.numbers_of(model), data.site_xpos[site], data.site_xmat[site], state, np.zeros(4))
 
@@ -43,6 +46,8 @@ def feel_soil(soil):
         return
     axis = np.array([turn[2], turn[5], turn[8]])
     f_W, _ = press(numbers, p, axis, state)
+
+    # Against the tool, and in W.
     force[0] = 0.0
     for k in range(3):
         force[0] -= f_W[k] * axis[k]

@@ -66,6 +66,8 @@ def command_thrusters(drive):
     for i in range(actuators.shape[0]):
         wanted = min(max(commanded[i], -1.0), 1.0)
         ctrl[actuators[i]] = wanted
+
+        # Saturated is the thrust, not the command.
         if abs(wanted) > _CURVED:
             end = 1.0 if wanted > 0.0 else -1.0
             saturated[0] |= thrust_at(curve[i], wanted) / thrust_at(curve[i], end) >= SATURATED

@@ -10,7 +10,8 @@ from uuv.models.site import soil_bed
 from uuv.models.site.seabed import Seabed
 from uuv.models.site.soil import core_tube, depth_for, mud, sand
 from uuv.sim import hydrodynamics
-from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.errors import ConfigurationError, HydrodynamicsError
+from uuv.sim.plant.reaction_wrench import ReactionWrench, wrench
 from uuv.sim.plant.soil_contact import SoilContact, feel_soil
 
 TUBE = core_tube(0.018, 0.002)
@@ -104,3 +105,36 @@ def test_soil_without_a_tool_or_twice_is_refused():
     soil_bed.attach(spec, GROUND, sand(), TUBE)
     with pytest.raises(ConfigurationError, match="'soil' already"):
         soil_bed.attach(spec, GROUND, sand(), TUBE)
+
+
+def test_the_reaction_of_the_arm_holds_the_soil(within, rng):
+    """As with the same force in `xfrc_applied` on a model without soil, before and after a step."""
+    model = compiled(ARM)
+    plain = mujoco.MjModel.from_xml_string(ARM)
+    data, other = mujoco.MjData(model), mujoco.MjData(plain)
+    site, body = model.site(TIP_SITE).id, model.body("b").id
+    reaction = ReactionWrench(model, "a", frame="hull")
+    contact, felt = SoilContact.of(model, data), 0
+    for _ in range(20):
+        mujoco.mj_resetData(model, data)
+        data.qpos[7:] = rng.uniform(-0.3, 0.3, 2)
+        data.qvel[:] = 0.2 * rng.normal(size=model.nv)
+        mujoco.mj_kinematics(model, data)
+        data.act[:] = [*(data.site_xpos[site] + rng.uniform(-2e-3, 2e-3, 3)), 1.0]
+        mujoco.mj_forward(model, data)
+        feel_soil(contact)
+        f_W = contact.force[1:].copy()
+        felt += bool(np.any(f_W))
+
+        other.qpos[:], other.qvel[:] = data.qpos, data.qvel
+        other.xfrc_applied[body] = [*f_W, *np.cross(data.site_xpos[site] - data.xipos[body], f_W)]
+        mujoco.mj_forward(plain, other)
+        expected = wrench(plain, other, "a", frame="hull")
+        within("before the step", reaction.wrench(data) - expected, 1e-10)
+
+        before = data.qvel.copy()
+        mujoco.mj_step(model, data)
+        within("after the step", reaction.wrench(data, before, f_W) - expected, 1e-10)
+        with pytest.raises(HydrodynamicsError, match="give it as soil_W"):
+            reaction.wrench(data, before)
+    assert felt > 10

@@ -199,8 +199,8 @@ def reason(plant: Any, parts: Parts) -> str:
     Returns:
         The part that has no kernel.
     """
-    if not gives_kernel(plant, "record"):
-        return f"plant {type(plant).__name__}"
+    if without := _without_kernel(plant, "record", "plant"):
+        return f"plant {without}"
     if plant.spans():
         return plant.spans()
     channels = [_channel(sensor) for sensor in parts.sensors]
@@ -211,20 +211,26 @@ def reason(plant: Any, parts: Parts) -> str:
         fast = sensor.period > 0.0 and sensor.period < 1.5 * plant.timestep
         if fast != bool(channel) or (fast and sensor.delay > 0.0):
             return f"rate or delay of sensor {type(sensor).__name__}"
-    if without := _without_records(parts.estimator):
+    if without := _without_kernel(parts.estimator, "records", "estimator"):
         return f"estimator {without}"
     if parts.estimator.period != plant.timestep:
         return f"period of {type(parts.estimator).__name__}"
     return ""
 
 
-def _without_records(estimator: Any) -> str:
-    """First of an estimator and those that it wraps which has no kernel; empty: all have."""
-    while gives_kernel(estimator, "records"):
-        if not hasattr(estimator, "estimator"):
+def _without_kernel(part: Any, method: str, wraps: str) -> str:
+    """First of a part and those that it wraps which has no kernel; empty: all have.
+
+    Args:
+        part: a plant or an estimator.
+        method: by which it gives its kernel.
+        wraps: attribute of a wrapper that holds what it wraps.
+    """
+    while gives_kernel(part, method):
+        if not hasattr(part, wraps):
             return ""
-        estimator = estimator.estimator
-    return type(estimator).__name__
+        part = getattr(part, wraps)
+    return type(part).__name__
 
 
 def _channel(sensor: Any) -> str:

@@ -11,6 +11,7 @@ import pytest
 
 from uuv import first_start
 from uuv.first_start import KernelJob, decoded, encoded
+from uuv.sim.interfaces.errors import UuvError
 
 REHEARSED = """
 import json
@@ -130,3 +131,9 @@ def test_what_has_no_word_is_refused():
     with pytest.raises(first_start.UuvError, match="no word for numba's type unicode_type"):
         encoded(numba.types.unicode_type)
     assert first_start.decoded(encoded(numba.types.none)) == numba.types.none
+
+
+@pytest.mark.parametrize("kernel", ["uuv.sim.plant.thrusters:gone", "uuv.sim.plant.gone:kernel"])
+def test_a_listed_kernel_that_is_gone_is_named(kernel):
+    with pytest.raises(UuvError, match=rf"^list of kernels: {kernel} is not there; .*list_kernels.py"):
+        KernelJob(kernel, [], (), (), 1.0).is_stored()

@@ -292,6 +292,28 @@ def test_what_has_no_kernel_is_named():
     assert "RawNavigation" in reason(loop.plant, loop.parts)
 
 
+class Wrapped:
+    """A plant wrapper of one's own, without a record."""
+
+    def __init__(self, plant):
+        self.plant, self.timestep = plant, plant.timestep
+
+    def observe(self):
+        return self.plant.observe()
+
+    def step(self, command):
+        self.plant.step(command)
+
+
+def test_a_wrapper_of_ones_own_below_one_with_a_kernel_is_named():
+    scenario = replace(jobs.clean_barrel(quick=True), perturbations=(MovingObject(),))
+    loop = assemble(scenario).loop
+    assert reason(loop.plant, loop.parts) == ""
+    moved = untyped(loop.plant)
+    moved.plant = Wrapped(moved.plant)
+    assert reason(moved, loop.parts) == "plant Wrapped"
+
+
 class Deaf(Navigation):
     """Estimator with a step of its own, which its kernel does not know."""
 

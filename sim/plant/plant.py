@@ -102,16 +102,7 @@ class Plant(WithWater):
         if not wet and vehicle.hull_dof >= 0 and not model.opt.density and np.any(model.opt.gravity):
             warnings.warn("the vehicle has no hydrodynamic coefficients: it falls as in a vacuum", PhysicsWarning, 2)
         water = world_row(model) if wet else np.zeros(LAYOUT.size)
-        self._watch = Watch(
-            time=np.zeros(1),
-            observed=np.zeros(1, dtype=np.bool_),
-            seen=water[LAYOUT.seen :][:1],
-            told=water[LAYOUT.told :][:1],
-            mark=self.data.crb[0, :1] if hydrodynamics.leaves_mark(model) else np.array([WET_MARK]),
-            tick=np.zeros(1, dtype=np.int64),
-            failed=np.zeros(1, dtype=np.bool_),
-            least_gain=least_gain,
-        )
+        self._watch = _watch_of(model, self.data, water, least_gain)
 
         # Thrusters, tool and soil.
         thrusters = vehicle.thruster_actuators, vehicle.thruster_table
@@ -402,6 +393,20 @@ def _check(model: mujoco.MjModel, substeps: int) -> None:
         )
     if not isinstance(substeps, int) or substeps < 1:
         raise ConfigurationError(f"plant: substeps must be a whole number >= 1, got {substeps!r}")
+
+
+def _watch_of(model: mujoco.MjModel, data: mujoco.MjData, water: Array, least_gain: float) -> Watch:
+    """Marks of one simulation; `water` is the world's row, `least_gain` [s] as of `Watch`."""
+    return Watch(
+        time=np.zeros(1),
+        observed=np.zeros(1, dtype=np.bool_),
+        seen=water[LAYOUT.seen :][:1],
+        told=water[LAYOUT.told :][:1],
+        mark=data.crb[0, :1] if hydrodynamics.leaves_mark(model) else np.array([WET_MARK]),
+        tick=np.zeros(1, dtype=np.int64),
+        failed=np.zeros(1, dtype=np.bool_),
+        least_gain=least_gain,
+    )
 
 
 def _rows_of_friction(model: mujoco.MjModel, vehicle: Vehicle) -> np.ndarray:

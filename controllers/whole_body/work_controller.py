@@ -2,14 +2,12 @@
 
 One step at the rate of the drives [Konoplin 2022, section 3]:
   1. Inverse dynamics give the joint torques without contact. The residual of the measured torques
-  is the contact;
-     J^T maps it to the force on the tool, without a force sensor
+     is the contact; J^T maps it to the force on the tool, without a force sensor
      (`uuv.controllers.estimation.tip_force_estimator`).
   2. The tool's reference is displaced by the force error and corrected by the drift of the hull;
-  MKPS gives the joint
-     angles (`uuv.controllers.whole_body.tool_control`).
+     MKPS gives the joint angles (`uuv.controllers.whole_body.tool_control`).
   3. The drives get the inverse dynamics of the wanted motion, with the contact force
-  (`uuv.controllers.arm.joint_servo`).
+     (`uuv.controllers.arm.joint_servo`).
   4. The thrusters get the arm's wrench on the hull, beside the closed loop of station keeping
      (`uuv.controllers.hull.hull_control`).
 """

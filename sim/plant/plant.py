@@ -117,7 +117,7 @@ class Plant(WithWater):
         # What is measured at every so many steps, and what is called in Python at every step.
         measured = reaction_ticks > 0 and vehicle.joints.size > 0
         self._reaction = ReactionWrench(model, vehicle.arm_base, frame=vehicle.hull) if measured else None
-        self._reaction_ticks, self.hooks = reaction_ticks, PythonSlots()
+        self._reaction_ticks, self.hooks = reaction_ticks, PythonSlots()  # these of `record`
         self._soil = SoilContact.of(model, self.data)
         self.truth = truth = Truth.of(self.data, vehicle, self._drive, self._contacts, pad_site)
         self._start = X_WB

@@ -24,6 +24,7 @@ from uuv.environments.ticks import environment as compiled
 from uuv.sim.interfaces.spatial import Array
 from uuv.sim.plant.truth import Truth
 from uuv.sim.sensors.proprioception import Dvl, Imu
+from uuv.sim.water.current import Current
 
 Actions = Callable[[int, np.random.Generator], Array]
 
@@ -210,3 +211,35 @@ def test_a_simulation_that_diverges_is_an_error_of_the_physics(slow: bool):
         made.step(np.zeros(6))
     made.reset()
     assert made.step(np.zeros(6)).observation
+
+
+class Squall(Current):
+    """A current of one's own that fails at its 25th step."""
+
+    steps = 0
+
+    def step(self):
+        self.steps += 1
+        if self.steps == 25:
+            raise ZeroDivisionError("the squall's own")
+        return np.array([0.05 * np.sin(0.1 * self.steps), 0.0, 0.0]), np.zeros(3)
+
+
+class StormySea(uuv.Sea):
+    def flow(self, timestep):
+        return Squall([0.0, 0.0, 0.0], timestep=timestep)
+
+
+@pytest.mark.parametrize("hooked", [False, True])
+def test_what_a_current_of_ones_own_raises_comes_out_as_it_is(hooked):
+    vehicle = uuv.VehicleEntity("uuv_puma")
+    made = environment(HoldStation(StormySea(), vehicle, ThrusterSpeeds(vehicle.own)), seed=1)
+    if hooked:
+        made.add_extra_hook("before_substep", look)
+    made.reset()
+    assert bool(untyped(made).slow_part) == hooked
+    made.step(np.zeros(6))
+    made.step(np.zeros(6))
+    assert made.task.vehicle.truth.current_W[0] != 0.0
+    with pytest.raises(ZeroDivisionError, match="the squall's own"):
+        made.step(np.zeros(6))

@@ -86,6 +86,8 @@ def attach(spec: mujoco.MjSpec, ground: Seabed, soil: Soil, tool: SoilTool) -> N
     state.dyntype = mujoco.mjtDyn.mjDYN_USER
     state.actdim = STATE
     state.gainprm[0] = 0.0
+
+    # Its row is marked where that of a thruster is: the callbacks look at one place.
     row = np.zeros(HEADER)
     row[STAMP] = STAMP_VALUE
     state.userdata = row
